@@ -1,0 +1,1 @@
+"""The continuous curvature manipulator: segments, configurations, forward kinematics, segment types (section 2)."""

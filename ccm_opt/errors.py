@@ -1,0 +1,123 @@
+"""Every error of the package, one tree; each carries the evidence of what went wrong.
+
+::
+
+    CcmError
+    ├── ProblemError            the input cannot be used                              exit code 2
+    │   └── ProblemFileError    all issues of a problem file, with key path and line
+    ├── NoPlanFound             the input is sound, but no plan was found             exit code 3
+    │   ├── UnreachableGoal     a necessary condition fails before any search
+    │   ├── ConfigurationNotFound  no goal configuration in any corridor tried
+    │   ├── MotionNotFound      no candidate motion reached the goal
+    │   ├── TimeLimitReached    the time limit passed first
+    │   ├── RetimingError       the path cannot be timed within the limits
+    │   └── SimulationError     the simulated arm left the finite world
+    └── VerificationError       a plan, or a folder, that the verifier refuses        exit code 3
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+
+class CcmError(Exception):
+    """Root of all errors that this package raises on purpose."""
+
+
+class ProblemError(CcmError):
+    """The problem is not usable as it stands: what was got, what was expected, what to try."""
+
+
+@dataclass(frozen=True, order=True)
+class FileIssue:
+    """One defect of a problem file.
+
+    Attributes:
+        line: line in the file, counted from 1; 0 when the defect has no line.
+        key: dotted key path, for example ``workspace.obstacles[2].polygon``.
+        message: what was got and what was expected.
+    """
+
+    line: int
+    key: str
+    message: str
+
+    def __str__(self) -> str:
+        place = f"line {self.line}: " if self.line else ""
+        return f"{place}{self.key}: {self.message}" if self.key else f"{place}{self.message}"
+
+
+class ProblemFileError(ProblemError):
+    """All defects of one problem file, reported together."""
+
+    def __init__(self, path: str, issues: Sequence[FileIssue]) -> None:
+        self.path = path
+        self.issues = tuple(sorted(issues))
+        lines = "\n".join(f"  {issue}" for issue in self.issues)
+        super().__init__(f"{path} has {len(self.issues)} problem(s):\n{lines}")
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Why there is no plan, in the user's terms.
+
+    Attributes:
+        reason: one sentence: what stands in the way, where, and by how much.
+        stage: the stage of the pipeline that stopped.
+        advice: what would help, most promising first.
+        evidence: the figures behind the reason; JSON-serialisable values.
+    """
+
+    reason: str
+    stage: str
+    advice: tuple[str, ...] = ()
+    evidence: Mapping[str, object] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return "\n".join((self.reason, *(f"  try: {line}" for line in self.advice)))
+
+
+class NoPlanFound(CcmError):  # noqa: N818 - it names a result, not a defect
+    """The problem is sound but no plan was found; ``diagnosis`` says why.
+
+    ``status`` is the word written to ``solution.json``.
+    """
+
+    status = "infeasible"
+
+    def __init__(self, diagnosis: Diagnosis) -> None:
+        self.diagnosis = diagnosis
+        super().__init__(str(diagnosis))
+
+
+class UnreachableGoal(NoPlanFound):
+    """A necessary condition fails before any search: reach, contact at an end, no route."""
+
+
+class ConfigurationNotFound(NoPlanFound):
+    """No goal configuration was found in any corridor."""
+
+
+class MotionNotFound(NoPlanFound):
+    """No candidate motion reached the goal."""
+
+
+class TimeLimitReached(NoPlanFound):
+    """The time limit passed before a plan was found."""
+
+    status = "timed-out"
+
+
+class RetimingError(NoPlanFound):
+    """The joint path cannot be timed within the limits."""
+
+
+class SimulationError(NoPlanFound):
+    """The simulation met a non-finite state or unstable gains."""
+
+
+class VerificationError(CcmError):
+    """The independent verifier refuses a plan or a folder; ``failures`` lists why."""
+
+    def __init__(self, failures: Sequence[str]) -> None:
+        self.failures = tuple(failures)
+        super().__init__("the verifier refuses this plan:\n" + "\n".join(f"  {line}" for line in self.failures))

@@ -1,0 +1,1 @@
+"""The output folder: solution.json, solution.npz, trajectory.csv."""

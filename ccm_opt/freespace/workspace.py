@@ -1,0 +1,52 @@
+"""The workspace: a bounded room and named obstacles, each a core shape swept by a disc."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+BOUNDARY_NAME = "workspace boundary"
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """One obstacle, the set of points within ``rounding`` of ``core``; exact for every kind in a problem file.
+
+    Attributes:
+        name: the user's name for it, used in every message.
+        core: a polygon (polygon, box), a point (circle) or a line string (wall) [m].
+        rounding: radius of the disc that sweeps the core [m]; a circle's radius, half a wall's thickness, else 0.
+    """
+
+    name: str
+    core: shapely.Geometry
+    rounding: float = 0.0
+
+    def outline(self, grow: float = 0.0, quad_segs: int = 8) -> shapely.Geometry:
+        """The obstacle grown by ``grow`` [m], as a geometry that *contains* it (arcs are circumscribed)."""
+        radius = self.rounding + grow
+        if radius <= 0.0:
+            return self.core
+        circumscribed = radius / np.cos(np.pi / (4 * quad_segs))
+        return shapely.buffer(self.core, circumscribed, quad_segs=quad_segs)
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The room the arm moves in.
+
+    Attributes:
+        boundary: simple polygon [m]; its edge is a wall like any obstacle.
+        obstacles: the obstacles, in the order of the file.
+        clearance: least gap kept between the arm's surface and every obstacle [m].
+    """
+
+    boundary: shapely.Polygon
+    obstacles: tuple[Obstacle, ...] = ()
+    clearance: float = 0.0
+
+    @cached_property
+    def walls(self) -> tuple[Obstacle, ...]:
+        """Everything the arm must keep away from: the obstacles, then the boundary's edge."""
+        return (*self.obstacles, Obstacle(BOUNDARY_NAME, shapely.LinearRing(self.boundary.exterior.coords)))

@@ -1,0 +1,1 @@
+"""Plane geometry in NumPy: the ground that everything else stands on."""

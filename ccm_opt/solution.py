@@ -1,0 +1,128 @@
+"""Frozen results of every stage, from the curve's keyframes to the simulated arm."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.errors import Diagnosis
+from ccm_opt.problem import Problem
+
+if TYPE_CHECKING:
+    import numpy as np
+
+Status = Literal["solved", "infeasible", "timed-out", "cancelled"]
+
+
+@dataclass(frozen=True)
+class JointPath:
+    """An untimed, certified motion of the jointed arm.
+
+    Attributes:
+        spline: C² clamped spline of the joint bends over the path parameter u in [0, 1], values (links,) [rad].
+        keyframes: bends at the planner's keyframes, shape (K, links) [rad].
+        curves: the continuum curve behind each keyframe, length K.
+        candidate: name of the tactic that found the motion.
+    """
+
+    spline: BSpline
+    keyframes: FloatArray
+    curves: tuple[Configuration, ...]
+    candidate: str = ""
+
+
+@dataclass(frozen=True)
+class JointTrajectory:
+    """A timed motion, sampled.
+
+    Attributes:
+        time: shape (T,) [s], from 0, steps of at most 5 ms.
+        bend_angles: planar joint bends, counter-clockwise, shape (T, links) [rad].
+        bend_velocities: shape (T, links) [rad/s].
+        bend_accelerations: shape (T, links) [rad/s²].
+    """
+
+    time: FloatArray
+    bend_angles: FloatArray
+    bend_velocities: FloatArray
+    bend_accelerations: FloatArray
+
+    @property
+    def duration(self) -> float:
+        """Time from first to last sample [s]."""
+        return float(self.time[-1])
+
+
+@dataclass(frozen=True)
+class JointStates:
+    """The same motion for the three revolutes of every ball joint, order of ``joint_names``; shapes (T, 3 * links)."""
+
+    names: tuple[str, ...]
+    angles: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+    torques: FloatArray
+
+
+@dataclass(frozen=True)
+class SimulatedMotion:
+    """What the simulated arm did, at the trajectory's own samples.
+
+    Attributes:
+        angles: shape (T, 3 * links) [rad].
+        torques: applied, shape (T, 3 * links) [N m].
+        tracking_error: largest joint error at any integration step [rad].
+        saturated: whether any torque met its limit.
+    """
+
+    angles: FloatArray
+    torques: FloatArray
+    tracking_error: float
+    saturated: bool
+
+
+@dataclass(frozen=True)
+class Check:
+    """One limit, checked over the whole motion by the verifier.
+
+    Attributes:
+        name: for example ``wall clearance`` or ``joint torque``.
+        worst: worst value met, in ``unit``.
+        limit: the limit it is held against, in ``unit``.
+        unit: unit of both.
+        where: link or joint, obstacle, and time, in words.
+        passed: whether the limit holds.
+    """
+
+    name: str
+    worst: float
+    limit: float
+    unit: str
+    where: str
+    passed: bool
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A verified plan, with everything that was computed on the way."""
+
+    problem: Problem
+    path: JointPath
+    trajectory: JointTrajectory
+    joints: JointStates
+    simulation: SimulatedMotion
+    checks: tuple[Check, ...]
+    metrics: Mapping[str, float]
+    timings: Mapping[str, float]
+    status: Status = "solved"
+    diagnosis: Diagnosis | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def joint_positions(self) -> "np.ndarray":
+        """Joint and tip positions at every sample, shape (T, links + 1, 2) [m]."""
+        arm = self.problem.arm
+        return arm.joint_positions(arm.headings(self.trajectory.bend_angles))
