@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.continuum.kinematics import integrate_positions
+from ccm_opt.continuum.kinematics import integrate_headings, integrate_positions
 from ccm_opt.continuum.segment import EVEN_KNOTS, CurvatureSegment, Knots
 
 
@@ -55,6 +55,13 @@ class Configuration:
         """Arc lengths of the segment boundaries, 0 first and L last, shape (segments + 1,) [m]."""
         return np.concatenate(([0.0], np.cumsum([segment.length for segment in self.segments])))
 
+    @cached_property
+    def breakpoints(self) -> FloatArray:
+        """Arc lengths of all spline knots and boundaries, increasing, 0 first and L last [m]."""
+        knots = [start + s.breakpoints for start, s in zip(self.boundaries[:-1], self.segments, strict=True)]
+        inner = np.concatenate([k[:-1] for k in knots])
+        return np.append(inner, self.boundaries[-1])
+
     @property
     def length(self) -> float:
         """Total length L [m]."""
@@ -75,8 +82,11 @@ class Configuration:
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
         """Positions at increasing arc lengths in [0, L], shape (len(arc), 2) [m]; Gauss-Legendre quadrature."""
-        knots = np.unique(np.concatenate([b + s.breakpoints for b, s in zip(self.boundaries, self.segments, strict=False)]))
-        return self.base + integrate_positions(self.heading_at, np.asarray(arc, dtype=np.float64), knots)
+        return self.base + integrate_positions(self.heading_at, np.asarray(arc, dtype=np.float64), self.breakpoints)
+
+    def heading_integral_at(self, arc: FloatArray) -> FloatArray:
+        """Integral of the heading from the base to increasing arc lengths, shape of ``arc`` [rad m]; exact."""
+        return integrate_headings(self.heading_at, np.asarray(arc, dtype=np.float64), self.breakpoints)
 
     @cached_property
     def tip(self) -> tuple[FloatArray, float]:

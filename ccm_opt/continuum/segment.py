@@ -51,14 +51,16 @@ class CurvatureSegment:
         """C at arc lengths in [0, L], any shape [1/m]."""
         piece, t = self._locate(arc)
         c = self.coefficients[piece]
-        return c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3]))
+        values: FloatArray = c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3]))
+        return values
 
     def heading_at(self, arc: FloatArray) -> FloatArray:
         """θ at arc lengths in [0, L], any shape [rad]; exact, a quartic on each piece."""
         piece, t = self._locate(arc)
         c = self.coefficients[piece]
         turned = t * (c[..., 0] + t * (c[..., 1] / 2 + t * (c[..., 2] / 3 + t * c[..., 3] / 4)))
-        return self._piece_headings[piece] + turned
+        headings: FloatArray = self._piece_headings[piece] + turned
+        return headings
 
     @cached_property
     def end_heading(self) -> float:
