@@ -1,0 +1,41 @@
+"""Key paths: where a value stands in a problem file, ``("workspace", "obstacles", 2, "polygon")``."""
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
+
+KeyPath: TypeAlias = tuple[str | int, ...]
+
+
+def dotted(path: KeyPath) -> str:
+    """A key path as people write it: ``workspace.obstacles[2].polygon``."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+    return text
+
+
+def lookup(data: object, path: KeyPath) -> object:
+    """The value at a key path, or None where there is none (TOML has no null, so None is never a value)."""
+    for part in path:
+        if isinstance(part, str) and isinstance(data, Mapping):
+            data = data.get(part)
+        elif isinstance(part, int) and isinstance(data, Sequence) and not isinstance(data, str) and part < len(data):
+            data = data[part]
+        else:
+            return None
+    return data
+
+
+def without(data: Mapping[str, object], path: KeyPath) -> dict[str, object]:
+    """A copy of ``data`` in which the key at the end of ``path`` is gone; the rest is shared."""
+    copy = dict(data)
+    head, rest = path[0], path[1:]
+    if not isinstance(head, str):
+        raise TypeError(f"a table has no element {head!r}; only keys of tables can be taken out")
+    if not rest:
+        copy.pop(head, None)
+    elif isinstance(child := copy.get(head), Mapping):
+        copy[head] = without(child, rest)
+    elif isinstance(child, list) and isinstance(rest[0], int) and len(rest) > 1 and isinstance(child[rest[0]], Mapping):
+        copy[head] = [without(item, rest[1:]) if k == rest[0] else item for k, item in enumerate(child)]
+    return copy

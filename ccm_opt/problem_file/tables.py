@@ -1,0 +1,147 @@
+"""Parsed TOML to a problem: every table on its own first, then the checks between tables; all defects in one list."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TypeVar
+
+from pydantic import BaseModel
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.problem import Problem
+from ccm_opt.problem_file.agreement import check_arm_lists, check_limit_lists, check_pose
+from ccm_opt.problem_file.build import Tables, build_arm, build_pose, build_problem, build_tolerances, build_workspace
+from ccm_opt.problem_file.issues import Issues
+from ccm_opt.problem_file.placement import check_base, check_goal
+from ccm_opt.problem_file.quantities import METRES
+from ccm_opt.problem_file.rules import check_alternatives, refuse_unsupported
+from ccm_opt.problem_file.schema import (
+    ArmTable,
+    GoalTable,
+    LimitsTable,
+    ObstacleTable,
+    PlannerTable,
+    RootTable,
+    SimulationTable,
+    StartTable,
+    WorkspaceTable,
+)
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """The tables that could be validated; None for the others."""
+
+    root: RootTable | None
+    workspace: WorkspaceTable | None
+    obstacles: tuple[ObstacleTable, ...]
+    arm: ArmTable | None
+    limits: LimitsTable | None
+    start: StartTable | None
+    goal: GoalTable | None
+    planner: PlannerTable | None
+    simulation: SimulationTable | None
+
+
+def check_data(data: Mapping[str, object], issues: Issues, source: str) -> Problem | None:
+    """Check parsed data and build the problem.
+
+    Args:
+        data: the parsed TOML.
+        issues: takes every defect found.
+        source: the text of the file, kept in the problem.
+
+    Returns:
+        The problem, or None when there are issues.
+    """
+    data = refuse_unsupported(data, issues)
+    check_alternatives(data, issues)
+    draft = _validate(data, issues)
+    _check_between(draft, str(data.get("units", "m")), issues)
+    tables = _complete(draft)
+    return build_problem(tables, source) if tables is not None and not issues.found else None
+
+
+def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
+    scale = METRES.get(str(data.get("units", "m")), 1.0)
+
+    def section(model: type[Model], name: str, *, leave_out: str = "") -> Model | None:
+        table = data.get(name, {} if name in {"planner", "simulation"} else None)
+        if not isinstance(table, Mapping):
+            return None
+        return issues.validate(model, {k: v for k, v in table.items() if k != leave_out}, (name,), scale)
+
+    return _Draft(
+        root=issues.validate(RootTable, data, (), scale),
+        workspace=section(WorkspaceTable, "workspace", leave_out="obstacles"),
+        obstacles=_obstacles(data, issues, scale),
+        arm=section(ArmTable, "arm"),
+        limits=section(LimitsTable, "limits"),
+        start=section(StartTable, "start"),
+        goal=section(GoalTable, "goal"),
+        planner=section(PlannerTable, "planner"),
+        simulation=section(SimulationTable, "simulation"),
+    )
+
+
+def _obstacles(data: Mapping[str, object], issues: Issues, scale: float) -> tuple[ObstacleTable, ...]:
+    """The obstacles, each with a name; a defective one is noted and left out."""
+    workspace = data.get("workspace")
+    entries = workspace.get("obstacles", []) if isinstance(workspace, Mapping) else []
+    if not isinstance(entries, list):
+        issues.add(("workspace", "obstacles"), "expected a list of tables; write [[workspace.obstacles]] above each")
+        return ()
+    found = []
+    for k, entry in enumerate(entries):
+        path = ("workspace", "obstacles", k)
+        if not isinstance(entry, Mapping):
+            issues.add(path, "expected a table; write [[workspace.obstacles]] above each")
+        elif (table := issues.validate(ObstacleTable, {"name": f"obstacle {k + 1}", **entry}, path, scale)) is not None:
+            found.append(table)
+    return tuple(found)
+
+
+def _check_between(draft: _Draft, units: str, issues: Issues) -> None:
+    """The checks that need two tables, for those tables that are there."""
+    if draft.arm is None:
+        return
+    check_arm_lists(draft.arm, issues)
+    if draft.limits is not None:
+        check_limit_lists(draft.arm, draft.limits, issues)
+    for name, pose in (("start", draft.start), ("goal", draft.goal)):
+        if pose is not None:
+            check_pose(draft.arm, pose, name, issues)
+            _check_foldable(draft.arm, pose, name, issues)
+    _check_places(draft, units if units in METRES else "m", issues)
+
+
+def _check_foldable(arm: ArmTable, pose: StartTable | GoalTable, name: str, issues: Issues) -> None:
+    if pose.shape == "folded" and _lists_fit(arm):
+        try:
+            build_pose(pose, build_arm(arm))
+        except ProblemError as error:
+            issues.add((name, "shape"), str(error))
+
+
+def _check_places(draft: _Draft, units: str, issues: Issues) -> None:
+    if draft.arm is None or draft.workspace is None or (draft.workspace.bounds or draft.workspace.boundary) is None:
+        return
+    whole = [item for item in draft.obstacles if any((item.polygon, item.box, item.circle, item.wall))]
+    workspace = build_workspace(draft.workspace, whole)
+    check_base(workspace, draft.arm.base, units, issues)
+    if draft.goal is not None and draft.goal.position is not None and _lists_fit(draft.arm):
+        tolerances = build_tolerances(draft.goal)
+        check_goal(workspace, build_arm(draft.arm), draft.goal.position, tolerances, units, issues)
+
+
+def _lists_fit(arm: ArmTable) -> bool:
+    """Whether the arm's lists have one value a link, so that it can be built."""
+    probe = Issues()
+    check_arm_lists(arm, probe)
+    return not probe.found
+
+
+def _complete(draft: _Draft) -> Tables | None:
+    values = {item.name: getattr(draft, item.name) for item in fields(draft)}
+    return None if any(value is None for value in values.values()) else Tables(**values)
