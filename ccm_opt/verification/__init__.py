@@ -1,1 +1,5 @@
-"""Independent continuous-time verification of a sampled joint trajectory; shares no code with the optimisers."""
+"""Independent checks of a plan, continuous in time; shares no code with the planners."""
+
+from ccm_opt.verification.verifier import verify
+
+__all__ = ["verify"]

@@ -1,0 +1,127 @@
+"""Proof that pairs of bodies keep apart at all times: a first-order Lipschitz bound, halving time where it fails.
+
+In a stretch of time around its middle pose the distance of a pair changes by at most the distance its points can
+travel, so a pair is *proved* apart when its distance at the middle, less that travel, is still enough; it is
+*refuted* when the distance at the middle itself is too small. Neither: halve the stretch. What is still
+undecided when the travel is below ``RESOLUTION`` or the work is used up is refused, so the proof is sound.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.verification.kinematics import ChainMotion, Nodes
+
+CONTACT_TOLERANCE = 1e-6
+"""Gap [m] that may be missing before the verifier refuses a motion."""
+TOUCH = 1e-9
+"""Distance [m] at which two axes of no thickness count as touching."""
+RESOLUTION = 1e-9
+"""Travel [m] below which a stretch of time is not halved again."""
+MAX_PAIRS = 2_000_000
+"""Undecided pairs at one level of halving beyond which the verifier gives up, and refuses."""
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pairs of bodies in stretches of time: a link, and another link or an edge of a wall.
+
+    Attributes:
+        node: number of the stretch, shape (P,).
+        link: number of the link from 0, shape (P,).
+        other: number of the other link or of the edge, shape (P,).
+    """
+
+    node: IntArray
+    link: IntArray
+    other: IntArray
+
+    def __len__(self) -> int:
+        return len(self.node)
+
+    def where(self, mask: BoolArray) -> "Pairs":
+        """The pairs that a mask of shape (P,) keeps."""
+        return Pairs(self.node[mask], self.link[mask], self.other[mask])
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The least gap met.
+
+    Attributes:
+        gap: between the two surfaces [m]; inf when no pair was near.
+        link: number of the link from 0.
+        other: number of the other link or of the edge.
+        time: when [s].
+    """
+
+    gap: float = np.inf
+    link: int = 0
+    other: int = 0
+    time: float = 0.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether every pair is proved apart, the least gap met, and why not when it is not proved."""
+
+    proved: bool
+    nearest: Nearest
+    remark: str = ""
+
+
+Evaluate = Callable[[Nodes, Pairs, FloatArray], tuple[FloatArray, FloatArray]]
+"""(stretches, pairs, poses) to the gap between the surfaces at the middle and the travel in the stretch, (P,) [m]."""
+
+
+def least_allowed_gap(limit: float, thickness: float) -> float:
+    """The gap a pair must have: the limit less the contact tolerance, but never axes that touch.
+
+    Args:
+        limit: gap asked for [m].
+        thickness: distance of the axes at which the surfaces touch [m].
+    """
+    return max(limit - CONTACT_TOLERANCE, TOUCH - thickness)
+
+
+def prove_apart(motion: ChainMotion, pairs: Pairs, evaluate: Evaluate, least: float, nearest: Nearest) -> Verdict:
+    """Prove that every pair keeps a gap of at least ``least`` during every stretch, by halving.
+
+    Args:
+        motion: of the arm.
+        pairs: candidates in the whole intervals, ``node`` being the interval's number.
+        evaluate: the pair's gap and travel.
+        least: gap that every pair must keep [m].
+        nearest: the least gap known so far.
+    """
+    nodes = motion.whole()
+    while len(pairs):
+        gap, travel = evaluate(nodes, pairs, motion.poses(nodes))
+        nearest = _nearer(motion, nodes, pairs, gap, nearest)
+        if nearest.gap < least:
+            return Verdict(proved=False, nearest=nearest)
+        undecided = gap - travel < least
+        if np.any(undecided & (travel < RESOLUTION)):
+            return Verdict(proved=False, nearest=nearest, remark="touches within the resolution of the proof")
+        if 2 * np.count_nonzero(undecided) > MAX_PAIRS:
+            return Verdict(proved=False, nearest=nearest, remark="so close for so long that the proof was given up")
+        nodes, pairs = _halve(nodes, pairs.where(undecided))
+    return Verdict(proved=nearest.gap >= least, nearest=nearest)
+
+
+def _nearer(motion: ChainMotion, nodes: Nodes, pairs: Pairs, gap: FloatArray, known: Nearest) -> Nearest:
+    best = int(np.argmin(gap))
+    if gap[best] >= known.gap:
+        return known
+    return Nearest(
+        float(gap[best]), int(pairs.link[best]), int(pairs.other[best]), motion.when(nodes, int(pairs.node[best]))
+    )
+
+
+def _halve(nodes: Nodes, pairs: Pairs) -> tuple[Nodes, Pairs]:
+    kept, renumbered = np.unique(pairs.node, return_inverse=True)
+    first = 2 * renumbered
+    children = Pairs(np.concatenate((first, first + 1)), np.tile(pairs.link, 2), np.tile(pairs.other, 2))
+    return nodes.take(kept).halves(), children

@@ -1,0 +1,61 @@
+"""Whether the data of a motion are well-formed: shapes, finite numbers, increasing and dense samples."""
+
+import numpy as np
+
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.solution import Check, JointStates, JointTrajectory
+
+MAX_STEP = 5e-3
+"""Largest time between two samples [s] (the file format's promise)."""
+_TIME_SLACK = 1e-9
+
+
+def check_form(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> Check:
+    """Check everything the other checks take for granted; ``worst`` is the largest time step [s]."""
+    steps = (
+        np.diff(trajectory.time) if np.ndim(trajectory.time) == 1 and len(trajectory.time) > 1 else np.array([np.inf])
+    )
+    defect = (
+        _shape_defect(arm, trajectory, joints) or _number_defect(trajectory, joints) or _time_defect(trajectory, steps)
+    )
+    where = defect or f"{len(trajectory.time)} samples"
+    return Check("samples", float(np.max(steps)), MAX_STEP, "s", where, passed=not defect)
+
+
+def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> str:
+    count = np.size(trajectory.time)
+    if np.ndim(trajectory.time) != 1 or count < 2:
+        return f"time has shape {np.shape(trajectory.time)}, expected at least two samples"
+    for name in ("bend_angles", "bend_velocities", "bend_accelerations"):
+        if np.shape(getattr(trajectory, name)) != (count, arm.links):
+            return f"{name} has shape {np.shape(getattr(trajectory, name))}, expected {(count, arm.links)}"
+    for name in ("angles", "velocities", "accelerations", "torques"):
+        if np.shape(getattr(joints, name)) != (count, 3 * arm.links):
+            return f"joint {name} have shape {np.shape(getattr(joints, name))}, expected {(count, 3 * arm.links)}"
+    return ""
+
+
+def _number_defect(trajectory: JointTrajectory, joints: JointStates) -> str:
+    fields = {
+        "time": trajectory.time,
+        "bend_angles": trajectory.bend_angles,
+        "bend_velocities": trajectory.bend_velocities,
+    }
+    fields |= {"bend_accelerations": trajectory.bend_accelerations, "joint angles": joints.angles}
+    fields |= {"joint velocities": joints.velocities, "joint accelerations": joints.accelerations}
+    fields |= {"joint torques": joints.torques}
+    for name, values in fields.items():
+        bad = np.argwhere(~np.isfinite(values))
+        if len(bad):
+            return f"{name} is not finite at sample {bad[0][0] + 1}"
+    return ""
+
+
+def _time_defect(trajectory: JointTrajectory, steps: np.ndarray) -> str:
+    if trajectory.time[0] != 0.0:
+        return f"time starts at {trajectory.time[0]} s, expected 0"
+    if np.min(steps) <= 0.0:
+        return f"time does not increase at sample {int(np.argmin(steps)) + 2}"
+    if np.max(steps) > MAX_STEP + _TIME_SLACK:
+        return f"samples {int(np.argmax(steps)) + 1} and {int(np.argmax(steps)) + 2} are too far apart"
+    return ""

@@ -1,0 +1,111 @@
+"""The verifier's own planar kinematics: headings, joint positions and where a link moves between two samples."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.jointed.arm import Arm
+
+
+def link_headings(arm: Arm, bends: FloatArray) -> FloatArray:
+    """Headings of the links, the running sum of the bends from the base heading, shape (..., links) [rad]."""
+    return arm.base_heading + np.cumsum(bends, axis=-1)
+
+
+def chain_points(arm: Arm, headings: FloatArray) -> FloatArray:
+    """Base, joints and tip, shape (..., links + 1, 2) [m]."""
+    points = np.empty((*headings.shape[:-1], arm.links + 1, 2))
+    points[..., 0, :] = arm.base
+    points[..., 1:, 0] = arm.base[0] + arm.link_length * np.cumsum(np.cos(headings), axis=-1)
+    points[..., 1:, 1] = arm.base[1] + arm.link_length * np.cumsum(np.sin(headings), axis=-1)
+    return points
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Stretches of time inside sample intervals, each stood for by the pose at its middle.
+
+    Attributes:
+        interval: number of the sample interval, shape (N,).
+        centre: place of the middle within the interval, from 0 to 1, shape (N,).
+        half: half the stretch, as a share of the interval, shape (N,).
+    """
+
+    interval: IntArray
+    centre: FloatArray
+    half: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.interval)
+
+    def halves(self) -> "Nodes":
+        """First and second half of every stretch, in turn, shape (2 N,)."""
+        shift = 0.5 * self.half
+        centre = np.stack((self.centre - shift, self.centre + shift), axis=1).ravel()
+        return Nodes(np.repeat(self.interval, 2), centre, np.repeat(shift, 2))
+
+    def take(self, index: IntArray) -> "Nodes":
+        """The stretches of the given numbers."""
+        return Nodes(self.interval[index], self.centre[index], self.half[index])
+
+
+@dataclass(frozen=True)
+class ChainMotion:
+    """The arm between samples, its bends linear in time there.
+
+    Attributes:
+        arm: the arm.
+        time: sample times, shape (T,) [s].
+        bends: bends at the samples, shape (T, links) [rad].
+    """
+
+    arm: Arm
+    time: FloatArray
+    bends: FloatArray
+
+    @cached_property
+    def _headings(self) -> FloatArray:
+        return link_headings(self.arm, self.bends)
+
+    @cached_property
+    def _heading_steps(self) -> FloatArray:
+        return np.diff(self._headings, axis=0)
+
+    @cached_property
+    def turned(self) -> FloatArray:
+        """Sum of |heading change| of links 1 to i in each interval, shape (T − 1, links + 1) [rad]; 0 first."""
+        return _running_sum(np.abs(self._heading_steps))
+
+    @cached_property
+    def bent(self) -> FloatArray:
+        """Sum of |bend change| of joints 1 to i in each interval, shape (T − 1, links + 1) [rad]; 0 first."""
+        return _running_sum(np.abs(np.diff(self.bends, axis=0)))
+
+    @cached_property
+    def bent_weighted(self) -> FloatArray:
+        """The same with joint i's change counted i times, shape (T − 1, links + 1) [rad]; 0 first."""
+        weights = np.arange(1.0, self.arm.links + 1.0)
+        return _running_sum(weights * np.abs(np.diff(self.bends, axis=0)))
+
+    def whole(self) -> Nodes:
+        """One stretch for each sample interval."""
+        count = len(self.time) - 1
+        return Nodes(np.arange(count), np.full(count, 0.5), np.full(count, 0.5))
+
+    def poses(self, nodes: Nodes) -> FloatArray:
+        """Joint and tip positions at the middle of each stretch, shape (N, links + 1, 2) [m]."""
+        headings = self._headings[nodes.interval] + nodes.centre[:, None] * self._heading_steps[nodes.interval]
+        return chain_points(self.arm, headings)
+
+    def when(self, nodes: Nodes, index: int) -> float:
+        """Time of the middle of one stretch [s]."""
+        k = int(nodes.interval[index])
+        return float(self.time[k] + nodes.centre[index] * (self.time[k + 1] - self.time[k]))
+
+
+def _running_sum(values: FloatArray) -> FloatArray:
+    total = np.zeros((values.shape[0], values.shape[1] + 1))
+    np.cumsum(values, axis=1, out=total[:, 1:])
+    return total

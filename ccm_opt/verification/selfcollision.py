@@ -1,0 +1,93 @@
+"""Self-collision at all times: distant links keep their axes two radii apart."""
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.solution import Check
+from ccm_opt.verification.bisection import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
+from ccm_opt.verification.kinematics import ChainMotion, Nodes
+from ccm_opt.verification.segments import segment_distances
+
+PROBES = 24
+"""Poses at which all pairs are measured first, to know how far the search must look."""
+
+
+def first_distant(arm: Arm) -> int:
+    """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r)."""
+    reach = max(2.0 * arm.link_length, np.pi * arm.radius)
+    apart = 1
+    while (apart - 1) * arm.link_length < reach * (1.0 - 1e-12):
+        apart += 1
+    return apart
+
+
+def check_self_collision(motion: ChainMotion) -> Check:
+    """Check that links far apart along the arm never touch; the gap is between their surfaces."""
+    arm = motion.arm
+    if first_distant(arm) >= arm.links:
+        return Check("self-collision", np.inf, 0.0, "m", "the arm is too short to meet itself", passed=True)
+    verdict = _prove(motion)
+    near = verdict.nearest
+    where = f"link {near.link + 1} to link {near.other + 1} at t = {near.time:.4f} s"
+    where = f"{where}: {verdict.remark}" if verdict.remark else where
+    return Check("self-collision", near.gap, 0.0, "m", where, passed=verdict.proved)
+
+
+def _prove(motion: ChainMotion) -> Verdict:
+    arm = motion.arm
+    thickness = 2.0 * arm.radius
+    least = least_allowed_gap(0.0, thickness)
+
+    def evaluate(nodes: Nodes, pairs: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        k, i, j = pairs.node, pairs.link, pairs.other
+        distance = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
+        return distance - thickness, nodes.half[k] * _relative_travel(motion, nodes.interval[k], i, j)
+
+    nodes = motion.whole()
+    nearest = _probe(motion, evaluate, nodes)
+    look = thickness + min(nearest.gap, arm.link_length)
+    pairs = _candidates(motion, motion.poses(nodes), look, thickness + least)
+    return prove_apart(motion, pairs, evaluate, least, nearest)
+
+
+def _relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.ndarray) -> FloatArray:
+    """Bound on how far points of link j move, seen from link i, over the interval's length [m].
+
+    Seen in world axes only the links i to j turn: l Σ_{k=i..j} |Δφ_k|. Seen in the frame of link i, which leaves
+    distances as they are, link k has turned by the bends between: l Σ_{k=i+1..j} (j − k + 1) |Δb_k|. Take the less.
+    """
+    turned = motion.turned[k, j + 1] - motion.turned[k, i]
+    bent = motion.bent[k, j + 1] - motion.bent[k, i + 1]
+    weighted = motion.bent_weighted[k, j + 1] - motion.bent_weighted[k, i + 1]
+    rounding = 1e-12 * (1.0 + motion.bent_weighted[k, -1])
+    return np.asarray(motion.arm.link_length * (np.minimum(turned, (j + 2) * bent - weighted) + rounding))
+
+
+def _candidates(motion: ChainMotion, poses: FloatArray, look: float, need: float) -> Pairs:
+    """Pairs whose links' middles are near enough for the pair to matter at the middle of an interval."""
+    arm = motion.arm
+    x, y = (0.5 * (poses[:, 1:, axis] + poses[:, :-1, axis]) for axis in (0, 1))
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for apart in range(first_distant(arm), arm.links):
+        dx, dy = x[:, apart:] - x[:, :-apart], y[:, apart:] - y[:, :-apart]
+        travel = 0.5 * arm.link_length * (motion.turned[:, apart + 1 :] - motion.turned[:, : -apart - 1])
+        reach = arm.link_length * (1.0 + 1e-9) + np.maximum(look, need + travel)
+        node, first = np.nonzero(dx * dx + dy * dy <= reach * reach)
+        found.append((node, first, first + apart))
+    node, first, second = (np.concatenate(column) for column in zip(*found, strict=True))
+    return Pairs(node, first, second)
+
+
+def _probe(motion: ChainMotion, evaluate: Evaluate, nodes: Nodes) -> Nearest:
+    """The nearest pair at a few poses spread over the motion: no proof, but a bound on the least gap."""
+    first, second = np.triu_indices(motion.arm.links, first_distant(motion.arm))
+    chosen = np.unique(np.linspace(0, len(nodes) - 1, min(PROBES, len(nodes))).astype(int))
+    few = nodes.take(chosen)
+    count = len(first)
+    pairs = Pairs(np.repeat(np.arange(len(few)), count), np.tile(first, len(few)), np.tile(second, len(few)))
+    gap, _ = evaluate(few, pairs, motion.poses(few))
+    best = int(np.argmin(gap))
+    return Nearest(
+        float(gap[best]), int(pairs.link[best]), int(pairs.other[best]), motion.when(few, int(pairs.node[best]))
+    )

@@ -1,0 +1,48 @@
+"""The independent verifier: every promise of a plan, checked with code that shares nothing with the planners."""
+
+from ccm_opt.jointed.frames import joint_names
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.consistency import check_consistency
+from ccm_opt.verification.ends import check_ends
+from ccm_opt.verification.form import check_form
+from ccm_opt.verification.kinematics import ChainMotion
+from ccm_opt.verification.limits import check_limits
+from ccm_opt.verification.selfcollision import check_self_collision
+from ccm_opt.verification.walls import check_free_side, check_walls
+
+
+def verify(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> tuple[Check, ...]:
+    """Check a timed motion against everything its problem asks.
+
+    Between samples the bends are taken as linear in time; walls, self-collision and bend limits hold for that motion
+    at *all* times, not at samples. A gap may fall short by at most ``bisection.CONTACT_TOLERANCE``.
+
+    Args:
+        problem: what was asked.
+        trajectory: the planar motion.
+        joints: the same for the revolutes, with torques.
+
+    Returns:
+        One check a promise, each with its worst value and where it was met; malformed data end the list at once.
+    """
+    form = check_form(problem.arm, trajectory, joints)
+    names = _check_names(problem, joints)
+    if not (form.passed and names.passed):
+        return form, names
+    motion = ChainMotion(problem.arm, trajectory.time, trajectory.bend_angles)
+    checks = [form, names, check_free_side(motion, problem.workspace), check_walls(motion, problem.workspace)]
+    if problem.arm.self_collision:
+        checks.append(check_self_collision(motion))
+    checks += check_limits(problem.arm, problem.limits, trajectory, joints)
+    checks += check_consistency(problem, trajectory, joints)
+    checks += check_ends(problem, trajectory)
+    return tuple(checks)
+
+
+def _check_names(problem: Problem, joints: JointStates) -> Check:
+    expected = tuple(joint_names(problem.arm))
+    wrong = sum(a != b for a, b in zip(joints.names, expected, strict=False)) + abs(len(joints.names) - len(expected))
+    first = next((b for a, b in zip(joints.names, expected, strict=False) if a != b), "")
+    where = f"expected {first!r}" if first else f"{len(joints.names)} names for {len(expected)} revolutes"
+    return Check("joint names", float(wrong), 0.0, "names", where, passed=wrong == 0)
