@@ -1,0 +1,78 @@
+"""The free set of the arm's axis: the room shrunk and the obstacles grown by a margin, with few vertices.
+
+Everything here errs to the safe side: the polygons made are subsets of the true free set (the points farther than the margin from
+all walls). Sides are offset exactly; a convex corner's arc is replaced by at most two tangents, a circle by the tangents of a 12-gon.
+"""
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.geometry.polygons import cross
+
+MITRE_LIMIT = 1.02  # a corner's tangent lies at this multiple of the margin: turns below 22° then need one vertex only
+CIRCLE_QUAD_SEGS = 3  # a circle becomes a 12-gon, 3.5 % wider at its vertices
+SMALLEST_AREA = 1e-12  # of a piece of free space worth keeping [m²]
+DENT = 0.02  # dents shallower than this fraction of the margin are filled
+
+
+def free_set(workspace: Workspace, margin: float) -> shapely.MultiPolygon:
+    """All places of the arm's axis farther than ``margin`` from every wall, less a little at rounded corners.
+
+    Args:
+        workspace: the room and its obstacles.
+        margin: the arm's radius plus clearance [m], positive; for an arm of no width a tiny number.
+
+    Returns:
+        The free set; empty when nothing is free. Components may be several.
+
+    Raises:
+        ValueError: when ``margin`` is not positive.
+    """
+    if margin <= 0.0:
+        raise ValueError(f"got margin = {margin} m, expected a positive length: for an arm of no width pass 1e-6")
+    room = shapely.buffer(workspace.boundary, -margin, join_style="mitre", mitre_limit=MITRE_LIMIT)
+    grown = shapely.union_all([grown_outline(obstacle, margin) for obstacle in workspace.obstacles])
+    pieces = shapely.get_parts(shapely.difference(room, grown))
+    polygons = [_without_dents(piece, DENT * margin) for piece in pieces if shapely.area(piece) > SMALLEST_AREA]
+    return shapely.MultiPolygon([polygon for polygon in polygons if isinstance(polygon, shapely.Polygon)])
+
+
+def grown_outline(obstacle: Obstacle, margin: float) -> shapely.Geometry:
+    """A polygon of few vertices that contains all points within ``margin`` [m] of the obstacle."""
+    radius = obstacle.rounding + margin
+    core = obstacle.core
+    if isinstance(core, shapely.Point):
+        return obstacle.outline(margin, CIRCLE_QUAD_SEGS)
+    if isinstance(core, shapely.LineString):
+        points = shapely.get_coordinates(core)
+        return shapely.union_all([_capsule(a, b, radius) for a, b in zip(points[:-1], points[1:], strict=True)])
+    return shapely.buffer(core, radius, join_style="mitre", mitre_limit=MITRE_LIMIT)
+
+
+def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:
+    """The octagon of tangents around the points within ``radius`` of the segment a–b."""
+    heading = np.arctan2(b[1] - a[1], b[0] - a[0])
+    angles = heading + np.deg2rad([-67.5, -22.5, 22.5, 67.5])
+    corners = radius / np.cos(np.pi / 8) * np.column_stack((np.cos(angles), np.sin(angles)))
+    return shapely.Polygon(np.concatenate((b + corners, a - corners)))
+
+
+def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
+    """The polygon without those convex corners that stick out by less than ``depth`` [m]; a subset of it."""
+    oriented = shapely.orient_polygons(polygon)
+    shell = _cut_corners(shapely.get_coordinates(oriented.exterior)[:-1], depth)
+    holes = [_cut_corners(shapely.get_coordinates(ring)[:-1], depth) for ring in oriented.interiors]
+    simpler = shapely.Polygon(shell, holes)
+    return simpler if simpler.is_valid and polygon.covers(simpler) else oriented
+
+
+def _cut_corners(ring: FloatArray, depth: float) -> FloatArray:
+    """A ring (m, 2), free space on its left, less the flat and the barely convex vertices; no two neighbours go at once."""
+    before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
+    base = np.linalg.norm(after - before, axis=1)
+    height = cross(ring - before, after - ring) / np.maximum(base, 1e-300)
+    drop = (height >= 0.0) & (height < depth)
+    drop &= ~np.roll(drop, 1)
+    return ring[~drop] if np.count_nonzero(~drop) >= 3 else ring

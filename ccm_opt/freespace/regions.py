@@ -1,0 +1,108 @@
+"""Convex regions grown from convex cells until walls stop them, so that neighbouring regions overlap (section 4.1).
+
+Each wall is shut out by one half-plane through its point nearest to the cell, nearest walls first, walls already outside left
+aside: the first step of IRIS (Deits & Tedrake, 2015) with the cell in the place of the ellipse, so the result holds the cell.
+"""
+
+import numpy as np
+
+from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.freespace.corridor import ConvexRegion
+from ccm_opt.geometry.polygons import clip, half_planes, signed_area, without_short_edges
+
+TOUCHING = 1e-9  # tolerance of all contacts [m]
+NEAR = 1e-6  # a wall nearer than this is shut out by an edge line: its nearest point gives no sharp direction [m]
+SHORTEST_EDGE = 1e-9  # of a region [m]
+
+
+def region_of(vertices: FloatArray) -> ConvexRegion:
+    """A convex polygon, counter-clockwise vertices of shape (m, 2) [m], with its half-planes."""
+    vertices = without_short_edges(vertices, SHORTEST_EDGE)
+    return ConvexRegion(vertices, *half_planes(vertices))
+
+
+def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
+    """A convex free region that contains a convex free cell.
+
+    Args:
+        cell: counter-clockwise vertices, shape (m, 2) [m]; m = 2 for a segment.
+        walls: the edges of free space, free space on their left, shape (w, 2, 2) [m].
+        room: a convex polygon that holds free space, counter-clockwise, shape (r, 2) [m].
+
+    Returns:
+        The region; it contains the cell and meets no wall, both within 1e-9 m.
+    """
+    gaps, on_cell, on_wall = nearest_points(cell, walls)
+    order = np.argsort(gaps, kind="stable")
+    inside = np.ones(len(walls), dtype=bool)
+    region = room
+    for wall in order:
+        if not inside[wall]:
+            continue
+        if gaps[wall] > NEAR:
+            normal = (on_wall[wall] - on_cell[wall]) / gaps[wall]
+            offset = float(normal @ on_wall[wall])
+        else:
+            normal, offset = _touching_half_plane(cell, walls[wall], region)
+        region = clip(region, normal, offset)
+        inside &= ~_beyond(walls, normal, offset)
+        inside[wall] = False
+    return region_of(region)
+
+
+def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The gap between a convex cell and each wall that does not cross it, and where it is.
+
+    Args:
+        cell: vertices, shape (m, 2) [m].
+        walls: shape (w, 2, 2) [m].
+
+    Returns:
+        Gaps, shape (w,) [m], nearest points of the cell, shape (w, 2) [m], and of the walls, shape (w, 2) [m].
+    """
+    edges = np.stack((cell, np.roll(cell, -1, axis=0)), axis=1)
+    feet_on_walls = _feet(cell[:, None], walls[None])  # (m, w, 2)
+    feet_on_cell = _feet(walls[None], edges[:, None, None])  # (m, w, 2 ends, 2)
+    cell_side = np.concatenate((np.broadcast_to(cell[:, None], feet_on_walls.shape), feet_on_cell[:, :, 0], feet_on_cell[:, :, 1]))
+    wall_ends = np.broadcast_to(walls, (len(cell), *walls.shape))
+    wall_side = np.concatenate((feet_on_walls, wall_ends[:, :, 0], wall_ends[:, :, 1]))
+    gaps = np.linalg.norm(wall_side - cell_side, axis=2)
+    best = np.argmin(gaps, axis=0)
+    which = np.arange(len(walls))
+    return gaps[best, which], cell_side[best, which], wall_side[best, which]
+
+
+def _feet(points: FloatArray, segments: FloatArray) -> FloatArray:
+    """Nearest points of segments (..., 2, 2) to points (..., 2)."""
+    tail, along = segments[..., 0, :], segments[..., 1, :] - segments[..., 0, :]
+    fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)
+    return np.asarray(tail + np.clip(fraction, 0.0, 1.0)[..., None] * along, dtype=np.float64)
+
+
+def _beyond(walls: FloatArray, normal: FloatArray, offset: float) -> BoolArray:
+    """Which walls (w, 2, 2) lie outside a half-plane."""
+    return np.asarray(np.all(walls @ normal >= offset - TOUCHING, axis=1), dtype=np.bool_)
+
+
+def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray) -> tuple[FloatArray, float]:
+    """The half-plane between a cell and a wall that touch which leaves most of the region.
+
+    Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis theorem).
+    """
+    lines = np.concatenate((wall[None], wall[None, ::-1], np.stack((cell, np.roll(cell, -1, axis=0)), axis=1)))
+    along = lines[:, 1] - lines[:, 0]
+    normals = np.column_stack((along[:, 1], -along[:, 0])) / np.linalg.norm(along, axis=1)[:, None]
+    offsets = np.einsum("ij,ij->i", normals, lines[:, 0])
+    overlap = np.maximum(np.max(normals @ cell.T - offsets[:, None], axis=1), np.max(offsets[:, None] - normals @ wall.T, axis=1))
+    valid = np.flatnonzero(overlap <= max(TOUCHING, 1.01 * float(overlap.min())))
+    best = max(valid, key=lambda i: _area(clip(region, normals[i], float(offsets[i]))))
+    return normals[best], float(offsets[best])
+
+
+def _area(vertices: FloatArray) -> float:
+    return signed_area(vertices) if len(vertices) > 2 else 0.0
+
+
+def contains(region: ConvexRegion, points: FloatArray, tolerance: float = TOUCHING) -> BoolArray:
+    """Which points (..., 2) lie in the region, within ``tolerance`` [m]; shape (...)."""
+    return np.asarray(np.all(points @ region.normals.T <= region.offsets + tolerance, axis=-1), dtype=np.bool_)
