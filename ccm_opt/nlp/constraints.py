@@ -1,0 +1,78 @@
+"""Constraints of the configuration NLP: each function returns named rows, ``expression`` between ``lower`` and ``upper``.
+
+Lengths are in units of the arm's length.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.nlp.curve_ode import PIECES, SUBSTEPS, SegmentFlow
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A block of constraint rows: ``lower <= expression <= upper``, one name a row."""
+
+    names: tuple[str, ...]
+    expression: ca.SX
+    lower: FloatArray
+    upper: FloatArray
+
+
+def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> Rows:
+    """Rows that must vanish."""
+    return Rows(names, expression, np.zeros(len(names)), np.zeros(len(names)))
+
+
+def not_negative(names: tuple[str, ...], expression: ca.SX) -> Rows:
+    """Rows that must be zero or more."""
+    return Rows(names, expression, np.zeros(len(names)), np.full(len(names), np.inf))
+
+
+def gap_closing(k: int, flow: SegmentFlow, following: ca.SX) -> Rows:
+    """X_{k+1} = F(X_k, U_k): a segment ends where the next one begins."""
+    what = ("x", "y", "heading", "curvature", "arc length")
+    return equal_to_zero(tuple(f"segment {k}: gap in {name} at its end" for name in what), following - flow.end)
+
+
+def base_position(state: ca.SX, stub: ca.SX) -> Rows:
+    """The first segment begins at the end of the base's straight stub; the base is the origin."""
+    names = ("base: x", "base: y")
+    return equal_to_zero(names, state[:2] - stub * ca.vertcat(ca.cos(state[2]), ca.sin(state[2])))
+
+
+def knot_spacing(k: int, control: ca.SX, fraction: ca.SX) -> Rows:
+    """a_i ≥ fraction · L_k: spline knots keep apart."""
+    widths = control[4:8]
+    names = tuple(f"segment {k}: spacing of knots {i} and {i + 1}" for i in range(PIECES))
+    return not_negative(names, widths - fraction * ca.sum1(widths))
+
+
+def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> Rows:
+    """B_i ≥ |Bernstein coefficients of κ on piece i|, so B_i bounds |κ| on the whole piece."""
+    names, rows = [], []
+    for i in range(PIECES):
+        for j in range(4):
+            rows += [control[8 + i] - flow.bernstein[i, j], control[8 + i] + flow.bernstein[i, j]]
+            names += [f"segment {k}: curvature of piece {i} {side} its bound" for side in ("above", "below minus")]
+    return not_negative(tuple(names), ca.vertcat(*rows))
+
+
+def certified_containment(k: int, control: ca.SX, flow: SegmentFlow, normals: ca.SX, offsets: ca.SX) -> Rows:
+    """A_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, so the whole curve stays in the region.
+
+    Between two points h apart along the curve it leaves their chord by at most max|κ| h²/8 (the bound of linear
+    interpolation, de Boor, chapter II), and the region is convex.
+    """
+    names, rows = [], []
+    for i in range(PIECES):
+        margin = control[8 + i] * (control[4 + i] / SUBSTEPS) ** 2 / 8
+        for j in range(SUBSTEPS * i, SUBSTEPS * (i + 1) + 1):
+            rows.append(offsets - normals @ flow.points[:, j] - margin)
+            names += [
+                f"segment {k}: piece {i} at point {j}, side {row} of its region" for row in range(normals.shape[0])
+            ]
+    return not_negative(tuple(names), ca.vertcat(*rows))

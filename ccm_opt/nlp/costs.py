@@ -1,0 +1,43 @@
+"""Terms of the objective, each a function that returns an expression; ``configuration_cost`` sums them.
+
+Weights are for lengths in units of the arm's length. The knot and bound terms are what makes the NLP converge: they
+leave no direction of the variables without curvature.
+"""
+
+import casadi as ca
+
+KNOT_WEIGHT = 4.0
+BOUND_WEIGHT = 0.1
+SLOPE_WEIGHT = 1e-3
+
+
+def bending(squared_curvature: ca.SX) -> ca.SX:
+    """∫κ² ds of one segment, twice the elastic energy of a unit rod."""
+    return squared_curvature
+
+
+def uneven_knots(control: ca.SX) -> ca.SX:
+    """Σ (a_i / L_k - 1/4)²: pulls the knots towards even spacing."""
+    widths = control[4:8]
+    return ca.sumsqr(widths / ca.sum1(widths) - 0.25)
+
+
+def curvature_bounds(control: ca.SX) -> ca.SX:
+    """Σ B_i²: keeps the certified bounds tight."""
+    return ca.sumsqr(control[8:12])
+
+
+def curvature_steps(state: ca.SX, control: ca.SX) -> ca.SX:
+    """Σ (C_{i+1} - C_i)²: a small preference for gently changing curvature."""
+    values = ca.vertcat(state[3], control[:4])
+    return ca.sumsqr(values[1:] - values[:-1])
+
+
+def configuration_cost(state: ca.SX, control: ca.SX, squared_curvature: ca.SX) -> ca.SX:
+    """Objective of one segment: ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + a small slope term."""
+    return (
+        bending(squared_curvature)
+        + KNOT_WEIGHT * uneven_knots(control)
+        + BOUND_WEIGHT * curvature_bounds(control)
+        + SLOPE_WEIGHT * curvature_steps(state, control)
+    )

@@ -1,0 +1,100 @@
+"""Solve the configuration NLP with IPOPT: SX expressions, exact Hessian, one built solver a program."""
+
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, Program
+
+MAX_ITERATIONS = 150
+_OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    "error_on_fail": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.max_iter": MAX_ITERATIONS,
+    "ipopt.tol": 1e-4,
+    "ipopt.constr_viol_tol": 1e-7,
+    "ipopt.acceptable_iter": 0,
+    "ipopt.mu_init": 1e-1,
+    "ipopt.mu_strategy": "adaptive",
+    "ipopt.nlp_scaling_method": "none",
+}
+FEASIBILITY = 1e-6
+"""Largest violation of a row, in the NLP's units, that counts as satisfied."""
+_solvers: WeakKeyDictionary[Program, ca.Function] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True)
+class NLPResult:
+    """What the solver returned.
+
+    Attributes:
+        variables: the final iterate, shape (variables,).
+        status: the solver's own word for how it stopped.
+        iterations: number of iterations.
+        objective: value at the final iterate.
+        violation: largest violation of any row, in units of the arm's length.
+        worst_row: name of that row.
+    """
+
+    variables: FloatArray
+    status: str
+    iterations: int
+    objective: float
+    violation: float
+    worst_row: str
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all rows hold, however the solver stopped."""
+        return self.violation <= FEASIBILITY
+
+
+def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> NLPResult:
+    """Solve from a guess; never raises on failure, the result says how it went.
+
+    Args:
+        nlp: from ``build_configuration_nlp``, possibly extended.
+        guess: shape (variables,).
+    """
+    program, solver = nlp.program, built_solver(nlp.program)
+    answer = solver(x0=guess, p=nlp.parameters, lbx=nlp.lower, ubx=nlp.upper, lbg=program.lower, ubg=program.upper)
+    variables = np.asarray(answer["x"], dtype=np.float64).ravel()
+    violation, row = _worst_row(nlp, variables, np.asarray(answer["g"]).ravel())
+    statistics = solver.stats()
+    return NLPResult(
+        variables,
+        str(statistics["return_status"]),
+        int(statistics["iter_count"]),
+        float(answer["f"]),
+        violation,
+        row,
+    )
+
+
+def built_solver(program: Program) -> ca.Function:
+    """The IPOPT solver of a program; built once, kept as long as the program lives."""
+    if program not in _solvers:
+        symbols = {
+            "x": program.variables,
+            "p": program.parameters,
+            "f": program.objective,
+            "g": program.constraints,
+        }
+        _solvers[program] = ca.nlpsol("configuration", "ipopt", symbols, _OPTIONS)
+    return _solvers[program]
+
+
+def _worst_row(nlp: ConfigurationNLP, variables: FloatArray, rows: FloatArray) -> tuple[float, str]:
+    names = (*nlp.program.row_names, *(f"bound of variable {i}" for i in range(len(variables))))
+    values = np.concatenate((rows, variables))
+    lower = np.concatenate((nlp.program.lower, nlp.lower))
+    upper = np.concatenate((nlp.program.upper, nlp.upper))
+    violation = np.nan_to_num(np.maximum(lower - values, values - upper), nan=np.inf)
+    worst = int(np.argmax(violation))
+    return max(0.0, float(violation[worst])), names[worst]

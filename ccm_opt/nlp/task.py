@@ -1,0 +1,62 @@
+"""What a configuration must achieve: poses, length, curvature limit and corridor."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.freespace.corridor import Corridor
+
+
+@dataclass(frozen=True, eq=False)
+class ConfigurationTask:
+    """One question to the configuration NLP.
+
+    Attributes:
+        base: position of the base, shape (2,) [m].
+        base_heading_range: least and greatest base heading [rad]; equal when the heading is fixed.
+        length: of the whole arm [m].
+        curvature_limit: bound on |κ| [1/m].
+        goal: tip position, shape (2,) [m].
+        goal_heading: tip heading up to whole turns [rad], or None when any will do.
+        corridor: convex regions in order; the first holds the base, the last the goal.
+        segments_per_region: curvature segments a region gets at the first attempt.
+        mount_length: arm length from the base that may lie outside the first region [m]. It is used only when the
+            base itself does: the arm then starts with a straight stub of that length.
+        fixed_knots: keep the spline knots of every segment at a quarter, a half and three quarters.
+    """
+
+    base: FloatArray
+    base_heading_range: tuple[float, float]
+    length: float
+    curvature_limit: float
+    goal: FloatArray
+    goal_heading: float | None
+    corridor: Corridor
+    segments_per_region: int = 1
+    mount_length: float = 0.0
+    fixed_knots: bool = False
+
+    def __post_init__(self) -> None:
+        low, high = self.base_heading_range
+        if not low <= high:
+            raise ProblemError(f"the base heading range must not be empty, got {low} .. {high} rad")
+        if not (self.length > 0.0 and self.curvature_limit > 0.0):
+            raise ProblemError(
+                f"length and curvature limit must be positive, got {self.length} m and {self.curvature_limit} 1/m"
+            )
+        if self.segments_per_region < 1 or not self.corridor.regions:
+            raise ProblemError(
+                f"at least one region and one segment a region are needed, got {len(self.corridor.regions)} regions "
+                f"and {self.segments_per_region} segments"
+            )
+        if np.shape(self.base) != (2,) or np.shape(self.goal) != (2,):
+            raise ProblemError(f"base and goal are points, got shapes {np.shape(self.base)} and {np.shape(self.goal)}")
+
+    @property
+    def stub(self) -> float:
+        """Length of the straight stub at the base [m]: the mount when the base is outside its region, else zero."""
+        region = self.corridor.regions[0]
+        outside = bool(np.any(region.normals @ self.base > region.offsets))
+        return self.mount_length if outside else 0.0
