@@ -1,1 +1,1 @@
-"""Drawings of problems and plans."""
+"""Pictures of plans; the only part of the package that loads matplotlib."""

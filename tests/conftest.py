@@ -1,0 +1,99 @@
+"""Problems and a made-up plan that several tests share."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.jointed.frames import joint_names, revolute_angles
+from ccm_opt.problem import Problem
+from ccm_opt.problem_file import parse_problem
+from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
+
+PROBLEMS = Path(__file__).parent.parent / "problems"
+
+SMALL_PROBLEM = """\
+schema = 1
+name = "small"
+
+[workspace]
+bounds = [-1.0, -1.0, 1.0, 1.0]
+
+[[workspace.obstacles]]
+name = "post"
+circle = { center = [0.0, 0.6], radius = 0.1 }
+
+[arm]
+links = 4
+link_length = 0.1
+radius = 0.02
+base = [0.0, 0.0]
+joint_limit_deg = 60.0
+
+[limits]
+velocity = 2.0
+acceleration = 10.0
+
+[start]
+shape = "straight"
+
+[goal]
+position = [0.3, 0.1]
+"""
+
+
+@pytest.fixture
+def small_text() -> str:
+    """A sound problem with one obstacle."""
+    return SMALL_PROBLEM
+
+
+@pytest.fixture
+def small_problem() -> Problem:
+    """The same, parsed."""
+    return parse_problem(SMALL_PROBLEM, "small.toml")
+
+
+@pytest.fixture
+def small_solution(small_problem: Problem) -> Solution:
+    """A plan whose motion is a smooth bend of every joint; nobody planned it."""
+    return make_solution(small_problem, np.full(small_problem.arm.links, 0.3))
+
+
+def make_solution(problem: Problem, end: np.ndarray) -> Solution:
+    """A solution that moves from zero to the bends ``end`` by a fifth-degree polynomial in one second."""
+    arm = problem.arm
+    time = np.linspace(0.0, 1.0, 251)
+    blend = [p(time)[:, None] for p in _smooth_step()]
+    trajectory = JointTrajectory(time, blend[0] * end, blend[1] * end, blend[2] * end)
+    states = [
+        revolute_angles(arm, x)
+        for x in (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
+    ]
+    torques = np.zeros_like(states[0])
+    keyframes = trajectory.bend_angles[::125]
+    curve = Configuration.chain(arm.base, arm.base_heading, [arm.length / 2] * 2, [np.zeros(5)] * 2)
+    spline = make_interp_spline(np.linspace(0.0, 1.0, 5), trajectory.bend_angles[::62][:5], k=3)
+    return Solution(
+        problem=problem,
+        path=JointPath(spline, keyframes, (curve,) * len(keyframes), "made up"),
+        trajectory=trajectory,
+        joints=JointStates(joint_names(arm), states[0], states[1], states[2], torques),
+        simulation=SimulatedMotion(states[0], torques, 1e-4, saturated=False),
+        checks=(
+            Check("goal position", 2e-7, 1e-3, "m", "tip, t = 1.000 s", passed=True),
+            Check("wall clearance", float("inf"), 0.0, "m", "link 3, post", passed=True),
+        ),
+        metrics={"duration": 1.0, "tip_error": float("nan")},
+        timings={"motion": 0.1, "retiming": 0.02},
+        versions={"ccm_opt": "0.1.0"},
+    )
+
+
+def _smooth_step() -> list[Callable[[np.ndarray], np.ndarray]]:
+    """10 t³ − 15 t⁴ + 6 t⁵ and its first two derivatives."""
+    step = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+    return [step, step.deriv(), step.deriv(2)]
