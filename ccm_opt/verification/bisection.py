@@ -4,6 +4,9 @@ In a stretch of time around its middle pose the distance of a pair changes by at
 travel, so a pair is *proved* apart when its distance at the middle, less that travel, is still enough; it is
 *refuted* when the distance at the middle itself is too small. Neither: halve the stretch. What is still
 undecided when the travel is below ``RESOLUTION`` or the work is used up is refused, so the proof is sound.
+
+The same halving finds the least gap over all times to within ``REPORT_RESOLUTION``, for the report (more
+coarsely when the arm never comes within a link's length of anything).
 """
 
 from collections.abc import Callable
@@ -20,6 +23,10 @@ TOUCH = 1e-9
 """Distance [m] at which two axes of no thickness count as touching."""
 RESOLUTION = 1e-9
 """Travel [m] below which a stretch of time is not halved again."""
+REPORT_RESOLUTION = 1e-4
+"""The least gap reported is at most this much [m] above the true one."""
+MAX_REPORT_PAIRS = 100_000
+"""Pairs at one level of halving beyond which the report is no longer refined (the proof is)."""
 MAX_PAIRS = 2_000_000
 """Undecided pairs at one level of halving beyond which the verifier gives up, and refuses."""
 
@@ -107,6 +114,9 @@ def prove_apart(motion: ChainMotion, pairs: Pairs, evaluate: Evaluate, least: fl
             return Verdict(proved=False, nearest=nearest, remark="touches within the resolution of the proof")
         if 2 * np.count_nonzero(undecided) > MAX_PAIRS:
             return Verdict(proved=False, nearest=nearest, remark="so close for so long that the proof was given up")
+        vague = gap - travel < nearest.gap - REPORT_RESOLUTION
+        if np.count_nonzero(vague) < MAX_REPORT_PAIRS:
+            undecided |= vague
         nodes, pairs = _halve(nodes, pairs.where(undecided))
     return Verdict(proved=nearest.gap >= least, nearest=nearest)
 

@@ -46,32 +46,34 @@ _Source = tuple[FloatArray, FloatArray, tuple[str, ...]]
 
 def _velocity(limits: Limits, trajectory: JointTrajectory, joints: JointStates) -> Check:
     time, step = trajectory.time, np.diff(trajectory.time)[:, None]
-    mean = np.diff(joints.angles, axis=0) / step
-    bends = _revolute_rates(trajectory.bend_velocities)
+    mean = np.diff(_revolutes(trajectory.bend_angles), axis=0) / step
+    bends = _revolutes(trajectory.bend_velocities)
     sources = [(joints.velocities, time, joints.names), (bends, time, joints.names)]
-    sources.append((_less_rounding(mean, joints.angles, step), time[:-1], joints.names))
+    sources.append((_less_rounding(mean, trajectory.bend_angles, step), time[:-1], joints.names))
     return _worst("joint velocity", "rad/s", limits.velocity, sources)
 
 
 def _acceleration(limits: Limits, trajectory: JointTrajectory, joints: JointStates) -> Check:
     time, step = trajectory.time, np.diff(trajectory.time)[:, None]
-    bends = _revolute_rates(trajectory.bend_accelerations)
+    bends = _revolutes(trajectory.bend_accelerations)
     sources = [(joints.accelerations, time, joints.names), (bends, time, joints.names)]
     sources.append(
         (_less_rounding(np.diff(joints.velocities, axis=0) / step, joints.velocities, step), time[:-1], joints.names)
     )
     if len(time) > 2:
-        mean = np.diff(joints.angles, axis=0) / step
+        mean = np.diff(_revolutes(trajectory.bend_angles), axis=0) / step
         apart = 0.5 * (step[1:] + step[:-1])
-        second = _less_rounding(np.diff(mean, axis=0) / apart, joints.angles, np.minimum(step[1:], step[:-1]) ** 2)
+        second = _less_rounding(
+            np.diff(mean, axis=0) / apart, trajectory.bend_angles, np.minimum(step[1:], step[:-1]) ** 2
+        )
         sources.append((second, time[1:-1], joints.names))
     return _worst("joint acceleration", "rad/s²", limits.acceleration, sources)
 
 
-def _revolute_rates(bends: FloatArray) -> FloatArray:
-    rates = np.zeros((len(bends), 3 * bends.shape[1]))
-    rates[:, 1::3] = -bends
-    return rates
+def _revolutes(bends: FloatArray) -> FloatArray:
+    values = np.zeros((len(bends), 3 * bends.shape[1]))
+    values[:, 1::3] = -bends
+    return values
 
 
 def _less_rounding(quotient: FloatArray, values: FloatArray, step: FloatArray) -> FloatArray:

@@ -46,8 +46,8 @@ def _prove(motion: ChainMotion) -> Verdict:
 
     nodes = motion.whole()
     nearest = _probe(motion, evaluate, nodes)
-    look = thickness + min(nearest.gap, arm.link_length)
-    pairs = _candidates(motion, motion.poses(nodes), look, thickness + least)
+    look = thickness + max(least, min(nearest.gap, arm.link_length))
+    pairs = _candidates(motion, motion.poses(nodes), look)
     return prove_apart(motion, pairs, evaluate, least, nearest)
 
 
@@ -64,7 +64,7 @@ def _relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.nd
     return np.asarray(motion.arm.link_length * (np.minimum(turned, (j + 2) * bent - weighted) + rounding))
 
 
-def _candidates(motion: ChainMotion, poses: FloatArray, look: float, need: float) -> Pairs:
+def _candidates(motion: ChainMotion, poses: FloatArray, look: float) -> Pairs:
     """Pairs whose links' middles are near enough for the pair to matter at the middle of an interval."""
     arm = motion.arm
     x, y = (0.5 * (poses[:, 1:, axis] + poses[:, :-1, axis]) for axis in (0, 1))
@@ -72,7 +72,7 @@ def _candidates(motion: ChainMotion, poses: FloatArray, look: float, need: float
     for apart in range(first_distant(arm), arm.links):
         dx, dy = x[:, apart:] - x[:, :-apart], y[:, apart:] - y[:, :-apart]
         travel = 0.5 * arm.link_length * (motion.turned[:, apart + 1 :] - motion.turned[:, : -apart - 1])
-        reach = arm.link_length * (1.0 + 1e-9) + np.maximum(look, need + travel)
+        reach = arm.link_length * (1.0 + 1e-9) + look + travel
         node, first = np.nonzero(dx * dx + dy * dy <= reach * reach)
         found.append((node, first, first + apart))
     node, first, second = (np.concatenate(column) for column in zip(*found, strict=True))

@@ -116,7 +116,7 @@ def _prove(motion: ChainMotion, edges: WallEdges, exposed: FloatArray, least: fl
     poses = motion.poses(nodes)
     nearest = _probe(motion, edges, exposed, links, poses)
     travel = 0.5 * arm.link_length * motion.turned[:, links + 1]
-    look = arm.radius + np.maximum(least + travel, min(nearest.gap, max(least, 0.0) + arm.link_length))
+    look = arm.radius + travel + max(least, min(nearest.gap, max(least, 0.0) + arm.link_length))
     return prove_apart(motion, _candidates(poses, edges, exposed, links, look), evaluate, least, nearest)
 
 
