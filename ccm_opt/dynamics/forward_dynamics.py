@@ -1,0 +1,34 @@
+"""Joint accelerations under given torques."""
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics.aba import build_aba
+from ccm_opt.dynamics.batch import BatchedDynamics
+from ccm_opt.dynamics.model import arm_model
+from ccm_opt.jointed.arm import Arm
+
+
+class ForwardDynamics:
+    """Accelerations that torques cause, by the compiled articulated-body algorithm.
+
+    Args:
+        arm: the arm.
+        gravity: in the world, shape (3,) [m/s²].
+    """
+
+    def __init__(self, arm: Arm, gravity: FloatArray) -> None:
+        self._aba = BatchedDynamics("aba", build_aba, arm_model(arm, gravity))
+
+    def __call__(self, angles: FloatArray, velocities: FloatArray, torques: FloatArray) -> FloatArray:
+        """Accelerations [rad/s²], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
+
+        Not finite where the ball joint is singular: |θ2| = 90° under ``zyx``, θ2 = 0 under ``zyz``.
+
+        Args:
+            angles: [rad].
+            velocities: [rad/s].
+            torques: [N m].
+
+        Raises:
+            ProblemError: when the shapes do not fit the arm.
+        """
+        return self._aba(angles, velocities, torques)

@@ -1,0 +1,73 @@
+"""A sampled motion as reference for a controller that works in steps, and back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from ccm_opt.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class StepReference:
+    """Joint reference on a grid of equal steps.
+
+    Angles follow the cubic Hermite polynomial of the samples' angles and velocities, velocities its derivative; the
+    acceleration of a step is the mean over it, which is what a control held over the step can follow.
+
+    Attributes:
+        angles: cubic Hermite spline of the angles.
+        velocities: its derivative.
+        step: [s].
+        steps: number of steps that cover the motion.
+    """
+
+    angles: CubicHermiteSpline
+    velocities: CubicHermiteSpline
+    step: float
+    steps: int
+
+    def window(self, first: int, count: int) -> tuple[FloatArray, FloatArray]:
+        """Reference of ``count`` steps from step ``first`` on.
+
+        Returns:
+            Angles, velocities and accelerations at the start of each step, shape (count, 3, joints), and the angles at
+            the end of each step, shape (count, joints). Steps past the end hold the last pose.
+        """
+        times = np.minimum(np.arange(first, first + count + 1), self.steps) * self.step
+        angles, velocities = self.angles(times), self.velocities(times)
+        accelerations = np.diff(velocities, axis=0) / self.step
+        return np.stack((angles[:-1], velocities[:-1], accelerations), axis=1), angles[1:]
+
+
+def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray, step: float) -> StepReference:
+    """Reference of a sampled motion.
+
+    Args:
+        time: strictly increasing from 0, shape (T,) [s].
+        angles: shape (T, joints) [rad].
+        velocities: shape (T, joints) [rad/s].
+        step: [s].
+    """
+    steps = max(1, int(np.ceil(time[-1] / step - 1e-9)))
+    spline = CubicHermiteSpline(time, angles, velocities)
+    return StepReference(spline, spline.derivative(), step, steps)
+
+
+def hermite(fraction: FloatArray, step: float, start: FloatArray, end: FloatArray) -> FloatArray:
+    """Angles inside steps from angles and velocities at both ends of each.
+
+    Args:
+        fraction: place inside the step in [0, 1], shape (N,).
+        step: length of a step [s].
+        start: angles, then velocities, at the start of each step, shape (N, 2 * joints).
+        end: likewise at the end.
+
+    Returns:
+        Angles, shape (N, joints) [rad].
+    """
+    q0, v0 = np.split(start, 2, axis=1)
+    q1, v1 = np.split(end, 2, axis=1)
+    u = fraction[:, None]
+    rise, drop = u * u * (3.0 - 2.0 * u), 1.0 - u
+    return q0 + rise * (q1 - q0) + step * u * drop * (drop * v0 - u * v1)

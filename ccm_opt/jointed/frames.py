@@ -1,0 +1,128 @@
+"""Frames of the ball joints in 3-D: three revolutes a ball, standard Denavit–Hartenberg rows (section 5.2, Figure 6).
+
+The plane (x, y) of the planner is world x–z. Turning counter-clockwise from x towards z is a turn of *minus* the same
+angle about world +y. Base position and base heading stand in the fixed base transform, so that zero angles are the
+straight arm along the base heading. θ2 of every ball is minus its planar bend, for both orders of axes:
+
+- ``zyx`` (yaw, bend, roll): R = Rz(θ1) Ry(θ2) Rx(θ3), singular at |θ2| = 90°.
+- ``zyz``, the paper's own table: R = Rz(θ1) Ry(θ2) Rz(θ3), singular at θ2 = 0, the straight arm.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm, Axes
+
+REVOLUTE_NAMES: dict[Axes, tuple[str, str, str]] = {"zyx": ("yaw", "bend", "roll"), "zyz": ("yaw", "bend", "spin")}
+_QUARTER = 0.5 * np.pi
+
+
+class DhRow(NamedTuple):
+    """One row of a standard Denavit–Hartenberg table: A = Rz(θ + offset) Tz(d) Tx(a) Rx(α).
+
+    Attributes:
+        offset: added to the joint angle θ [rad].
+        d: shift along the joint axis [m].
+        a: shift along the turned x axis [m].
+        alpha: twist about the turned x axis [rad].
+    """
+
+    offset: float
+    d: float
+    a: float
+    alpha: float
+
+
+def joint_names(arm: Arm) -> tuple[str, ...]:
+    """Names of the revolutes from the base outward, length 3 * links, for example ``ball01_bend``."""
+    width = max(2, len(str(arm.links)))
+    kinds = REVOLUTE_NAMES[arm.axes]
+    return tuple(f"ball{ball:0{width}d}_{kind}" for ball in range(1, arm.links + 1) for kind in kinds)
+
+
+def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:
+    """Revolute angles of a planar pose: θ2 = −bend, θ1 = θ3 = 0 (section 5.2).
+
+    The map is linear, so it serves velocities and accelerations too.
+
+    Args:
+        arm: the arm.
+        bends: planar bends, shape (..., links) [rad].
+
+    Returns:
+        Angles, shape (..., 3 * links) [rad].
+    """
+    angles = np.zeros((*bends.shape[:-1], 3 * arm.links))
+    angles[..., 1::3] = 0.0 - bends  # not -bends: a zero bend gives +0.0
+    return angles
+
+
+def bends_from_revolutes(angles: FloatArray) -> FloatArray:
+    """Planar bends from revolute angles, shape (..., links) [rad]; the out-of-plane angles are left aside."""
+    return 0.0 - angles[..., 1::3]
+
+
+def dh_table(arm: Arm) -> tuple[DhRow, ...]:
+    """Standard DH rows of all revolutes, length 3 * links.
+
+    Under ``zyx`` the third frame of a ball has its y axis along the link, so the yaw of every later ball needs another
+    quarter turn to bring x along the link again.
+    """
+    return tuple(row for ball in range(arm.links) for row in _ball_rows(arm, first=ball == 0))
+
+
+def _ball_rows(arm: Arm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
+    h = arm.link_length
+    if arm.axes == "zyz":
+        return DhRow(0.0, 0.0, 0.0, -_QUARTER), DhRow(0.0, 0.0, 0.0, _QUARTER), DhRow(0.0, 0.0, h, 0.0)
+    yaw = DhRow(0.0 if first else _QUARTER, 0.0, 0.0, -_QUARTER)
+    return yaw, DhRow(_QUARTER, 0.0, 0.0, _QUARTER), DhRow(-_QUARTER, h, 0.0, _QUARTER)
+
+
+def base_rotation(arm: Arm) -> FloatArray:
+    """Rotation world ← base, shape (3, 3): −base_heading about world +y."""
+    c, s = np.cos(arm.base_heading), np.sin(arm.base_heading)
+    return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+
+
+def base_position(arm: Arm) -> FloatArray:
+    """Position of the first ball in the world, shape (3,) [m]."""
+    return np.array([arm.base[0], 0.0, arm.base[1]])
+
+
+def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
+    """World transforms of the base frame and of every DH frame.
+
+    Args:
+        arm: the arm.
+        angles: revolute angles, shape (..., 3 * links) [rad].
+
+    Returns:
+        Homogeneous transforms world ← frame, shape (..., 3 * links + 1, 4, 4).
+    """
+    transforms = np.zeros((*angles.shape[:-1], 3 * arm.links + 1, 4, 4))
+    transforms[..., 0, :3, :3] = base_rotation(arm)
+    transforms[..., 0, :3, 3] = base_position(arm)
+    transforms[..., 0, 3, 3] = 1.0
+    for j, row in enumerate(dh_table(arm)):
+        transforms[..., j + 1, :, :] = transforms[..., j, :, :] @ dh_transform(row, angles[..., j])
+    return transforms
+
+
+def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
+    """Transform of one DH row, Rz(θ + offset) Tz(d) Tx(a) Rx(α), shape (..., 4, 4) for angles of shape (...) [rad]."""
+    c, s = np.cos(angle + row.offset), np.sin(angle + row.offset)
+    ca, sa = np.cos(row.alpha), np.sin(row.alpha)
+    matrix = np.zeros((*np.shape(angle), 4, 4))
+    matrix[..., 0, :] = np.stack((c, -s * ca, s * sa, row.a * c), axis=-1)
+    matrix[..., 1, :] = np.stack((s, c * ca, -c * sa, row.a * s), axis=-1)
+    matrix[..., 2, :] = [0.0, sa, ca, row.d]
+    matrix[..., 3, 3] = 1.0
+    return matrix
+
+
+def joint_positions_3d(arm: Arm, angles: FloatArray) -> FloatArray:
+    """Positions of the balls and the tip in the world, shape (..., links + 1, 3) [m]; angles as in frame_transforms."""
+    return frame_transforms(arm, angles)[..., ::3, :3, 3]

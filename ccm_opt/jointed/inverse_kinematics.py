@@ -1,0 +1,86 @@
+"""Inverse kinematics, ball by ball: joint positions to revolute angles (section 5.2)."""
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import base_rotation
+
+LENGTH_TOLERANCE = 1e-6  # of a link length
+
+
+def ball_angles(arm: Arm, positions: FloatArray) -> FloatArray:
+    """Revolute angles that place the balls and the tip at given positions, with θ3 = 0.
+
+    In the base frame of its ball a link points along Rz(θ1) Ry(θ2) x̂ = (c1 c2, s1 c2, −s2), for ``zyx`` and ``zyz``
+    alike. Of the two solutions the one with |θ1| ≤ 90° is taken. In the plane it is the paper's own formula,
+    θ2 = atan2(−p_z, p_x), θ1 = θ3 = 0 (section 5.2).
+
+    Args:
+        arm: the arm.
+        positions: of the balls and the tip, shape (..., links + 1, 2) in the plane or (..., links + 1, 3) in the
+            world [m]; the first must be the arm's base.
+
+    Returns:
+        Angles in (−π, π], shape (..., 3 * links) [rad].
+
+    Raises:
+        ProblemError: when the shape, the base or a link length does not fit the arm.
+    """
+    points = _world_points(arm, positions)
+    directions = _link_directions(arm, points)
+    angles = np.zeros((*directions.shape[:-2], 3 * arm.links))
+    rotation = np.broadcast_to(base_rotation(arm), (*directions.shape[:-2], 3, 3))  # world <- ball base
+    for ball in range(arm.links):
+        local = np.einsum("...ij,...i->...j", rotation, directions[..., ball, :])
+        yaw, bend = _aim(local)
+        angles[..., 3 * ball], angles[..., 3 * ball + 1] = yaw, bend
+        rotation = rotation @ _yaw_bend_rotation(yaw, bend)
+    return angles
+
+
+def _aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """θ1 and θ2 that turn x̂ into a unit direction, shape (..., 3), with |θ1| ≤ 90°."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    side = np.where(x < 0.0, -1.0, 1.0)
+    return np.arctan2(side * y, np.abs(x)), np.arctan2(-z, side * np.hypot(x, y))
+
+
+def _yaw_bend_rotation(yaw: FloatArray, bend: FloatArray) -> FloatArray:
+    """Rz(θ1) Ry(θ2), shape (..., 3, 3)."""
+    c1, s1, c2, s2 = np.cos(yaw), np.sin(yaw), np.cos(bend), np.sin(bend)
+    zero = np.zeros_like(c1)
+    rows = ((c1 * c2, -s1, c1 * s2), (s1 * c2, c1, s1 * s2), (-s2, zero, c2))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
+    """Positions in the world, shape (..., links + 1, 3); checks the shape."""
+    expected = arm.links + 1
+    if positions.ndim < 2 or positions.shape[-2] != expected or positions.shape[-1] not in {2, 3}:
+        raise ProblemError(
+            f"positions have shape {positions.shape}; expected (..., {expected}, 2) or (..., {expected}, 3): "
+            f"the {arm.links} balls and the tip"
+        )
+    if positions.shape[-1] == 3:
+        return positions
+    x, z = positions[..., 0], positions[..., 1]
+    return np.stack((x, np.zeros_like(x), z), axis=-1)
+
+
+def _link_directions(arm: Arm, points: FloatArray) -> FloatArray:
+    """Unit directions of the links in the world, shape (..., links, 3); checks base and link lengths."""
+    offset = float(np.max(np.abs(points[..., 0, :] - [arm.base[0], 0.0, arm.base[1]]), initial=0.0))
+    if not offset <= LENGTH_TOLERANCE * arm.link_length:
+        raise ProblemError(f"the first position lies {offset:.3g} m off the arm's base; it must be the base itself")
+    steps = np.diff(points, axis=-2)
+    lengths = np.linalg.norm(steps, axis=-1)
+    errors = np.abs(lengths - arm.link_length)
+    if not np.all(errors <= LENGTH_TOLERANCE * arm.link_length):
+        worst = np.unravel_index(int(np.argmax(np.nan_to_num(errors, nan=np.inf))), errors.shape)
+        raise ProblemError(
+            f"link {worst[-1] + 1} would be {lengths[worst]:.6g} m long; every link is {arm.link_length:.6g} m: "
+            "place the joints by a mapping that keeps link lengths"
+        )
+    return steps / lengths[..., None]
