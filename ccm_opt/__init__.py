@@ -1,2 +1,48 @@
-"""ccm_opt: certified, timed and simulated motions of highly redundant manipulators."""
+"""ccm_opt: certified, timed and simulated motions of highly redundant manipulators.
+
+The names below are loaded when they are first used, so that importing the package is cheap::
+
+    problem = ccm_opt.load_problem("problems/swan-neck.toml")
+    solution = ccm_opt.solve(problem)
+    checks = ccm_opt.check(problem, solution.trajectory, solution.joints)
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ccm_opt import errors
+    from ccm_opt.pipeline import solve
+    from ccm_opt.problem import Problem
+    from ccm_opt.problem_file import load_problem
+    from ccm_opt.solution import Solution
+    from ccm_opt.verification import verify as check
+
 __version__ = "0.1.0"
+
+__all__ = ["Problem", "Solution", "__version__", "check", "errors", "load_problem", "solve"]
+
+_HOMES = {
+    "Problem": ("ccm_opt.problem", "Problem"),
+    "Solution": ("ccm_opt.solution", "Solution"),
+    "check": ("ccm_opt.verification", "verify"),
+    "load_problem": ("ccm_opt.problem_file", "load_problem"),
+    "solve": ("ccm_opt.pipeline", "solve"),
+}
+"""Module and name of each public object."""
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name when it is first used."""
+    if name == "errors":
+        return import_module("ccm_opt.errors")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'ccm_opt' has no attribute {name!r}; it has {', '.join(__all__)}")
+    module, attribute = _HOMES[name]
+    value = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

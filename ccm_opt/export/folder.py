@@ -13,7 +13,7 @@ from ccm_opt.export.solution_json import failure_json, solution_json
 from ccm_opt.export.trajectory_text import trajectory_texts
 from ccm_opt.export.urdf import urdf_text
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution, Status
+from ccm_opt.solution import Solution
 
 RECORD = "solution.json"
 ARRAYS = "solution.npz"
@@ -44,7 +44,7 @@ def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] 
 
 
 def write_failure(
-    problem: Problem, status: Status, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float] | None = None
+    problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float] | None = None
 ) -> Path:
     """Write the folder of a problem without a plan: ``solution.json`` alone.
 

@@ -8,7 +8,7 @@ from dataclasses import asdict
 
 from ccm_opt.errors import Diagnosis, ProblemError
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution, Status
+from ccm_opt.solution import Solution
 
 SCHEMA = 1
 """Version of the file's layout."""
@@ -34,7 +34,7 @@ def solution_json(solution: Solution) -> str:
     return _text(record)
 
 
-def failure_json(problem: Problem, status: Status, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
     """The record of a problem without a plan.
 
     Args:
@@ -65,7 +65,7 @@ def problem_data(problem: Problem) -> dict[str, object]:
     return tomllib.loads(problem.source)
 
 
-def _record(problem: Problem, status: Status, versions: Mapping[str, str]) -> dict[str, object]:
+def _record(problem: Problem, status: str, versions: Mapping[str, str]) -> dict[str, object]:
     return {
         "schema": SCHEMA,
         "status": status,

@@ -1,0 +1,94 @@
+"""``ccm-opt solve``: read, solve, draw, write, report."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ccm_opt.cli.outcome import NO_PLAN, SOLVED, complain, run_all
+from ccm_opt.cli.stage_clock import StageClock, stage_display
+from ccm_opt.cli.tables import print_solution
+from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, UnreachableGoal, VerificationError
+from ccm_opt.export.folder import check_target, write_failure, write_solution
+from ccm_opt.problem import Problem
+from ccm_opt.problem_file import load_problem
+from ccm_opt.solution import Solution
+
+METHODS = ("nlp",)
+
+
+def solve_files(files: Sequence[Path], out: Path, method: str | None, *, pictures: bool) -> int:
+    """Solve every file; all are tried.
+
+    Args:
+        files: problem files.
+        out: directory of the output folders.
+        method: planner asked for on the command line, or None.
+        pictures: whether to draw.
+
+    Returns:
+        The exit code.
+    """
+    taken: dict[str, Path] = {}
+
+    def solve_one(file: Path) -> int:
+        _check_method(method)
+        problem = load_problem(file)
+        first = taken.setdefault(problem.name, file)
+        if first is not file:
+            raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
+        return _solve(problem, out, pictures=pictures)
+
+    return run_all(files, solve_one)
+
+
+def _check_method(method: str | None) -> None:
+    if method == "hill-climbing":
+        raise ProblemError("--method hill-climbing is not supported yet; try --method nlp")
+    if method is not None and method not in METHODS:
+        raise ProblemError(f"--method {method} is unknown; expected {' or '.join(METHODS)}")
+
+
+def _solve(problem: Problem, out: Path, *, pictures: bool) -> int:
+    check_target(out / problem.name)
+    with stage_display(problem.name) as clock:
+        solution = _plan(problem, out, clock)
+        if solution.status != "solved":
+            return _report_unsolved(solution, out, clock)
+        clock("writing")
+        folder = write_solution(solution, out, _pictures(solution) if pictures else {})
+        clock.finish()
+    print_solution(solution, clock, str(folder))
+    return SOLVED
+
+
+def _plan(problem: Problem, out: Path, clock: StageClock) -> Solution:
+    """Run the pipeline; a failure after the search began leaves its record in the output folder."""
+    from ccm_opt.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
+
+    try:
+        return solve(problem, progress=clock)
+    except UnreachableGoal:
+        raise
+    except NoPlanFound as error:
+        write_failure(problem, error.status, error.diagnosis, out, clock.timings)
+        raise
+    except VerificationError as error:
+        diagnosis = Diagnosis("the verifier refuses the plan: " + "; ".join(error.failures), "verification")
+        write_failure(problem, "infeasible", diagnosis, out, clock.timings)
+        raise
+    except KeyboardInterrupt:
+        diagnosis = Diagnosis("cancelled by the user", clock.current or "planning")
+        write_failure(problem, "cancelled", diagnosis, out, clock.timings)
+        raise
+
+
+def _report_unsolved(solution: Solution, out: Path, clock: StageClock) -> int:
+    diagnosis = solution.diagnosis or Diagnosis(f"the search ended as '{solution.status}'", "planning")
+    write_failure(solution.problem, solution.status, diagnosis, out, clock.timings)
+    complain(str(diagnosis))
+    return NO_PLAN
+
+
+def _pictures(solution: Solution) -> Mapping[str, bytes]:
+    from ccm_opt.plotting.plan import plan_png  # noqa: PLC0415 - loads matplotlib
+
+    return {"plan.png": plan_png(solution)}
