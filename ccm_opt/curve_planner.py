@@ -1,0 +1,197 @@
+"""The planner of this package: plans a continuous curve, then the links in the curve's coordinates.
+
+Free space and routes (section 4.1), a goal configuration of the continuous curve by the NLP, tip paths, the
+certified motion on the links, and a smooth path through joint space.
+"""
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ConfigurationNotFound, Diagnosis, MotionNotFound, UnreachableGoal
+from ccm_opt.freespace.corridor import Route
+from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.geometry.polygons import path_length
+from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.ends import Ends, resolve_ends
+from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.spline_path import certified_spline
+from ccm_opt.motion.task import Motion, MotionTask
+from ccm_opt.motion.tip_paths import TipPath, find_tip_paths
+from ccm_opt.nlp.configuration import find_configuration
+from ccm_opt.nlp.task import ConfigurationTask
+from ccm_opt.problem import Problem
+from ccm_opt.solution import JointPath
+from ccm_opt.stages import Stages
+
+ROUTE_MARGIN = 1e-3
+"""Free space for routes is inflated by this share of the arm's length beyond radius and clearance."""
+CORNER_DISTANCE = 0.016
+"""Distance that taut paths keep from corners where there is room, as a share of the arm's length."""
+RUN_IN = (2.0, 1.0, 0.5, 0.0)
+"""Straight run onto the goal along its heading, in nominal links (24 to the arm); the longest that is free."""
+LONGEST_ROUTE = 0.985
+"""Routes longer than this share of the arm's length are not looked at."""
+CONFIGURATIONS_TRIED = 2
+"""Routes for which a goal configuration is asked of the NLP."""
+CURVATURE_SHARE = 0.9
+"""Share of the tightest bend (joint limit over link length) that the curve may use."""
+PLANNING_SHARE = 0.9
+"""Share of the time limit that the search may use."""
+
+
+@dataclass(frozen=True)
+class CurvePlanner:
+    """Plans by the continuous curve; satisfies the ``Planner`` protocol.
+
+    Attributes:
+        stages: names and times the stages.
+    """
+
+    stages: Stages = field(default_factory=Stages)
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan a certified motion.
+
+        Raises:
+            NoPlanFound: with the reason and what would help.
+        """
+        deadline = Deadline(time.monotonic() + PLANNING_SHARE * problem.planner.time_limit)
+        with self.stages("mapping"):
+            ends = resolve_ends(problem)
+        with self.stages("free space"):
+            room = FreeSpace.of(problem.workspace, route_margin(problem))
+            routes = find_routes(problem, ends, room)
+            tip_paths = tip_paths_along(problem, ends, routes)
+        with self.stages("configuration"):
+            guesses = find_guesses(problem, ends, room, routes)
+        with self.stages("motion"):
+            task = MotionTask(
+                problem.arm,
+                problem.workspace,
+                ends.start,
+                ends.goal,
+                ends.goal_headings,
+                guesses,
+                tip_paths,
+                deadline,
+            )
+            return joint_path(problem, find_motion(task))
+
+
+def route_margin(problem: Problem) -> float:
+    """Inflation of the walls for routes [m]."""
+    return problem.arm.radius + problem.workspace.clearance + ROUTE_MARGIN * problem.arm.length
+
+
+def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, ...]:
+    """Routes from the base to the start of the run onto the goal, shortest first.
+
+    Raises:
+        UnreachableGoal: when there is none that the arm is long enough for.
+    """
+    arm = problem.arm
+    entry = run_in(room, ends, arm.length / 24.0)
+    longest = LONGEST_ROUTE * arm.length - float(np.hypot(*(ends.goal.position - entry)))
+    shrink = CORNER_DISTANCE * arm.length
+    routes = room.routes(arm.base, entry, problem.planner.routes, longest=longest, shrink=shrink)
+    if routes:
+        return tuple(_led_on(room, route, ends.goal.position) for route in routes)
+    shortest = room.routes(arm.base, ends.goal.position, 1, shrink=0.0)
+    if shortest and shortest[0].length <= arm.length:
+        return shortest
+    raise UnreachableGoal(_no_route(problem, shortest))
+
+
+def _led_on(room: FreeSpace, route: Route, goal: FloatArray) -> Route:
+    """A route led straight on to the goal."""
+    path = np.vstack((route.taut, goal))
+    return Route(room.sleeve_of(path), path, path_length(path))
+
+
+def _no_route(problem: Problem, shortest: tuple[Route, ...]) -> Diagnosis:
+    arm = problem.arm
+    if not shortest:
+        reason = (
+            f"no route from the base to the goal is wide enough for the arm: diameter {2e3 * arm.radius:.1f} mm, "
+            f"clearance {1e3 * problem.workspace.clearance:.1f} mm"
+        )
+        return Diagnosis(reason, "free space", ("use a smaller arm.radius or workspace.clearance", "remove an obstacle"))
+    need = shortest[0].length
+    reason = f"the shortest route to the goal is {need:.3f} m long, the arm only {arm.length:.3f} m"
+    return Diagnosis(reason, "free space", (f"use an arm longer than {need:.3f} m",), {"route_length": need})
+
+
+def run_in(room: FreeSpace, ends: Ends, unit: float) -> FloatArray:
+    """Where the straight run onto the goal along its heading begins, shape (2,) [m]."""
+    goal = ends.goal
+    if goal.heading is None:
+        return goal.position
+    direction = np.array([np.cos(goal.heading), np.sin(goal.heading)])
+    for links in RUN_IN:
+        entry = goal.position - links * unit * direction
+        if room.contains(np.linspace(entry, goal.position, 9)).all():
+            return entry
+    return goal.position
+
+
+def tip_paths_along(problem: Problem, ends: Ends, routes: tuple[Route, ...]) -> tuple[TipPath, ...]:
+    """Classes of tip motions: along every route, or along the goal pose itself when that is given."""
+    arm = problem.arm
+    points = arm.joint_positions(ends.start)
+    if ends.goal_headings is not None:
+        ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_headings),)
+    else:
+        ways = tuple(route.taut for route in routes)
+    return find_tip_paths(problem.workspace, points, ways, route_margin(problem), CORNER_DISTANCE * arm.length)
+
+
+def find_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, ...]) -> tuple[FloatArray, ...]:
+    """Link headings of goal poses: the goal itself, or configurations of the curve along the first routes."""
+    if ends.goal_headings is not None:
+        return (ends.goal_headings,)
+    guesses = []
+    for route in routes[:CONFIGURATIONS_TRIED]:
+        try:
+            configuration = find_configuration(configuration_task(problem, ends, room, route))
+        except ConfigurationNotFound:
+            continue  # the motion search leads the tip to the goal by itself
+        guesses.append(map_curve(problem.arm, configuration, problem.planner.mapping))
+    return tuple(guesses)
+
+
+def configuration_task(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> ConfigurationTask:
+    """The configuration NLP's question along one route."""
+    arm = problem.arm
+    taut = room.path_of_sleeve(route.sleeve, arm.base, ends.goal.position)
+    return ConfigurationTask(
+        base=arm.base,
+        base_heading_range=(arm.base_heading - arm.base_limit, arm.base_heading + arm.base_limit),
+        length=arm.length,
+        curvature_limit=CURVATURE_SHARE * arm.joint_limit / arm.link_length,
+        goal=ends.goal.position,
+        goal_heading=ends.goal.heading,
+        corridor=room.corridor(Route(route.sleeve, taut, path_length(taut))),
+        mount_length=arm.mount_length,
+    )
+
+
+def joint_path(problem: Problem, motion: Motion) -> JointPath:
+    """The smooth, certified path through joint space along a motion.
+
+    Raises:
+        MotionNotFound: when no smooth path near the motion can be certified.
+    """
+    certificate = Certificate.of(problem.arm, problem.workspace)
+    spline = certified_spline(motion.headings, certificate)
+    if spline is None:
+        reason = "the motion leaves no room for a smooth path"
+        raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))
+    control = problem.arm.bends(spline.c)
+    curves = tuple(motion.space.curve(v) for v in motion.coordinates)
+    return JointPath(BSpline(spline.t, control, spline.k), problem.arm.bends(motion.headings), curves, motion.candidate)

@@ -1,0 +1,77 @@
+"""Lifting: a motion planned at few links, taken over to an arm of many in the same coordinates of the curve."""
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.contacts import ContactFinder
+from ccm_opt.motion.goal import POLISH_TOLERANCE, polish
+from ccm_opt.motion.link_space import LinkSpace, mean_heading_matrix
+from ccm_opt.motion.step import Stepper, Term, pose_in
+from ccm_opt.motion.task import Motion, MotionTask
+from ccm_opt.motion.walls import Walls
+
+REPAIRS = 6
+MARGIN = 1.5e-3
+"""Planning margin of a repair, as a share of the arm's length."""
+REACH = 0.02
+
+
+def lift(motion: Motion, task: MotionTask) -> Motion | None:
+    """The motion on the task's own links, certified; None when repair does not mend it.
+
+    The coordinates v stay; A and the offset are built anew, so that the task's start is met exactly; the last
+    keyframe is polished onto the goal; keyframes of intervals that fail the certificate are projected by a step.
+    """
+    space = _lifted_space(motion, task)
+    coordinates = motion.coordinates.copy()
+    if task.goal_headings is None:
+        coordinates[-1] = polish(space, task.goal, coordinates[-1])
+        if max(task.goal.errors(pose_in(space, coordinates[-1]))) > 10.0 * POLISH_TOLERANCE:
+            return None
+    certificate = Certificate.of(task.arm, task.workspace)
+    failing = certificate.failures(space.headings(coordinates))
+    stepper = _repair_stepper(space, task)
+    for _ in range(REPAIRS):
+        if len(failing) == 0:
+            break
+        coordinates = _mended(stepper, coordinates, np.unique(np.concatenate((failing, failing + 1))))
+        failing = certificate.failures(space.headings(coordinates))
+    headings = space.headings(coordinates)
+    within = np.all(np.abs(task.arm.bends(headings)) <= task.arm.bend_limits)
+    if len(failing) or not within:
+        return None
+    return Motion(space, coordinates, headings, f"{motion.candidate}, lifted")
+
+
+def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
+    """Link space of the task's arm in which the motion's first coordinates give the task's start."""
+    matrix = mean_heading_matrix(task.arm.links, task.arm.length)
+    p = matrix.shape[1]
+    first, last = motion.coordinates[0], motion.coordinates[-1]
+    offset = task.start - matrix @ first[:p]
+    if task.goal_headings is not None:
+        matrix = np.column_stack((matrix, task.goal_headings - offset - matrix @ last[:p]))
+    return LinkSpace(task.arm, matrix, offset)
+
+
+def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
+    length = task.arm.length
+    finder = ContactFinder(
+        task.arm, Walls.of(task.workspace), task.workspace.clearance, MARGIN * length, REACH * length
+    )
+    return Stepper(space, finder)
+
+
+def _mended(stepper: Stepper, coordinates: FloatArray, keyframes: FloatArray) -> FloatArray:
+    """Coordinates with some inner keyframes pushed clear."""
+    mended = coordinates.copy()
+    for k in keyframes:
+        if 0 < k < len(coordinates) - 1:
+            pose = stepper.pose(coordinates[k])
+            still = [
+                Term(stepper.space.matrix, np.zeros(stepper.space.arm.links), 24.0 / stepper.space.arm.links),
+                Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), 1e-4),
+            ]
+            mended[k] = stepper.step(pose, stepper.space.jacobians(pose.headings), still).v
+    return mended

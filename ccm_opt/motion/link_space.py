@@ -1,0 +1,141 @@
+"""Link headings in the coordinates of the curve: φ = A v + φ₀, the space in which motions are planned.
+
+The curve has ``SEGMENTS`` equal segments that share curvature values at their ends, so
+v = [θ(0), C_0, …, C_20]: 22 numbers at any number of links. θ(s) is linear in v; row j of A is the mean over
+link j of ∂θ/∂v, so A v is the mean heading of the curve on each link. The offset φ₀ = φ_start − A v_start keeps the
+start exact whatever mapping made it. A whole-arm goal adds one more coordinate that blends the goal's offset in.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.continuum.spline import piece_coefficients
+from ccm_opt.jointed.arm import Arm
+
+SEGMENTS = 5
+KNOTS = 4 * SEGMENTS + 1
+_FIT_WEIGHT = 1e-6
+
+
+@dataclass(frozen=True)
+class LinkSpace:
+    """An affine map from curve coordinates to link headings.
+
+    Attributes:
+        arm: the arm whose links they are.
+        matrix: A, shape (links, p).
+        offset: φ₀, shape (links,) [rad].
+    """
+
+    arm: Arm
+    matrix: FloatArray
+    offset: FloatArray
+
+    @classmethod
+    def through(cls, arm: Arm, headings: FloatArray) -> tuple["LinkSpace", FloatArray]:
+        """The space that holds given link headings exactly, and their coordinates there.
+
+        Args:
+            arm: the arm.
+            headings: link headings of the start, shape (links,) [rad].
+
+        Returns:
+            The space and v_start, shape (p,).
+        """
+        matrix = mean_heading_matrix(arm.links, arm.length)
+        start = fit_coordinates(matrix, headings, arm.length)
+        return cls(arm, matrix, headings - matrix @ start), start
+
+    def blended_to(self, headings: FloatArray) -> tuple["LinkSpace", FloatArray]:
+        """The space with one more coordinate w, so that w = 1 holds other given link headings exactly too.
+
+        Returns:
+            The larger space and the coordinates of ``headings`` in it, shape (p + 1,).
+        """
+        goal = fit_coordinates(self.matrix, headings, self.arm.length)
+        column = headings - self.matrix @ goal - self.offset
+        return replace(self, matrix=np.column_stack((self.matrix, column))), np.append(goal, 1.0)
+
+    def headings(self, v: FloatArray) -> FloatArray:
+        """Link headings of coordinates, shape (..., p) to (..., links) [rad]."""
+        return v @ self.matrix.T + self.offset
+
+    def positions(self, v: FloatArray) -> FloatArray:
+        """Joint and tip positions, shape (links + 1, 2) [m]."""
+        return self.arm.joint_positions(self.headings(v))
+
+    def jacobians(self, headings: FloatArray) -> FloatArray:
+        """Derivatives of joint and tip positions by v, shape (links + 1, 2, p) [m per unit]."""
+        l = self.arm.link_length
+        jacobians = np.zeros((self.arm.links + 1, 2, self.matrix.shape[1]))
+        np.cumsum((-l * np.sin(headings))[:, None] * self.matrix, axis=0, out=jacobians[1:, 0])
+        np.cumsum((l * np.cos(headings))[:, None] * self.matrix, axis=0, out=jacobians[1:, 1])
+        return jacobians
+
+    def curve(self, v: FloatArray) -> Configuration:
+        """The continuous curve behind coordinates."""
+        curvature = v[1 : KNOTS + 1]
+        values = [curvature[4 * k : 4 * k + 5] for k in range(SEGMENTS)]
+        return Configuration.chain(self.arm.base, float(v[0]), [self.arm.length / SEGMENTS] * SEGMENTS, values)
+
+
+def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:
+    """Coordinates whose mean headings come nearest to given ones; curvature differences break ties."""
+    p = matrix.shape[1]
+    scale = length / KNOTS
+    roughness = np.zeros((KNOTS - 1, p))
+    roughness[:, 1 : KNOTS + 1] = scale * (np.eye(KNOTS)[1:] - np.eye(KNOTS)[:-1])
+    pinned = np.zeros((max(0, p - KNOTS - 1), p))
+    pinned[:, KNOTS + 1 :] = np.eye(p - KNOTS - 1)
+    weight = np.sqrt(_FIT_WEIGHT)
+    system = np.vstack((matrix, weight * roughness, pinned))
+    target = np.concatenate((headings, np.zeros(len(system) - len(headings))))
+    return np.linalg.lstsq(system, target, rcond=None)[0]
+
+
+@lru_cache(maxsize=32)
+def _unit_matrix(links: int) -> FloatArray:
+    """Mean-heading matrix for a curve of length 1."""
+    width = 1.0 / (4 * SEGMENTS)
+    coefficients = _curvature_basis(width)
+    edges = np.unique(np.round(np.concatenate((np.arange(links + 1) / links, np.arange(KNOTS) * width)), 14))
+    nodes, weights = np.polynomial.legendre.leggauss(3)  # exact for the quartic
+    half = 0.5 * np.diff(edges)[:, None]
+    s = (edges[:-1, None] + half * (nodes + 1.0)).ravel()
+    theta = _heading_basis(s, width, coefficients).reshape(len(half), 3, -1)
+    integrals = np.einsum("k,ikp->ip", weights, theta) * half
+    link = np.minimum((0.5 * (edges[:-1] + edges[1:]) * links).astype(int), links - 1)
+    matrix = np.zeros((links, KNOTS + 1))
+    np.add.at(matrix, link, integrals * links)
+    return matrix
+
+
+def mean_heading_matrix(links: int, length: float) -> FloatArray:
+    """Row j: mean over link j of ∂θ/∂v, shape (links, KNOTS + 1); exact quadrature of the quartic heading."""
+    matrix = _unit_matrix(links).copy()
+    matrix[:, 1:] *= length
+    return matrix
+
+
+def _curvature_basis(width: float) -> FloatArray:
+    """Power coefficients of every curvature piece for every knot value, shape (20 pieces, 4 powers, KNOTS)."""
+    local = piece_coefficients(np.full(4, width), np.eye(5))
+    basis = np.zeros((4 * SEGMENTS, 4, KNOTS))
+    for k in range(SEGMENTS):
+        basis[4 * k : 4 * k + 4, :, 4 * k : 4 * k + 5] = local
+    return basis
+
+
+def _heading_basis(s: FloatArray, width: float, coefficients: FloatArray) -> FloatArray:
+    """∂θ(s)/∂v for arc lengths on the unit curve, shape (len(s), KNOTS + 1)."""
+    powers = 1.0 / np.arange(1, 5)
+    turns = np.einsum("iqp,q,q->ip", coefficients, powers, width ** np.arange(1, 5))
+    before = np.concatenate((np.zeros((1, KNOTS)), np.cumsum(turns, axis=0)))
+    piece = np.minimum((s / width).astype(int), 4 * SEGMENTS - 1)
+    t = s - piece * width
+    inside = np.einsum("sqp,q,sq->sp", coefficients[piece], powers, t[:, None] ** np.arange(1, 5))
+    return np.column_stack((np.ones(len(s)), before[piece] + inside))

@@ -1,0 +1,119 @@
+"""The candidates: which guide to try on which tip path, in the order that pays."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.polygons import path_length
+from ccm_opt.motion.continuation import Guide
+from ccm_opt.motion.hairpin import Hairpin, fold_track
+from ccm_opt.motion.interpolation import Interpolation
+from ccm_opt.motion.step import Pose, Stepper
+from ccm_opt.motion.tip_led import TipLed
+from ccm_opt.motion.tip_paths import TipPath
+from ccm_opt.motion.track import Track
+
+FOLD_LINKS = (5.0, 7.0, 4.0, 9.0)
+"""Lengths of the hairpin that are tried, in nominal links (24 to the arm)."""
+HEADING_WINDOW = 2.0
+"""Length over which a track's heading is smoothed, in nominal links."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to try.
+
+    Attributes:
+        name: for messages.
+        guide: makes the guide to follow.
+        resume: makes the guide that takes over where the first ended or stalled, from that guide and the pose; or None.
+    """
+
+    name: str
+    guide: Callable[[], Guide]
+    resume: Callable[[Guide, Pose], Guide] | None = None
+
+
+def candidates(
+    stepper: Stepper, start: Pose, goal_coordinates: tuple[FloatArray, ...], tip_paths: tuple[TipPath, ...]
+) -> Iterator[Candidate]:
+    """All candidates, most promising first.
+
+    Args:
+        stepper: of the link space they are to run in.
+        start: where the motion begins.
+        goal_coordinates: of known goal poses, for interpolation.
+        tip_paths: shortest first.
+    """
+    for k, goal in enumerate(goal_coordinates):
+        yield Candidate(f"interpolation {k + 1}", lambda goal=goal: Interpolation(stepper.space, start.v, goal))
+    for path in tip_paths:
+        yield tip_led(stepper, start, path)
+        yield from hairpins(stepper, start, path, FOLD_LINKS[:1])
+    for path in tip_paths:
+        yield from hairpins(stepper, start, path, FOLD_LINKS[1:])
+
+
+def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> Candidate:
+    """The tip drawn along the taut path."""
+    unit = stepper.space.arm.length / 24.0
+    track = Track.along(path.taut, HEADING_WINDOW * unit, float(start.headings[-1]))
+    return Candidate(f"tip-led, {_side(path)}", lambda: TipLed(stepper.space, track))
+
+
+def hairpins(stepper: Stepper, start: Pose, path: TipPath, folds: tuple[float, ...]) -> Iterator[Candidate]:
+    """The arm pulled over as a rope, for several lengths of the fold; none when the route is too long for the arm."""
+    leave = leaving_joint(stepper, start, path)
+    if leave is None:
+        return
+    joint, route = leave
+    for links in folds:
+        yield Candidate(
+            f"hairpin of {links:g}, {_side(path)}",
+            lambda links=links: _fold(stepper, start, path, joint, route, links),
+            lambda guide, pose: _pulled_out(stepper, path, guide, pose),
+        )
+
+
+def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, FloatArray] | None:
+    """The joint where the new shape leaves the old one, and the route from there.
+
+    The new shape (old arm up to joint b, then the taut way to the goal) may not be longer than the arm; among those
+    the smallest b whose tip path is within one nominal link of the shortest.
+    """
+    arm = stepper.space.arm
+    joints = np.arange(0, arm.links + 1, max(1, arm.links // 24))
+    routes = [path.from_joint(start.points, int(b)) for b in joints]
+    ways = np.array([path_length(route) for route in routes])
+    fits = joints * arm.link_length + ways <= arm.length
+    if not fits.any():
+        return None
+    tip_ways = (arm.links - joints) * arm.link_length + ways
+    k = int(np.nonzero(fits & (tip_ways <= tip_ways[fits].min() + arm.length / 24.0))[0][0])
+    return int(joints[k]), routes[k]
+
+
+def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
+    """The tip drawn along what remains of a hairpin's track, the fold left to itself."""
+    if not isinstance(guide, Hairpin):
+        raise TypeError(f"only a hairpin can be pulled out, got {type(guide).__name__}")
+    track = guide.track
+    rest = track.points[track.arcs > track.nearest_arc(pose.points[-1], guide.tip_arc)]
+    way = path.free_space.taut_path(np.vstack((pose.points[-1], rest, path.route[-1])), shrink=path.shrink)
+    return TipLed(stepper.space, Track.along(way, HEADING_WINDOW * guide.unit, float(pose.headings[-1])))
+
+
+def _fold(stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, links: float) -> Hairpin:
+    arm = stepper.space.arm
+    unit = arm.length / 24.0
+    length = links * unit
+    offset = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, length / np.pi)
+    last = float(start.headings[-1])
+    track, retraced = fold_track(start.points, joint, route, path.side, offset, HEADING_WINDOW * unit, last)
+    return Hairpin(stepper.space, track, retraced, start.headings, length, arm.length)
+
+
+def _side(path: TipPath) -> str:
+    return f"{'left' if path.side > 0 else 'right'} of the arm, path of {path.length:.2f} m"

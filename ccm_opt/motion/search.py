@@ -1,0 +1,172 @@
+"""The search for a motion: every candidate in turn until one is certified, then smoothing."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
+from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.contacts import ContactFinder
+from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
+from ccm_opt.motion.goal import GoalPose
+from ccm_opt.motion.interpolation import Interpolation
+from ccm_opt.motion.lifting import lift
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.portfolio import Candidate, candidates
+from ccm_opt.motion.smoothing import average, headings_of, shortcut, without_pauses
+from ccm_opt.motion.step import Pose, Stepper
+from ccm_opt.motion.task import Motion, MotionTask, coarsened
+from ccm_opt.motion.walls import Walls
+
+MARGINS = (2.5e-3, 1e-3)
+"""Planning margins that are tried, as shares of the arm's length."""
+REACH = 0.04
+"""Contacts nearer than this share of the arm's length make rows of the step."""
+DESIGN_LINKS = 24
+"""Arms with more than half as many links again are planned with this many and lifted."""
+
+
+def find_motion(task: MotionTask) -> Motion:
+    """Find a certified motion from the start to the goal.
+
+    Arms of many links are planned at ``DESIGN_LINKS`` in the same coordinates and lifted; when that fails, or the
+    arm has few links, they are planned on their own links.
+
+    Raises:
+        MotionNotFound: every candidate failed; the diagnosis lists why.
+        TimeLimitReached: the deadline passed first.
+    """
+    failures: list[Failure] = []
+    if task.arm.links > 1.5 * DESIGN_LINKS:
+        coarse = coarsened(task, DESIGN_LINKS)
+        motion = _try_margins(coarse, failures)
+        lifted = lift(motion, task) if motion else None
+        if lifted is not None:
+            return lifted
+    motion = _try_margins(task, failures)
+    if motion is None:
+        raise _nothing_found(task, failures)
+    return motion
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why one candidate failed."""
+
+    candidate: str
+    message: str
+    obstacle: str
+    remaining: float
+
+
+def _try_margins(task: MotionTask, failures: list[Failure]) -> Motion | None:
+    for share in MARGINS:
+        motion = _Attempt.of(task, share * task.arm.length).run(failures)
+        if motion is not None or task.deadline.passed():
+            return motion
+    return None
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """One pass through the portfolio with one margin."""
+
+    task: MotionTask
+    stepper: Stepper
+    start: Pose
+    goal: GoalPose
+    guesses: tuple[FloatArray, ...]
+    certificate: Certificate
+
+    @classmethod
+    def of(cls, task: MotionTask, margin: float) -> "_Attempt":
+        space, start = LinkSpace.through(task.arm, task.start)
+        goal, guesses = task.goal, tuple(_coordinates(space, guess) for guess in task.guesses)
+        if task.goal_headings is not None:
+            space, end = space.blended_to(task.goal_headings)
+            start, goal = np.append(start, 0.0), replace(goal, coordinates=end)
+            guesses = (end,)
+        reach = max(REACH * task.arm.length, 4.0 * margin)
+        finder = ContactFinder(task.arm, Walls.of(task.workspace), task.workspace.clearance, margin, reach)
+        stepper = Stepper(space, finder)
+        return cls(task, stepper, stepper.pose(start), goal, guesses, Certificate.of(task.arm, task.workspace))
+
+    def run(self, failures: list[Failure]) -> Motion | None:
+        for candidate in candidates(self.stepper, self.start, self.guesses, self.task.tip_paths):
+            try:
+                poses = self._attempt(candidate)
+            except Stalled as stalled:
+                failures.append(self._failure(candidate, stalled))
+                poses = None
+            if poses is not None:
+                return self._finished(candidate, poses)
+            if self.task.deadline.passed():
+                return None
+        return None
+
+    def _attempt(self, candidate: Candidate) -> list[Pose]:
+        poses = self._led(candidate)
+        poses += self._arrive(poses[-1])[1:]
+        if not self._certified(headings_of(poses)):
+            raise Stalled("the motion arrived but could not be certified", poses)
+        return poses
+
+    def _led(self, candidate: Candidate) -> list[Pose]:
+        """Follow the candidate's guide, then the one that resumes where it ends or stalls."""
+        guide = candidate.guide()
+        try:
+            poses = follow(self.stepper, guide, self.start, self.task.deadline)
+        except Stalled as stalled:
+            if candidate.resume is None:
+                raise
+            poses = stalled.poses
+        if candidate.resume is None:
+            return poses
+        rest = candidate.resume(guide, poses[-1])
+        return poses + follow(self.stepper, rest, poses[-1], self.task.deadline)[1:]
+
+    def _arrive(self, pose: Pose) -> list[Pose]:
+        if self.goal.coordinates is None:
+            return settle(self.stepper, self.goal, pose, self.task.deadline)
+        guide = Interpolation(self.stepper.space, pose.v, self.goal.coordinates)
+        poses = follow(self.stepper, guide, pose, self.task.deadline)
+        return [*poses, self.stepper.pose(self.goal.coordinates)]
+
+    def _certified(self, headings: FloatArray) -> bool:
+        return len(self.certificate.failures(headings)) == 0
+
+    def _finished(self, candidate: Candidate, poses: list[Pose]) -> Motion:
+        poses = shortcut(self.stepper, poses, self._certified, self.task.deadline)
+        thinned = without_pauses(poses)
+        poses = thinned if self._certified(headings_of(thinned)) else poses
+        poses = average(self.stepper, poses, self._certified, self.task.deadline)
+        return Motion(self.stepper.space, np.array([p.v for p in poses]), headings_of(poses), candidate.name)
+
+    def _failure(self, candidate: Candidate, stalled: Stalled) -> Failure:
+        finder = self.stepper.finder
+        obstacle = finder.describe(finder.find(stalled.poses[-1].points))
+        return Failure(candidate.name, str(stalled), obstacle, self.goal.errors(stalled.poses[-1])[0])
+
+
+def _coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:
+    """Coordinates in the space nearest to given link headings."""
+    return space.blended_to(headings)[1][:-1]
+
+
+def _nothing_found(task: MotionTask, failures: list[Failure]) -> MotionNotFound | TimeLimitReached:
+    tried = sorted(failures, key=lambda f: f.remaining)
+    evidence = {"tried": [f"{f.candidate}: {f.message} ({f.obstacle})" for f in tried]}
+    if tried:
+        best = tried[0]
+        reason = (
+            f"no motion found in {len(tried)} candidates; the best ({best.candidate}) ended {1e3 * best.remaining:.0f} mm "
+            f"from the goal: {best.message}; tightest there: {best.obstacle}"
+        )
+    else:
+        reason = "no motion found: there is no path of the tip that the arm is long enough for"
+    if task.deadline.passed():
+        advice = ("raise planner.time_limit",)
+        return TimeLimitReached(Diagnosis(f"time limit reached: {reason}", "motion", advice, evidence))
+    advice = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "use a longer arm")
+    return MotionNotFound(Diagnosis(reason, "motion", advice, evidence))

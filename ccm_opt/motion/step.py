@@ -1,0 +1,168 @@
+"""One step of the continuation: a small convex QP in the coordinates of the curve, rows on the links."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import daqp
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.contacts import WALL, ContactFinder, Contacts
+from ccm_opt.motion.link_space import KNOTS, LinkSpace
+
+LINK_TURN = 0.15
+"""Largest turn of a link in one step [rad]."""
+LIMIT_SHARE = 0.98
+"""Share of a joint limit that planning uses."""
+KEEP_SHARE = 0.4
+"""Share of the planning margin that every accepted pose keeps."""
+RIDGE = 1e-9
+"""Keeps the step's Hessian definite where no term reaches."""
+_BACKTRACKS = 6
+
+
+@dataclass(frozen=True)
+class Term:
+    """One least-squares term of the step: ``Σ weight (rows δ − target)²``.
+
+    Attributes:
+        rows: shape (k, p).
+        target: shape (k,).
+        weight: shape (k,) or scalar.
+    """
+
+    rows: FloatArray
+    target: FloatArray
+    weight: FloatArray | float
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Coordinates with everything derived from them that a step needs.
+
+    Attributes:
+        v: coordinates, shape (p,).
+        headings: shape (links,) [rad].
+        points: joint and tip positions, shape (links + 1, 2) [m].
+    """
+
+    v: FloatArray
+    headings: FloatArray
+    points: FloatArray
+
+
+@dataclass(frozen=True)
+class Stepper:
+    """Solves and accepts single steps.
+
+    Attributes:
+        space: the link space.
+        finder: of contacts with walls and of the arm with itself.
+    """
+
+    space: LinkSpace
+    finder: ContactFinder
+
+    def pose(self, v: FloatArray) -> Pose:
+        """The pose at coordinates."""
+        return pose_in(self.space, v)
+
+    def step(self, pose: Pose, jacobians: FloatArray, terms: Sequence[Term], turn: float = LINK_TURN) -> Pose:
+        """Take the best step for some least-squares terms that keeps clear of everything; the same pose if none does.
+
+        Args:
+            pose: where to step from.
+            jacobians: of the joints at ``pose``, shape (links + 1, 2, p).
+            terms: what to draw the arm towards; at least one must be definite in every direction.
+            turn: largest turn of a link [rad].
+        """
+        contacts = self.finder.find(pose.points)
+        rows = contact_rows(contacts, jacobians)
+        hessian, gradient = normal_equations([*terms, self._push(contacts, rows)])
+        matrix, upper, lower = self._constraints(pose, contacts, rows, turn)
+        delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, np.zeros(len(upper), dtype=np.intc))
+        if flag < 1:
+            return pose
+        return self._accept(pose, np.asarray(delta), contacts)
+
+    def _push(self, contacts: Contacts, rows: FloatArray) -> Term:
+        """Ask contacts inside their margin to be mended."""
+        wanted = contacts.margin - contacts.gap
+        near = wanted > 0.0
+        unit = self.space.arm.length / 24.0
+        return Term(rows[near] / unit, 0.5 * wanted[near] / unit, 30.0)
+
+    def _constraints(
+        self, pose: Pose, contacts: Contacts, rows: FloatArray, turn: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Rows lower ≤ A δ ≤ upper: contacts, link turns, joint limits near their bounds, curvature."""
+        arm, matrix = self.space.arm, self.space.matrix
+        contact_lower = np.minimum(-0.5 * (contacts.gap - contacts.margin), 0.0)
+        bends = arm.bends(pose.headings)
+        bend_rows = np.diff(matrix, axis=0, prepend=0.0)
+        limits = LIMIT_SHARE * arm.bend_limits
+        tight = np.abs(bends) + 2.0 * turn > limits
+        upper = np.concatenate(
+            (np.full(len(rows), 1e30), np.full(arm.links, turn), np.maximum(limits - bends, 0.0)[tight])
+        )
+        lower = np.concatenate((contact_lower, np.full(arm.links, -turn), np.minimum(-limits - bends, 0.0)[tight]))
+        return np.ascontiguousarray(np.vstack((rows, matrix, bend_rows[tight]))), upper, lower
+
+    def _accept(self, pose: Pose, delta: FloatArray, before: Contacts) -> Pose:
+        """Backtrack until the true clearance holds, self-contacts and crossings included."""
+        allowed = allowed_shortfall(before)
+        for k in range(_BACKTRACKS):
+            trial = self.pose(pose.v + delta * 0.5**k)
+            contacts = self.finder.find(trial.points)
+            if keeps_clear(contacts, allowed) and not self.finder.crosses(trial.points):
+                return trial
+        return pose
+
+
+def pose_in(space: LinkSpace, v: FloatArray) -> Pose:
+    """The pose at coordinates of a link space."""
+    headings = space.headings(v)
+    return Pose(v, headings, space.arm.joint_positions(headings))
+
+
+def keeps_clear(contacts: Contacts, allowed: float) -> bool:
+    """Whether every gap is at least its share of the margin, less what was allowed."""
+    floor = KEEP_SHARE * contacts.margin - allowed
+    return bool(np.all(contacts.gap >= np.minimum(floor, KEEP_SHARE * contacts.margin)))
+
+
+def allowed_shortfall(contacts: Contacts) -> float:
+    """How far below its share of the margin the worst gap already is; a step may not make it worse [m]."""
+    return max(0.0, float(np.max(KEEP_SHARE * contacts.margin - contacts.gap, initial=0.0)))
+
+
+def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
+    """Derivative of every gap by the coordinates, shape (m, p)."""
+    relative = _point_jacobian(jacobians, contacts.first, contacts.first_at)
+    own = contacts.second != WALL
+    relative[own] -= _point_jacobian(jacobians, contacts.second[own], contacts.second_at[own])
+    return np.einsum("md,mdp->mp", contacts.normal, relative)
+
+
+def _point_jacobian(jacobians: FloatArray, link: FloatArray, at: FloatArray) -> FloatArray:
+    share = at[:, None, None]
+    return (1.0 - share) * jacobians[link] + share * jacobians[link + 1]
+
+
+def normal_equations(terms: Sequence[Term]) -> tuple[FloatArray, FloatArray]:
+    """Hessian and gradient of a sum of least-squares terms."""
+    rows = np.vstack([t.rows for t in terms])
+    ridge = RIDGE * np.eye(rows.shape[1])
+    target = np.concatenate([t.target for t in terms])
+    weight = np.concatenate([np.broadcast_to(np.asarray(t.weight, dtype=np.float64), (len(t.target),)) for t in terms])
+    weighted = rows * weight[:, None]
+    return rows.T @ weighted + ridge, -weighted.T @ target
+
+
+def smoothness_terms(space: LinkSpace, v: FloatArray, bending: float, jerk: float) -> list[Term]:
+    """Pull curvature towards zero and towards evenness, in units of a twenty-fourth of the length."""
+    p, unit = space.matrix.shape[1], space.arm.length / 24.0
+    curvature = np.zeros((KNOTS, p))
+    curvature[:, 1 : KNOTS + 1] = unit * np.eye(KNOTS)
+    difference = np.diff(curvature, axis=0)
+    return [Term(curvature, -curvature @ v, bending), Term(difference, -difference @ v, jerk)]

@@ -1,0 +1,79 @@
+"""What the search for a motion is given, and what it finds."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.goal import GoalPose
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.tip_paths import TipPath
+
+
+@dataclass(frozen=True)
+class MotionTask:
+    """What the search needs to know.
+
+    Attributes:
+        arm: the arm.
+        workspace: the room.
+        start: link headings at the start, shape (links,) [rad].
+        goal: where the tip has to be.
+        goal_headings: of a whole-arm goal, shape (links,) [rad], or None.
+        guesses: link headings of possible goal poses to interpolate to, each of shape (links,) [rad].
+        tip_paths: classes of tip motions, most promising first.
+        deadline: when to stop.
+    """
+
+    arm: Arm
+    workspace: Workspace
+    start: FloatArray
+    goal: GoalPose
+    goal_headings: FloatArray | None
+    guesses: tuple[FloatArray, ...]
+    tip_paths: tuple[TipPath, ...]
+    deadline: Deadline
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A certified piecewise-linear motion on the links.
+
+    Attributes:
+        space: the link space it was planned in.
+        coordinates: at the keyframes, shape (K, p).
+        headings: link headings at the keyframes, shape (K, links) [rad].
+        candidate: name of the candidate that led to it.
+    """
+
+    space: LinkSpace
+    coordinates: FloatArray
+    headings: FloatArray
+    candidate: str
+
+
+def coarsened(task: MotionTask, links: int) -> MotionTask:
+    """The same task for an arm of the same length with fewer links."""
+    count = task.arm.links
+    arm = replace(
+        task.arm,
+        links=links,
+        link_length=task.arm.length / links,
+        **{name: np.resize(getattr(task.arm, name), links) for name in ("masses", "inertia_axial", "inertia_transverse")},
+    )
+
+    def resampled(headings: FloatArray) -> FloatArray:
+        covered = np.concatenate(([0.0], np.cumsum(headings)))
+        edges = np.interp(np.linspace(0.0, count, links + 1), np.arange(count + 1), covered)
+        return np.diff(edges) * links / count
+
+    return replace(
+        task,
+        arm=arm,
+        start=resampled(task.start),
+        goal_headings=None if task.goal_headings is None else resampled(task.goal_headings),
+        guesses=tuple(resampled(guess) for guess in task.guesses),
+    )

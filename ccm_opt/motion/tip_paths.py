@@ -1,0 +1,106 @@
+"""Paths of the tip: back along the arm, round the base on one side, and out along a route, drawn taut.
+
+The arm cannot be crossed and its base cannot be moved, so what matters of a path is its class among the obstacles
+*and the base*: the base is a puncture of free space, passed on the left or on the right.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.geometry.polygons import path_length
+
+ARC_STEP = 0.3
+"""Angle between points on an arc round the base [rad]."""
+
+
+@dataclass(frozen=True)
+class TipPath:
+    """One class of motions of the tip.
+
+    Attributes:
+        side: +1 when the tip comes back along the left of the arm and passes the base on that side, else -1.
+        route: from the base to the goal, shape (k, 2) [m].
+        taut: from the tip to the goal, shape (m, 2) [m].
+        free_space: punctured at the base, in which the class is meant.
+        shrink: distance kept from corners where there is room [m].
+    """
+
+    side: int
+    route: FloatArray
+    taut: FloatArray
+    free_space: FreeSpace
+    shrink: float
+
+    @property
+    def length(self) -> float:
+        """Length of the taut path [m]."""
+        return path_length(self.taut)
+
+    def from_joint(self, points: FloatArray, joint: int) -> FloatArray:
+        """The taut path from a joint of the arm, back along the arm and out along the route, shape (k, 2) [m]."""
+        return taut_way(self.free_space, points[: joint + 1], self.route, self.side, self.shrink)
+
+
+def find_tip_paths(
+    workspace: Workspace, points: FloatArray, routes: tuple[FloatArray, ...], margin: float, shrink: float
+) -> tuple[TipPath, ...]:
+    """Both sides of every route, shortest tip path first.
+
+    Args:
+        workspace: the room.
+        points: joints and tip at the start, shape (links + 1, 2) [m].
+        routes: from the base to the goal, each of shape (k, 2) [m].
+        margin: inflation of the walls [m].
+        shrink: distance kept from corners where there is room [m].
+    """
+    puncture = Obstacle("base", shapely.Point(points[0]))
+    room = FreeSpace.of(replace(workspace, obstacles=(*workspace.obstacles, puncture)), margin)
+    paths = [
+        TipPath(side, route, taut_way(room, points, route, side, shrink), room, shrink)
+        for route in routes
+        for side in (1, -1)
+    ]
+    return tuple(sorted(paths, key=lambda path: path.length))
+
+
+def taut_way(room: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float) -> FloatArray:
+    """The taut path in the class of: back along joints to the base, round it, out along a route; shape (k, 2) [m]."""
+    return room.taut_path(round_base(points, route, side), shrink=shrink)
+
+
+def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
+    """Back along the arm, round its base on one side, out along a route.
+
+    Args:
+        points: joints from the base outwards, shape (m, 2) [m].
+        route: from the base outwards, shape (k, 2) [m].
+        side: +1 turns counter-clockwise from the arm to the route, -1 clockwise.
+
+    Returns:
+        Shape (·, 2) [m].
+    """
+    base = points[0]
+    if len(points) < 2:
+        return route
+    radius = 1e-3 * min(np.linalg.norm(path - base, axis=1).max() for path in (points, route))
+    inwards, outwards = _beyond(points, radius)[::-1], _beyond(route, radius)
+    first, last = (float(np.arctan2(*(p - base)[::-1])) for p in (inwards[-1], outwards[0]))
+    sweep = side * ((side * (last - first)) % (2.0 * np.pi))
+    angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / ARC_STEP) + 2))
+    arc = base + radius * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    return np.vstack((inwards, arc[1:-1], outwards))
+
+
+def _beyond(path: FloatArray, radius: float) -> FloatArray:
+    """The part of a path after it last leaves a disc about its first point, from the disc's edge on."""
+    distance = np.linalg.norm(path - path[0], axis=1)
+    inside = int(np.nonzero(distance <= radius)[0][-1])
+    a, b = path[inside] - path[0], path[inside + 1] - path[inside]
+    aa, ab, bb = a @ a, a @ b, b @ b
+    at = (-ab + np.sqrt(max(ab * ab - bb * (aa - radius**2), 0.0))) / bb
+    return np.vstack((path[inside] + at * b, path[inside + 1 :]))

@@ -1,0 +1,78 @@
+"""A track: a polyline by arc length, with a smoothed, unwrapped heading, along which the tip is led."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+
+_SAMPLES_A_WINDOW = 8
+
+
+@dataclass(frozen=True)
+class Track:
+    """A path of the tip.
+
+    Attributes:
+        points: shape (k, 2) [m].
+        arcs: arc length at the points, shape (k,) [m].
+        sample_arcs: where ``sample_headings`` are taken, shape (m,) [m].
+        sample_headings: unwrapped tangent, smoothed over a window, shape (m,) [rad].
+    """
+
+    points: FloatArray
+    arcs: FloatArray
+    sample_arcs: FloatArray
+    sample_headings: FloatArray
+
+    @classmethod
+    def along(cls, points: FloatArray, window: float, first_heading: float | None = None) -> "Track":
+        """A track along a polyline.
+
+        Args:
+            points: shape (k, 2) [m]; repeated points are dropped.
+            window: length over which the heading is smoothed [m].
+            first_heading: the winding of the first tangent is chosen nearest to it [rad].
+        """
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        points = points[np.concatenate(([True], steps > 1e-9))]
+        if len(points) < 2:
+            points = np.vstack((points, points[-1] + [1e-9, 0.0]))
+        legs = np.diff(points, axis=0)
+        arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(legs, axis=1))))
+        headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+        if first_heading is not None:
+            headings += 2.0 * np.pi * np.round((first_heading - headings[0]) / (2.0 * np.pi))
+        count = max(2, int(np.ceil(arcs[-1] / window * _SAMPLES_A_WINDOW)))
+        samples = np.linspace(0.0, arcs[-1], count)
+        return cls(points, arcs, samples, _moving_mean(samples, arcs, headings, window))
+
+    @property
+    def length(self) -> float:
+        """Total length [m]."""
+        return float(self.arcs[-1])
+
+    def point(self, arc: float) -> FloatArray:
+        """Position at an arc length, clipped to the ends, shape (2,) [m]."""
+        return np.array([np.interp(arc, self.arcs, self.points[:, 0]), np.interp(arc, self.arcs, self.points[:, 1])])
+
+    def nearest_arc(self, point: FloatArray, last: float) -> float:
+        """Arc length of the place nearest to a point (2,) among those not beyond ``last`` [m]."""
+        arcs = np.linspace(0.0, min(last, self.length), 200)
+        places = np.stack((np.interp(arcs, self.arcs, self.points[:, 0]), np.interp(arcs, self.arcs, self.points[:, 1])))
+        return float(arcs[np.argmin(np.hypot(*(places - point[:, None])))])
+
+    def heading(self, arc: FloatArray | float) -> FloatArray:
+        """Smoothed heading at arc lengths, clipped to the ends [rad]."""
+        return np.interp(arc, self.sample_arcs, self.sample_headings)
+
+
+def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
+    """Exact moving mean of a piecewise-constant heading, the ends held."""
+    primitive = np.concatenate(([0.0], np.cumsum(headings * np.diff(arcs))))
+    left, right = samples - 0.5 * window, samples + 0.5 * window
+    inside = np.interp(np.clip(right, 0.0, arcs[-1]), arcs, primitive) - np.interp(
+        np.clip(left, 0.0, arcs[-1]), arcs, primitive
+    )
+    outside = np.minimum(left, 0.0) * -headings[0] + np.maximum(right - arcs[-1], 0.0) * headings[-1]
+    return (inside + outside) / window
