@@ -42,7 +42,8 @@ class Corridor:
     Attributes:
         route: the route the corridor was built on.
         regions: in order along the route.
-        portals: directed crossings from region k to k + 1: left end, then right end as seen along the route, shape (regions - 1, 2, 2) [m].
+        portals: directed crossings from region k to k + 1: left end, then right end as seen along the route, shape
+            (regions - 1, 2, 2) [m].
     """
 
     route: Route

@@ -1,6 +1,7 @@
-"""The taut string through a sleeve of triangles: the funnel algorithm (Lee & Preparata, *Networks* 14, 1984; Chazelle, 1982).
+"""The taut string through a sleeve of triangles: the funnel algorithm (Lee & Preparata, *Networks* 14, 1984).
 
-Only the order of the portals counts, never the plane they lie in: a sleeve that comes back to a triangle is unfolded like a
+Only the order of the portals counts, never the plane they lie in: a sleeve that comes back to a triangle is
+unfolded like a
 covering space, and the result is the shortest path of its homotopy class.
 """
 
@@ -22,7 +23,8 @@ def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink
         portals: left end, right end of each edge crossed, shape (n, 2, 2) [m]; following ones share a triangle.
         start: a point of the triangle before the first portal, shape (2,) [m].
         goal: a point of the triangle behind the last one, shape (2,) [m].
-        shrink: how far both ends of each portal are drawn inwards [m], at most .45 of its width, to stay away from corners.
+        shrink: how far both ends of each portal are drawn inwards [m], at most .45 of its width, to stay away from
+            corners.
 
     Returns:
         The vertices of the path, start and goal included, shape (k, 2) [m]. Time is O(n).
@@ -45,7 +47,7 @@ def drawn_in(portals: FloatArray, shrink: float) -> FloatArray:
 
 
 class _Funnel:
-    """The two concave chains from the apex to the ends of the portal reached; ``path`` leads from the start to the apex."""
+    """The two concave chains from the apex to the ends of the portal reached; ``path`` leads to the apex."""
 
     def __init__(self, start: Point) -> None:
         self.path = [start]

@@ -1,8 +1,12 @@
 """The free set of the arm's axis: the room shrunk and the obstacles grown by a margin, with few vertices.
 
-Everything here errs to the safe side: the polygons made are subsets of the true free set (the points farther than the margin from
-all walls). Sides are offset exactly; a convex corner's arc is replaced by at most two tangents, a circle by the tangents of a 12-gon.
+Everything here errs to the safe side: the polygons made are subsets of the true free set (the points farther than
+the margin from
+all walls). Sides are offset exactly; a convex corner's arc is replaced by at most two tangents, a circle by the
+tangents of a 12-gon.
 """
+
+import itertools
 
 import numpy as np
 import shapely
@@ -47,7 +51,7 @@ def grown_outline(obstacle: Obstacle, margin: float) -> shapely.Geometry:
         return obstacle.outline(margin, CIRCLE_QUAD_SEGS)
     if isinstance(core, shapely.LineString):
         points = shapely.get_coordinates(core)
-        return shapely.union_all([_capsule(a, b, radius) for a, b in zip(points[:-1], points[1:], strict=True)])
+        return shapely.union_all([_capsule(a, b, radius) for a, b in itertools.pairwise(points)])
     return shapely.buffer(core, radius, join_style="mitre", mitre_limit=MITRE_LIMIT)
 
 
@@ -69,7 +73,7 @@ def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
 
 
 def _cut_corners(ring: FloatArray, depth: float) -> FloatArray:
-    """A ring (m, 2), free space on its left, less the flat and the barely convex vertices; no two neighbours go at once."""
+    """A ring (m, 2), free space on its left, less its flat and barely convex vertices, no two neighbours at once."""
     before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
     base = np.linalg.norm(after - before, axis=1)
     height = cross(ring - before, after - ring) / np.maximum(base, 1e-300)

@@ -1,7 +1,9 @@
 """The junction graph of a triangulation: triangles with three ways out, joined by chains of triangles with two.
 
-Lengths are measured over a few sample points on every edge: from the sample points of one edge to those of another edge of the
-same triangle by straight lines, composed along a chain as min-plus matrix products. This approaches the taut length from above
+Lengths are measured over a few sample points on every edge: from the sample points of one edge to those of another
+edge of the
+same triangle by straight lines, composed along a chain as min-plus matrix products. This approaches the taut
+length from above
 within three hundredths, mostly one, enough to put homotopy classes nearly in order before their taut strings are known.
 """
 
@@ -78,7 +80,12 @@ def chains_between(metric: EdgeMetric, terminals: Sequence[int]) -> list[Chain]:
     neighbours = _pruned(metric.triangulation, set(terminals))
     degrees = [sum(t != WALL for t in row) for row in neighbours]
     nodes = {t for t, degree in enumerate(degrees) if degree == 3} | set(terminals)
-    return [_follow(metric, neighbours, nodes, t, edge) for t in sorted(nodes) for edge in range(3) if neighbours[t][edge] != WALL]
+    return [
+        _follow(metric, neighbours, nodes, t, edge)
+        for t in sorted(nodes)
+        for edge in range(3)
+        if neighbours[t][edge] != WALL
+    ]
 
 
 def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:

@@ -1,4 +1,7 @@
-"""Convex partition of free space: triangles merged by the rule of Hertel & Mehlhorn (1983), at most four times the least number of cells."""
+"""Convex partition of free space: triangles merged by the rule of Hertel & Mehlhorn (1983).
+
+The number of cells is at most four times the least possible.
+"""
 
 from dataclasses import dataclass
 

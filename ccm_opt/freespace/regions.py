@@ -1,18 +1,21 @@
 """Convex regions grown from convex cells until walls stop them, so that neighbouring regions overlap (section 4.1).
 
-Each wall is shut out by one half-plane through its point nearest to the cell, nearest walls first, walls already outside left
-aside: the first step of IRIS (Deits & Tedrake, 2015) with the cell in the place of the ellipse, so the result holds the cell.
+Each wall is shut out by one half-plane through its point nearest to the cell, nearest walls first, walls already
+outside left
+aside: the first step of IRIS (Deits & Tedrake, 2015) with the cell in the place of the ellipse, so the result
+    holds the cell.
 """
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.geometry.polygons import clip, half_planes, signed_area, without_short_edges
 
 TOUCHING = 1e-9  # tolerance of all contacts [m]
 NEAR = 1e-6  # a wall nearer than this is shut out by an edge line: its nearest point gives no sharp direction [m]
 SHORTEST_EDGE = 1e-9  # of a region [m]
+FIRST_LOOK = 48  # walls shut out before the others are looked at: they usually hide all others
 
 
 def region_of(vertices: FloatArray) -> ConvexRegion:
@@ -32,11 +35,24 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
     Returns:
         The region; it contains the cell and meets no wall, both within 1e-9 m.
     """
+    near = _nearest_first(cell, walls)[:FIRST_LOOK]
+    region = _shut_out(cell, walls[near], room)
+    normals, offsets = half_planes(without_short_edges(region, SHORTEST_EDGE))
+    left_over = ~np.any(np.all(walls @ normals.T >= offsets - TOUCHING, axis=1), axis=1)
+    return region_of(_shut_out(cell, walls[left_over], region))
+
+
+def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
+    """Walls in the order of a lower bound of their distance to the middle of the cell."""
+    middles, halves = walls.mean(axis=1), 0.5 * np.linalg.norm(walls[:, 1] - walls[:, 0], axis=1)
+    return np.argsort(np.linalg.norm(middles - cell.mean(axis=0), axis=1) - halves, kind="stable")
+
+
+def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatArray:
+    """The part of a convex region around the cell that is left when each wall is shut out, nearest first."""
     gaps, on_cell, on_wall = nearest_points(cell, walls)
-    order = np.argsort(gaps, kind="stable")
     inside = np.ones(len(walls), dtype=bool)
-    region = room
-    for wall in order:
+    for wall in np.argsort(gaps, kind="stable"):
         if not inside[wall]:
             continue
         if gaps[wall] > NEAR:
@@ -45,9 +61,9 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
         else:
             normal, offset = _touching_half_plane(cell, walls[wall], region)
         region = clip(region, normal, offset)
-        inside &= ~_beyond(walls, normal, offset)
+        inside &= np.any(walls @ normal < offset - TOUCHING, axis=1)
         inside[wall] = False
-    return region_of(region)
+    return region
 
 
 def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -63,7 +79,9 @@ def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, Flo
     edges = np.stack((cell, np.roll(cell, -1, axis=0)), axis=1)
     feet_on_walls = _feet(cell[:, None], walls[None])  # (m, w, 2)
     feet_on_cell = _feet(walls[None], edges[:, None, None])  # (m, w, 2 ends, 2)
-    cell_side = np.concatenate((np.broadcast_to(cell[:, None], feet_on_walls.shape), feet_on_cell[:, :, 0], feet_on_cell[:, :, 1]))
+    cell_side = np.concatenate(
+        (np.broadcast_to(cell[:, None], feet_on_walls.shape), feet_on_cell[:, :, 0], feet_on_cell[:, :, 1])
+    )
     wall_ends = np.broadcast_to(walls, (len(cell), *walls.shape))
     wall_side = np.concatenate((feet_on_walls, wall_ends[:, :, 0], wall_ends[:, :, 1]))
     gaps = np.linalg.norm(wall_side - cell_side, axis=2)
@@ -79,24 +97,33 @@ def _feet(points: FloatArray, segments: FloatArray) -> FloatArray:
     return np.asarray(tail + np.clip(fraction, 0.0, 1.0)[..., None] * along, dtype=np.float64)
 
 
-def _beyond(walls: FloatArray, normal: FloatArray, offset: float) -> BoolArray:
-    """Which walls (w, 2, 2) lie outside a half-plane."""
-    return np.asarray(np.all(walls @ normal >= offset - TOUCHING, axis=1), dtype=np.bool_)
-
-
 def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray) -> tuple[FloatArray, float]:
     """The half-plane between a cell and a wall that touch which leaves most of the region.
 
-    Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis theorem).
+    Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis
+    theorem); squares to
+    the wall at its ends are tried as well. A line along a cell that is a segment would leave one side of it only:
+    the last resort.
     """
+    normals, offsets = _separators(cell, wall)
+    overlap = np.maximum(
+        np.max(normals @ cell.T - offsets[:, None], axis=1), np.max(offsets[:, None] - normals @ wall.T, axis=1)
+    )
+    valid = np.flatnonzero(overlap <= max(TOUCHING, 1.01 * float(overlap.min())))
+    room_left = [_area(clip(region, normals[i], float(offsets[i]))) for i in valid]
+    one_sided = [bool(np.all(cell @ normals[i] >= offsets[i] - TOUCHING)) for i in valid]
+    best = valid[max(range(len(valid)), key=lambda k: (not one_sided[k], room_left[k]))]
+    return normals[best], float(offsets[best])
+
+
+def _separators(cell: FloatArray, wall: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Half-planes (k, 2), (k,) worth trying between a cell (m, 2) and a wall (2, 2)."""
     lines = np.concatenate((wall[None], wall[None, ::-1], np.stack((cell, np.roll(cell, -1, axis=0)), axis=1)))
     along = lines[:, 1] - lines[:, 0]
-    normals = np.column_stack((along[:, 1], -along[:, 0])) / np.linalg.norm(along, axis=1)[:, None]
-    offsets = np.einsum("ij,ij->i", normals, lines[:, 0])
-    overlap = np.maximum(np.max(normals @ cell.T - offsets[:, None], axis=1), np.max(offsets[:, None] - normals @ wall.T, axis=1))
-    valid = np.flatnonzero(overlap <= max(TOUCHING, 1.01 * float(overlap.min())))
-    best = max(valid, key=lambda i: _area(clip(region, normals[i], float(offsets[i]))))
-    return normals[best], float(offsets[best])
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    normals = np.concatenate((np.column_stack((along[:, 1], -along[:, 0])), -along[:2]))
+    through = np.concatenate((lines[:, 0], lines[:2, 0]))
+    return normals, np.einsum("ij,ij->i", normals, through)
 
 
 def _area(vertices: FloatArray) -> float:

@@ -15,7 +15,7 @@ DEEPEST_BISECTION = 6  # of a straight piece that meets a wall
 
 
 def reduce(sleeve: Iterable[int]) -> tuple[int, ...]:
-    """The sleeve without repeats and immediate returns (… a b a … becomes … a …), as words of a free group are reduced."""
+    """The sleeve without repeats and immediate returns (a b a becomes a), as words of a free group are reduced."""
     stack: list[int] = []
     for triangle in sleeve:
         if len(stack) > 1 and stack[-2] == triangle:
@@ -33,7 +33,9 @@ def concatenate(*sleeves: tuple[int, ...]) -> tuple[int, ...]:
     """
     for before, after in itertools.pairwise(sleeves):
         if before[-1] != after[0]:
-            raise ValueError(f"got a sleeve that ends in triangle {before[-1]} before one that begins in {after[0]}: they must meet")
+            raise ValueError(
+                f"got a sleeve that ends in triangle {before[-1]} before one that begins in {after[0]}: they must meet"
+            )
     return reduce(itertools.chain.from_iterable(sleeves))
 
 
@@ -52,17 +54,21 @@ def sleeve_of(triangulation: Triangulation, polyline: FloatArray) -> tuple[int, 
     """
     triangles, _ = triangulation.nearest(polyline)
     components = triangulation.components[triangles]
-    kept = np.flatnonzero(components == components[0])  # a point in a wall may be nearest to an enclosed pocket: pass it over
+    kept = np.flatnonzero(
+        components == components[0]
+    )  # a point in a wall may be nearest to an enclosed pocket: pass it over
     if kept[-1] != len(polyline) - 1:
         raise UnreachableGoal(_gap(triangulation, int(triangles[0]), int(triangles[-1])))
     walked = [int(triangles[0])]
     for i, j in itertools.pairwise(kept.tolist()):
-        walked += _between(triangulation, polyline[i], int(triangles[i]), polyline[j], int(triangles[j]), DEEPEST_BISECTION)
+        walked += _between(
+            triangulation, polyline[i], int(triangles[i]), polyline[j], int(triangles[j]), DEEPEST_BISECTION
+        )
     return reduce(walked)
 
 
 def _between(mesh: Triangulation, p: FloatArray, here: int, q: FloatArray, there: int, depth: int) -> list[int]:
-    """Triangles from ``here``, which holds p, to ``there``, which holds q, along the straight piece p–q where it is free."""
+    """Triangles from ``here``, which holds p, to ``there``, which holds q, straight on where that is free."""
     if here == there:
         return [here]
     straight = _straight_walk(mesh, _inside(mesh, p, here), here, _inside(mesh, q, there), there)
@@ -83,7 +89,9 @@ def _inside(mesh: Triangulation, point: FloatArray, triangle: int) -> tuple[floa
     return float(x), float(y)
 
 
-def _straight_walk(mesh: Triangulation, p: tuple[float, float], here: int, q: tuple[float, float], there: int) -> list[int]:
+def _straight_walk(
+    mesh: Triangulation, p: tuple[float, float], here: int, q: tuple[float, float], there: int
+) -> list[int]:
     """Triangles along the segment p–q, empty when it meets a wall. A vertex on the line counts as left of it."""
     dx, dy = q[0] - p[0], q[1] - p[1]
     walked = [here]
@@ -128,7 +136,7 @@ def shortest_walk(mesh: Triangulation, here: int, there: int) -> list[int]:
 def _gap(mesh: Triangulation, here: int, there: int) -> Diagnosis:
     places = [np.round(mesh.centroids[triangle], 3).tolist() for triangle in (here, there)]
     return Diagnosis(
-        reason=f"free space around {places[0]} and around {places[1]} is not connected: the gaps between are narrower than the arm",
+        reason=f"no way leads from {places[0]} to {places[1]}: the gaps between are narrower than the arm",
         stage="free space",
         advice=("reduce the arm's radius or the clearance", "move the obstacles between the two places"),
         evidence={"places": places},

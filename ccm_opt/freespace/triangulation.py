@@ -1,6 +1,7 @@
 """Constrained Delaunay triangulation of free space, with neighbours and point location.
 
-No vertex is added inside free space, so the dual graph (triangles joined across their common edges) is a deformation retract
+No vertex is added inside free space, so the dual graph (triangles joined across their common edges) is a
+deformation retract
 of it: walks in the dual graph without immediate returns are exactly the homotopy classes of paths.
 """
 
@@ -73,7 +74,7 @@ class Triangulation:
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
-        return shapely.STRtree(shapely.polygons(np.concatenate((self.corners, self.corners[:, :1]), axis=1)))
+        return shapely.STRtree(list(shapely.get_parts(shapely.polygons(self.corners))))
 
     def locate(self, points: FloatArray) -> IntArray:
         """The triangle that holds each point (m, 2), the lowest number where several do, -1 outside; shape (m,)."""
@@ -96,7 +97,9 @@ class Triangulation:
             ValueError: when there is no free space at all.
         """
         if len(self) == 0:
-            raise ValueError("free space is empty: the margin leaves the arm no room, try a smaller radius or clearance")
+            raise ValueError(
+                "free space is empty: the margin leaves the arm no room, try a smaller radius or clearance"
+            )
         triangles, free = self.locate(points), np.array(points, dtype=np.float64)
         outside = np.flatnonzero(triangles < 0)
         if len(outside):

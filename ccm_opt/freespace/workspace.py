@@ -29,7 +29,8 @@ class Obstacle:
         if radius <= 0.0:
             return self.core
         circumscribed = radius / np.cos(np.pi / (4 * quad_segs))
-        return shapely.buffer(self.core, circumscribed, quad_segs=quad_segs)
+        grown: shapely.Geometry = shapely.buffer(self.core, circumscribed, quad_segs=quad_segs)
+        return grown
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Convex polygons in the plane: orientation, half-planes, clipping and chords (de Berg et al., *Computational Geometry*, ch. 4)."""
+"""Convex polygons in the plane: orientation, half-planes, clipping and chords."""
 
 import numpy as np
 
@@ -35,7 +35,8 @@ def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
 def without_short_edges(vertices: FloatArray, shortest: float = 1e-12) -> FloatArray:
     """Vertices (m, 2) of a closed ring without those nearer than ``shortest`` [m] to the one before."""
     lengths = np.linalg.norm(vertices - np.roll(vertices, 1, axis=0), axis=1)
-    return vertices[lengths > shortest]
+    kept: FloatArray = vertices[lengths > shortest]
+    return kept
 
 
 def half_planes(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -45,7 +46,8 @@ def half_planes(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
         vertices: counter-clockwise, no two alike in succession, shape (m, 2) [m].
 
     Returns:
-        Unit outward normals, shape (m, 2), and offsets, shape (m,) [m]; row i belongs to the edge from vertex i to i + 1.
+        Unit outward normals, shape (m, 2), and offsets, shape (m,) [m]; row i belongs to the edge from vertex i to
+        i + 1.
     """
     edges = np.roll(vertices, -1, axis=0) - vertices
     normals = np.column_stack((edges[:, 1], -edges[:, 0])) / np.linalg.norm(edges, axis=1)[:, None]
@@ -78,7 +80,7 @@ def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
 
 
 def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
-    """The part of a convex polygon (m, 2) within all half-planes ``normals @ x <= offsets``; shape (k, 2), maybe k = 0."""
+    """The part, maybe empty, of a convex polygon (m, 2) within the half-planes ``normals @ x <= offsets``; shape (k, 2)."""
     for normal, offset in zip(normals, offsets, strict=True):
         if len(vertices) == 0:
             break
@@ -96,7 +98,8 @@ def chord(normals: FloatArray, offsets: FloatArray, through: FloatArray, directi
         direction: of the line, unit, shape (2,).
 
     Returns:
-        The two ends, the one behind first, shape (2, 2) [m]; both are ``through`` when the line only touches the polygon.
+        The two ends, the one behind first, shape (2, 2) [m]; both are ``through`` when the line only touches the
+        polygon.
     """
     rate = normals @ direction
     slack = np.maximum(offsets - normals @ through, 0.0)

@@ -1,0 +1,167 @@
+"""Free space of the arm's axis: membership, homotopy classes, taut paths, routes and corridors (section 4.1)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.freespace import sleeve as sleeves
+from ccm_opt.freespace.bottleneck import Bottleneck, missing_link, narrowest_passage
+from ccm_opt.freespace.corridor import Corridor, Route
+from ccm_opt.freespace.corridors import CorridorMaker
+from ccm_opt.freespace.funnel import taut_string
+from ccm_opt.freespace.inflation import free_set
+from ccm_opt.freespace.junctions import EdgeMetric
+from ccm_opt.freespace.routes import shortest_routes
+from ccm_opt.freespace.triangulation import Triangulation, triangulate
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.geometry.polygons import path_length
+
+MOVED = 1e-9  # an end farther than this from its nearest free point is kept beside it [m]
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """The places of the arm's axis farther than a margin from all walls; parts are made when first needed.
+
+    Points a little outside, for example a base that stands on a wall, count as the nearest free points.
+
+    Attributes:
+        workspace: the room and its obstacles.
+        margin: the arm's radius plus clearance [m].
+    """
+
+    workspace: Workspace
+    margin: float
+
+    @classmethod
+    def of(cls, workspace: Workspace, margin: float) -> "FreeSpace":
+        """Free space of a workspace.
+
+        Args:
+            workspace: the room and its obstacles.
+            margin: the arm's radius plus clearance [m], positive; a tiny number, as 1e-6, for an arm of no width.
+
+        Raises:
+            ValueError: when the margin is not positive.
+        """
+        if not margin > 0.0:
+            raise ValueError(f"got margin = {margin} m, expected a positive length: for an arm of no width pass 1e-6")
+        return cls(workspace, margin)
+
+    @cached_property
+    def polygons(self) -> shapely.MultiPolygon:
+        """Free space as polygons; a subset of the exact free set."""
+        polygons = free_set(self.workspace, self.margin)
+        shapely.prepare(polygons)
+        return polygons
+
+    @cached_property
+    def triangulation(self) -> Triangulation:
+        """The triangles that tile free space."""
+        return triangulate(self.polygons)
+
+    @cached_property
+    def corridor_maker(self) -> CorridorMaker:
+        """Convex cells and the regions grown from them."""
+        return CorridorMaker(self.triangulation)
+
+    @cached_property
+    def _metric(self) -> EdgeMetric:
+        return EdgeMetric(self.triangulation)
+
+    def contains(self, points: FloatArray) -> BoolArray:
+        """Which points (m, 2) [m] are free; shape (m,)."""
+        points = np.asarray(points, dtype=np.float64)
+        return np.asarray(shapely.intersects_xy(self.polygons, points[:, 0], points[:, 1]), dtype=np.bool_)
+
+    def snapped(self, points: FloatArray) -> FloatArray:
+        """The nearest free points to points (m, 2) [m]; shape (m, 2)."""
+        return self.triangulation.nearest(np.asarray(points, dtype=np.float64))[1]
+
+    def component(self, point: FloatArray) -> int:
+        """The number of the connected component that a point (2,) [m] belongs to."""
+        triangle = self.triangulation.nearest(np.asarray(point, dtype=np.float64)[None])[0][0]
+        return int(self.triangulation.components[triangle])
+
+    def sleeve_of(self, polyline: FloatArray) -> tuple[int, ...]:
+        """The homotopy class of a polyline (m, 2) [m]: the reduced sequence of triangles it crosses.
+
+        Raises:
+            UnreachableGoal: when its ends lie in different components.
+        """
+        return sleeves.sleeve_of(self.triangulation, np.asarray(polyline, dtype=np.float64))
+
+    def same_homotopy(self, one: FloatArray, other: FloatArray) -> bool:
+        """Whether two polylines (m, 2), (k, 2) [m] with the same ends are homotopic in free space."""
+        return self.sleeve_of(one) == self.sleeve_of(other)
+
+    def taut_path(self, polyline: FloatArray, shrink: float = 0.0) -> FloatArray:
+        """The shortest path with the ends and of the homotopy class of a polyline.
+
+        Args:
+            polyline: shape (m, 2) [m]; may leave free space a little and run back over itself.
+            shrink: distance kept from corners where there is room [m].
+
+        Returns:
+            Vertices, shape (k, 2) [m].
+
+        Raises:
+            UnreachableGoal: when its ends lie in different components.
+        """
+        polyline = np.asarray(polyline, dtype=np.float64)
+        return self.path_of_sleeve(self.sleeve_of(polyline), polyline[0], polyline[-1], shrink)
+
+    def path_of_sleeve(
+        self, sleeve: tuple[int, ...], start: FloatArray, goal: FloatArray, shrink: float = 0.0
+    ) -> FloatArray:
+        """The shortest path from start to goal, each (2,) [m], through the triangles of a sleeve; shape (k, 2) [m]."""
+        ends = np.array([start, goal], dtype=np.float64)
+        free = self.snapped(ends)
+        return _with_ends(taut_string(self.triangulation.portals(sleeve), free[0], free[1], shrink), ends)
+
+    def routes(
+        self, start: FloatArray, goal: FloatArray, count: int, longest: float = np.inf, shrink: float = 0.0
+    ) -> tuple[Route, ...]:
+        """Routes in different homotopy classes by increasing taut length, none of which passes a triangle twice.
+
+        Args:
+            start: shape (2,) [m].
+            goal: shape (2,) [m].
+            count: number of routes wanted.
+            longest: longer ones are left out [m].
+            shrink: distance kept from corners where there is room [m].
+
+        Returns:
+            At most ``count`` routes; none when start and goal are not connected or all routes are too long.
+        """
+        ends = np.array([start, goal], dtype=np.float64)
+        triangles, free = self.triangulation.nearest(ends)
+        allowed = longest - float(np.linalg.norm(ends - free, axis=1).sum())
+        found = shortest_routes(self._metric, triangles, free, count, allowed, shrink)
+        strings = [_with_ends(route.taut, ends) for route in found]
+        return tuple(Route(r.sleeve, taut, path_length(taut)) for r, taut in zip(found, strings, strict=True))
+
+    def corridor(self, route: Route) -> Corridor:
+        """Overlapping convex regions along a route, from its first free point to its last."""
+        free = self.snapped(route.taut[[0, -1]])
+        moved = np.linalg.norm(free - route.taut[[0, -1]], axis=1) > MOVED
+        path = route.taut[int(moved[0]) : len(route.taut) - int(moved[1])]
+        return self.corridor_maker.corridor_along(route, path if len(path) > 1 else np.repeat(path, 2, axis=0))
+
+    def bottlenecks(self, start: FloatArray, goal: FloatArray) -> Bottleneck:
+        """The narrowest place on the shortest route between two points (2,) [m], or the gap that keeps them apart."""
+        ends, free = self.triangulation.nearest(np.array([start, goal], dtype=np.float64))
+        routes = shortest_routes(self._metric, ends, free, 1)
+        if not routes:
+            return missing_link(self.workspace, self.triangulation, int(ends[0]), int(ends[1]))
+        return narrowest_passage(self.workspace, self.triangulation, routes[0].sleeve)
+
+
+def _with_ends(path: FloatArray, ends: FloatArray) -> FloatArray:
+    """A path (k, 2) between free points, led on to the ends (2, 2) that they stand for."""
+    first = ends[:1] if np.linalg.norm(ends[0] - path[0]) > MOVED else ends[:0]
+    last = ends[1:] if np.linalg.norm(ends[1] - path[-1]) > MOVED else ends[:0]
+    return np.concatenate((first, path, last))

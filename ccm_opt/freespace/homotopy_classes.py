@@ -1,0 +1,162 @@
+"""Enumerates homotopy classes of paths from a start to a goal, nearly by increasing length.
+
+Walks through the junction graph that pass no triangle twice are enumerated best first (A*). The estimate of the way that
+remains is exact in the sampled metric of ``junctions``, turning on the spot excluded, so that they come out in the order of
+their sampled length.
+"""
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse
+from scipy.sparse.csgraph import dijkstra
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.freespace.junctions import SAMPLES, Chain, EdgeMetric, chains_between, min_plus
+
+TINY = 1e-12  # keeps edges of no length in a sparse matrix [m]
+
+
+@dataclass(frozen=True, order=True)
+class _Partial:
+    """The beginning of a walk.
+
+    Attributes:
+        total: its length with the least way that remains [m].
+        history: the chains walked.
+        walked: length to each sample point of the last edge, shape (m,) [m].
+    """
+
+    total: float
+    history: tuple[int, ...]
+    walked: FloatArray = field(compare=False)
+
+
+@dataclass(frozen=True)
+class ClassGraph:
+    """Directed chains as nodes, with the steps from chain to chain and the way that remains to the goal.
+
+    Attributes:
+        chains: all directed chains.
+        steps: for each chain the chains that may follow it, with the lengths from last edge to last edge, (m, m) [m].
+        rest: least length to the goal from the sample points of each chain's last edge, shape (chains, m) [m].
+    """
+
+    chains: list[Chain]
+    steps: list[list[tuple[int, FloatArray]]]
+    rest: FloatArray
+
+    def partial(self, history: tuple[int, ...], walked: FloatArray) -> _Partial:
+        """A walk along chains, with the estimate of its whole length."""
+        return _Partial(float((walked + self.rest[history[-1]]).min()), history, walked)
+
+
+def homotopy_classes(
+    metric: EdgeMetric, ends: IntArray, points: FloatArray, longest: float, effort: int
+) -> Iterator[tuple[float, tuple[int, ...]]]:
+    """Sampled lengths and reduced sleeves that pass no triangle twice, by increasing sampled length.
+
+    Args:
+        metric: of the triangulation.
+        ends: the triangles of start and goal, shape (2,).
+        points: start and goal, shape (2, 2) [m].
+        longest: sampled length beyond which no sleeve is looked for [m].
+        effort: number of partial walks looked at.
+    """
+    start, goal = int(ends[0]), int(ends[1])
+    if start == goal:
+        yield float(np.linalg.norm(points[1] - points[0])), (start,)
+    graph = class_graph(metric, ends, points[1])
+    queue = [partial for partial in _first_steps(metric, graph, start, points[0]) if partial.total <= longest]
+    heapq.heapify(queue)
+    for _ in range(effort):
+        if not queue:
+            return
+        best = heapq.heappop(queue)
+        if graph.chains[best.history[-1]].head == goal:
+            yield best.total, _joined([graph.chains[index] for index in best.history])
+            continue
+        for partial in _further_steps(graph, best, start, goal):
+            if partial.total <= longest:
+                heapq.heappush(queue, partial)
+
+
+def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: FloatArray) -> Iterator[_Partial]:
+    """The walks along one chain from the start."""
+    for index, chain in enumerate(graph.chains):
+        if chain.triangles[0] == start:
+            first = np.linalg.norm(metric.points[start, chain.exit] - point, axis=1)
+            yield graph.partial((index,), np.asarray((first[:, None] + chain.lengths).min(axis=0)))
+
+
+def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -> Iterator[_Partial]:
+    """The walks one chain longer that pass no node twice; the goal may be the start."""
+    passed = {start, *(graph.chains[index].head for index in before.history)} - {goal}
+    for index, lengths in graph.steps[before.history[-1]]:
+        if graph.chains[index].head not in passed:
+            yield graph.partial((*before.history, index), np.asarray((before.walked[:, None] + lengths).min(axis=0)))
+
+
+def _joined(chains: list[Chain]) -> tuple[int, ...]:
+    """The triangles of chains one after the other."""
+    return (*chains[0].triangles, *(t for chain in chains[1:] for t in chain.triangles[1:]))
+
+
+def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> ClassGraph:
+    """Chains, the steps between them, and the least remaining lengths by one Dijkstra search from the goal."""
+    start, goal = int(ends[0]), int(ends[1])
+    chains = chains_between(metric, (start, goal))
+    leaving: dict[int, list[int]] = {}
+    for index, chain in enumerate(chains):
+        leaving.setdefault(chain.triangles[0], []).append(index)
+    pairs = np.array(
+        [
+            (index, after)
+            for index, chain in enumerate(chains)
+            if chain.head not in {start, goal}
+            for after in leaving[chain.head]
+            if chains[after].exit != chain.entry
+        ],
+        dtype=np.intp,
+    ).reshape(-1, 2)
+    lengths = _step_lengths(metric, chains, pairs)
+    steps: list[list[tuple[int, FloatArray]]] = [[] for _ in chains]
+    for (index, after), matrix in zip(pairs.tolist(), lengths, strict=True):
+        steps[index].append((after, matrix))
+    return ClassGraph(chains, steps, _remaining(metric, chains, pairs, lengths, goal, goal_point))
+
+
+def _step_lengths(metric: EdgeMetric, chains: list[Chain], pairs: IntArray) -> FloatArray:
+    """Lengths from the end of each pair's first chain along the second one, shape (pairs, m, m) [m]."""
+    if len(pairs) == 0:
+        return np.empty((0, SAMPLES, SAMPLES))
+    heads = np.array([chain.head for chain in chains])[pairs[:, 0]]
+    entries = np.array([chain.entry for chain in chains])[pairs[:, 0]]
+    exits = np.array([chain.exit for chain in chains])[pairs[:, 1]]
+    along = np.stack([chain.lengths for chain in chains])[pairs[:, 1]]
+    return min_plus(metric.across[heads, entries, exits], along)
+
+
+def _remaining(
+    metric: EdgeMetric, chains: list[Chain], pairs: IntArray, lengths: FloatArray, goal: int, point: FloatArray
+) -> FloatArray:
+    """Least lengths to the goal from the sample points of each chain's last edge, shape (chains, m) [m]."""
+    size = len(chains) * SAMPLES
+    sample = np.arange(SAMPLES)
+    tail = np.broadcast_to(SAMPLES * pairs[:, 0, None, None] + sample[:, None], lengths.shape).ravel()
+    head = np.broadcast_to(SAMPLES * pairs[:, 1, None, None] + sample, lengths.shape).ravel()
+    weight = lengths.ravel() + TINY
+    finite = np.isfinite(weight)
+    last = [index for index, chain in enumerate(chains) if chain.head == goal]
+    final = (SAMPLES * np.array(last, dtype=np.intp)[:, None] + sample).ravel()
+    to_goal = [np.linalg.norm(metric.points[goal, chains[index].entry] - point, axis=1) + TINY for index in last]
+    backwards = scipy.sparse.coo_array(
+        (
+            np.concatenate((weight[finite], *to_goal)),
+            (np.concatenate((head[finite], np.full(len(final), size))), np.concatenate((tail[finite], final))),
+        ),
+        shape=(size + 1, size + 1),
+    ).tocsr()
+    return np.asarray(dijkstra(backwards, indices=[size])[0, :size].reshape(-1, SAMPLES), dtype=np.float64)

@@ -1,0 +1,85 @@
+"""Places along a taut string by arc length, and where it crosses the edges of its sleeve."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.polygons import cross
+
+STATIONS = 200  # evenly spaced sample places, beside the vertices and crossings
+
+
+@dataclass(frozen=True)
+class TautString:
+    """A taut string with the edges it crosses.
+
+    Attributes:
+        path: its vertices, shape (k, 2) [m].
+        edges: left and right ends of the edges crossed, shape (n, 2, 2) [m].
+        crossings: arc length where each is crossed, not decreasing, shape (n,) [m].
+    """
+
+    path: FloatArray
+    edges: FloatArray
+    crossings: FloatArray
+
+    @classmethod
+    def through(cls, edges: FloatArray, path: FloatArray) -> "TautString":
+        """The taut string ``path`` (k, 2) of the sleeve with the given edges (n, 2, 2) [m]."""
+        return cls(path, edges, _crossings(edges, path))
+
+    @cached_property
+    def knots(self) -> FloatArray:
+        """Arc length of each vertex, shape (k,) [m]."""
+        return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(self.path, axis=0), axis=1))))
+
+    @property
+    def length(self) -> float:
+        """Arc length of the whole string [m]."""
+        return float(self.knots[-1])
+
+    @cached_property
+    def stations(self) -> FloatArray:
+        """Arc lengths of the sample places, increasing, vertices and crossings among them, shape (s,) [m]."""
+        return np.unique(np.concatenate((np.linspace(0.0, self.length, STATIONS), self.knots, self.crossings)))
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """The sample places, shape (s, 2) [m]."""
+        return np.column_stack([np.interp(self.stations, self.knots, self.path[:, axis]) for axis in range(2)])
+
+    def at(self, place: float) -> FloatArray:
+        """The point at an arc length [m], shape (2,) [m]."""
+        return np.array([np.interp(place, self.knots, self.path[:, axis]) for axis in range(2)])
+
+    def crossings_within(self, first: float, last: float) -> FloatArray:
+        """The crossings from arc length ``first`` to ``last`` [m]."""
+        return self.crossings[(self.crossings >= first) & (self.crossings <= last)]
+
+    def directions_across(self, place: float) -> list[FloatArray]:
+        """Unit directions from right to left across the string: normals of its legs, and edges crossed, there."""
+        legs = np.flatnonzero((self.knots[:-1] <= place) & (place <= self.knots[1:]) & (np.diff(self.knots) > 0.0))
+        tangents = self.path[legs + 1] - self.path[legs]
+        normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
+        here = self.edges[self.crossings == place]
+        across = np.concatenate((normals, here[:, 0] - here[:, 1]))
+        return [direction / np.linalg.norm(direction) for direction in across] or [np.array([0.0, 1.0])]
+
+
+def _crossings(edges: FloatArray, path: FloatArray) -> FloatArray:
+    """Arc length where the string crosses each edge: the first place not on the near side."""
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    knots = np.concatenate(([0.0], np.cumsum(lengths)))
+    found, leg, reached = np.empty(len(edges)), 0, 0.0
+    for k, (left, right) in enumerate(edges):
+        near = cross(left - right, path[leg:] - right) / np.linalg.norm(left - right)  # positive before the edge
+        beyond = np.flatnonzero(near[1:] <= 0.0)
+        step = int(beyond[0]) if len(beyond) else len(path) - 2 - leg
+        before, after = max(float(near[step]), 0.0), min(float(near[step + 1]), 0.0)
+        leg += step
+        fraction = before / (before - after) if before > after else 0.0
+        reached = max(reached, float(knots[leg] + fraction * lengths[leg]))
+        found[k] = reached
+    return found
