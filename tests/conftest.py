@@ -24,7 +24,7 @@ bounds = [-1.0, -1.0, 1.0, 1.0]
 
 [[workspace.obstacles]]
 name = "post"
-circle = { center = [0.0, 0.6], radius = 0.1 }
+circle = { center = [0.0, 0.3], radius = 0.1 }
 
 [arm]
 links = 4
