@@ -3,10 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, run_all
-from ccm_opt.cli.tables import checks_table
+from ccm_opt.cli.tables import checks_table, report_console
 from ccm_opt.export.load import load_motion, load_problem_data
 from ccm_opt.problem_file import problem_from_mapping
 from ccm_opt.verification import verify
@@ -30,5 +28,5 @@ def _check(folder: Path) -> int:
     checks = verify(problem, motion.trajectory, motion.joints)
     passed = all(check.passed for check in checks)
     title = f"{problem.name}: {'every check holds' if passed else 'refused'}"
-    Console(soft_wrap=True, highlight=False).print(checks_table(title, checks))
+    report_console().print(checks_table(title, checks))
     return SOLVED if passed else NO_PLAN

@@ -62,6 +62,7 @@ def _solve(problem: Problem, out: Path, *, pictures: bool) -> int:
 
 def _plan(problem: Problem, out: Path, clock: StageClock) -> Solution:
     """Run the pipeline; a failure after the search began leaves its record in the output folder."""
+    clock("loading")
     from ccm_opt.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
     try:

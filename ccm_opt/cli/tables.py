@@ -10,37 +10,43 @@ from rich.table import Table
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.solution import Check, Solution
 
+PIPED_WIDTH = 200
+"""Columns of output that goes to a file or another program."""
+
 
 def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     """Print what came out of a solved problem, on stdout."""
     table = checks_table(f"{solution.problem.name}: {solution.status}", solution.checks)
     table.add_section()
     table.add_row("duration", f"{solution.trajectory.duration:.4g}", "", "s", "", "")
-    table.add_row("peak torque", *_peak_torque(solution), "")
-    console = Console(soft_wrap=True, highlight=False)
+    *torque, where = _peak_torque(solution)
+    table.add_row("peak torque", *torque, "", where)
+    console = report_console()
     console.print(table)
     console.print(escape(stage_line(clock)))
     console.print(escape(f"written to {folder}"))
 
 
 def checks_table(title: str, checks: Sequence[Check]) -> Table:
-    """A table of checks: worst value, limit, where, and whether it holds."""
+    """A table of checks: worst value, limit, whether it holds, and where."""
     table = Table(title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False)
-    for heading, justify in (
-        ("", "left"),
-        ("worst", "right"),
-        ("limit", "right"),
-        ("", "left"),
-        ("where", "left"),
-        ("", "left"),
-    ):
-        table.add_column(heading, justify="right" if justify == "right" else "left", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    table.add_column("worst", justify="right", no_wrap=True)
+    table.add_column("limit", justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    table.add_column("where")
     for check in checks:
         verdict = "[green]ok[/green]" if check.passed else "[red]fails[/red]"
-        table.add_row(
-            escape(check.name), f"{check.worst:.4g}", f"{check.limit:.4g}", check.unit, escape(check.where), verdict
-        )
+        values = (f"{check.worst:.4g}", f"{check.limit:.4g}", check.unit)
+        table.add_row(escape(check.name), *values, verdict, escape(check.where))
     return table
+
+
+def report_console() -> Console:
+    """Standard output for tables; as wide as they need when it is not a terminal."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=PIPED_WIDTH)
 
 
 def stage_line(clock: StageClock) -> str:

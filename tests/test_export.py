@@ -1,0 +1,272 @@
+"""The output folder: complete, strict, replaced whole or not at all, and read back with distrust."""
+
+import csv
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ccm_opt.errors import Diagnosis, ProblemError, VerificationError
+from ccm_opt.export import folder as folder_module
+from ccm_opt.export.folder import check_target, write_failure, write_folder, write_solution
+from ccm_opt.export.load import SHAPES, load_motion, load_problem_data
+from ccm_opt.export.solution_json import solution_json
+from ccm_opt.problem import Problem
+from ccm_opt.problem_file import problem_from_mapping
+from ccm_opt.solution import Solution
+
+FILES = {"solution.json", "solution.npz", "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml"}
+
+
+def refuse_constant(name: str) -> None:
+    """Fail on the constants that are not JSON."""
+    raise AssertionError(f"{name} is not JSON")
+
+
+@pytest.fixture
+def written(small_solution: Solution, tmp_path: Path) -> Path:
+    """The folder of a made-up plan."""
+    return write_solution(small_solution, tmp_path / "runs", {"plan.png": b"picture"})
+
+
+def test_the_folder_has_every_file_and_nothing_beside_it(written: Path) -> None:
+    """Exactly the files of the format are there, and no working folder is left."""
+    assert {path.name for path in written.iterdir()} == FILES | {"plan.png"}
+    assert [path.name for path in written.parent.iterdir()] == ["small"]
+
+
+def test_the_record_is_strict_json_with_every_key(written: Path) -> None:
+    """``solution.json`` has the keys of the format; NaN and infinity stand as null."""
+    record = json.loads((written / "solution.json").read_text(), parse_constant=refuse_constant)
+    assert set(record) == {"schema", "status", "method", "problem", "versions", "seed", "metrics", "timings", "checks"}
+    assert (record["schema"], record["status"], record["method"], record["seed"]) == (1, "solved", "nlp", 0)
+    assert record["metrics"] == {"duration": 1.0, "tip_error": None}
+    assert record["checks"][1] == {
+        "name": "wall clearance",
+        "worst": None,
+        "limit": 0.0,
+        "unit": "m",
+        "where": "link 3, post",
+        "passed": True,
+    }
+
+
+def test_the_copy_of_the_problem_rebuilds_it(written: Path, small_problem: Problem) -> None:
+    """The record alone gives the same problem."""
+    again = problem_from_mapping(load_problem_data(written))
+    assert again.workspace.obstacles[0].name == "post"
+    assert again.arm.length == small_problem.arm.length
+    np.testing.assert_array_equal(again.limits.velocity, small_problem.limits.velocity)
+
+
+def test_the_arrays_have_the_names_and_shapes_of_the_format(written: Path, small_solution: Solution) -> None:
+    """``solution.npz`` holds every array, and the motion read from it is the motion written."""
+    with np.load(written / "solution.npz", allow_pickle=False) as arrays:
+        assert set(arrays.files) == set(SHAPES)
+        assert arrays["joint_positions"].shape == (251, 5, 2)
+        assert arrays["segments_offsets"].tolist() == [0, 2, 4, 6]
+        assert arrays["segment_curvatures"].shape == (6, 5)
+    motion = load_motion(written, small_solution.problem.arm)
+    assert motion.joints.names == small_solution.joints.names
+    for name in ("time", "bend_angles", "bend_velocities", "bend_accelerations"):
+        np.testing.assert_array_equal(getattr(motion.trajectory, name), getattr(small_solution.trajectory, name))
+    for name in ("angles", "velocities", "accelerations", "torques"):
+        np.testing.assert_array_equal(getattr(motion.joints, name), getattr(small_solution.joints, name))
+
+
+def test_the_table_names_every_column_and_holds_every_sample(written: Path, small_solution: Solution) -> None:
+    """``trajectory.csv`` gives angle, velocity, acceleration and torque of every joint by name."""
+    with (written / "trajectory.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    joints = small_solution.joints
+    assert len(rows) == 251
+    assert list(rows[0]) == ["time"] + [
+        f"{name}_{what}" for what in ("angle", "velocity", "acceleration", "torque") for name in joints.names
+    ]
+    column = [float(row[f"{joints.names[1]}_velocity"]) for row in rows]
+    np.testing.assert_allclose(column, joints.velocities[:, 1], rtol=1e-11, atol=1e-15)
+
+
+def test_the_ros_message_has_a_point_for_every_sample(written: Path, small_solution: Solution) -> None:
+    """``trajectory.yaml`` has the joint names, and points whose lists are flow sequences of numbers."""
+    lines = (written / "trajectory.yaml").read_text().splitlines()
+    assert json.loads(lines[0].removeprefix("joint_names: ")) == list(small_solution.joints.names)
+    assert lines[1] == "points:"
+    assert len(lines) == 2 + 5 * 251
+    assert lines[-5] == "- time_from_start: {sec: 1, nanosec: 0}"
+    assert [line.split(":")[0].strip() for line in lines[-4:]] == ["positions", "velocities", "accelerations", "effort"]
+    np.testing.assert_allclose(json.loads(lines[-4].split(":")[1]), small_solution.joints.angles[-1], rtol=1e-11)
+
+
+def test_a_failure_leaves_its_record_alone(small_problem: Problem, tmp_path: Path, written: Path) -> None:
+    """A failed run replaces the files of the run before by ``solution.json`` with status and diagnosis."""
+    diagnosis = Diagnosis("no way round 'post'", "routes", ("move it",), {"gap": np.float64(0.01)})
+    target = write_failure(small_problem, "timed-out", diagnosis, tmp_path / "runs")
+    assert target == written
+    assert [path.name for path in target.iterdir()] == ["solution.json"]
+    record = json.loads((target / "solution.json").read_text())
+    assert record["status"] == "timed-out"
+    assert record["diagnosis"] == {
+        "reason": "no way round 'post'",
+        "stage": "routes",
+        "advice": ["move it"],
+        "evidence": {"gap": 0.01},
+    }
+    with pytest.raises(VerificationError, match="timed-out'; no way round"):
+        load_problem_data(target)
+
+
+def test_files_of_the_user_stay(written: Path, small_solution: Solution) -> None:
+    """Writing again replaces our files and keeps what the user put beside them."""
+    (written / "notes.txt").write_text("mine")
+    (written / "more").mkdir()
+    (written / "more" / "file").write_text("mine too")
+    write_solution(small_solution, written.parent)
+    assert {path.name for path in written.iterdir()} == FILES | {"notes.txt", "more"}
+    assert (written / "more" / "file").read_text() == "mine too"
+
+
+def test_a_folder_of_something_else_is_not_touched(small_solution: Solution, tmp_path: Path) -> None:
+    """A folder without our record is refused, and left as it is."""
+    (tmp_path / "small").mkdir()
+    (tmp_path / "small" / "thesis.tex").write_text("years")
+    with pytest.raises(ProblemError, match="folder of something else"):
+        write_solution(small_solution, tmp_path)
+    assert [path.name for path in (tmp_path / "small").iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize("step", ["mkdir", "write_bytes", "rename"])
+def test_a_failing_disk_leaves_the_old_folder(
+    written: Path, small_solution: Solution, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    """When writing fails half-way, the old folder is whole and nothing else remains."""
+    before = {path.name: path.read_bytes() for path in written.iterdir()}
+    original: Callable[..., object] = getattr(Path, step)
+
+    def failing(self: Path, *arguments: object, **options: object) -> object:
+        if self.name in {"new", "trajectory.yaml"}:
+            raise OSError(28, "No space left on device")
+        return original(self, *arguments, **options)
+
+    monkeypatch.setattr(Path, step, failing)
+    with pytest.raises(ProblemError, match="No space left"):
+        write_solution(small_solution, written.parent)
+    monkeypatch.undo()
+    assert {path.name: path.read_bytes() for path in written.iterdir()} == before
+    assert [path.name for path in written.parent.iterdir()] == ["small"]
+
+
+def test_places_that_cannot_be_written_are_refused_beforehand(tmp_path: Path) -> None:
+    """A file in the way is noticed before any work, and the message names it."""
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ProblemError, match="not a writable folder"):
+        check_target(tmp_path / "file" / "small")
+    with pytest.raises(ProblemError, match="not a folder"):
+        check_target(tmp_path / "file")
+    check_target(tmp_path / "new" / "deeper" / "small")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write everywhere")
+def test_a_read_only_directory_is_refused(tmp_path: Path) -> None:
+    """Without the right to write, the message says so."""
+    tmp_path.chmod(0o500)
+    with pytest.raises(ProblemError, match="not a writable folder"):
+        check_target(tmp_path / "small")
+    tmp_path.chmod(0o700)
+
+
+def test_new_files_have_usual_permissions(written: Path) -> None:
+    """The folder can be read by others as far as the user's mask allows."""
+    mask = os.umask(0)
+    os.umask(mask)
+    assert written.stat().st_mode & 0o777 == 0o777 & ~mask
+
+
+def test_a_problem_without_a_source_is_not_recorded(small_solution: Solution) -> None:
+    """A record that could not be checked later is refused, with advice."""
+    with pytest.raises(ProblemError, match="parse_problem"):
+        solution_json(replace(small_solution, problem=replace(small_solution.problem, source="")))
+
+
+def tamper(path: Path, change: Callable[[dict[str, np.ndarray]], object]) -> None:
+    """Change the arrays of an archive in place."""
+    with np.load(path) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    change(arrays)
+    np.savez(path, **arrays)
+
+
+TAMPERINGS: dict[str, tuple[Callable[[dict[str, np.ndarray]], object], str]] = {
+    "missing": (lambda a: a.pop("joint_torques"), "'joint_torques' is missing"),
+    "fewer samples": (lambda a: a.update(time=a["time"][:-1]), "'bend_angles' has shape"),
+    "flat": (lambda a: a.update(bend_angles=a["bend_angles"].ravel()), "'bend_angles' has shape"),
+    "another arm": (lambda a: a.update(keyframes=a["keyframes"][:, :2]), "'keyframes' has shape"),
+    "not finite": (lambda a: a["joint_angles"].__setitem__((3, 1), np.nan), "not a finite number"),
+    "text": (lambda a: a.update(time=a["time"].astype(str)), "not a finite number"),
+    "names": (lambda a: a.update(joint_names=a["joint_names"][::-1]), "joint_names are not those"),
+    "bends": (lambda a: a["bend_angles"].__setitem__((9, 1), 0.5), "joint_positions are up to"),
+    "one sample": (
+        lambda a: a.update({k: v[:1] for k, v in a.items() if SHAPES[k][0] == "samples"}),
+        "at least two samples",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TAMPERINGS)
+def test_malformed_arrays_are_refused(written: Path, small_problem: Problem, name: str) -> None:
+    """Arrays that are missing, misshapen, not finite or contradictory are refused with the array's name."""
+    change, message = TAMPERINGS[name]
+    tamper(written / "solution.npz", change)
+    with pytest.raises(ProblemError, match=message):
+        load_motion(written, small_problem.arm)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 torn", b"\x93NUMPY\x01\x00"])
+def test_files_that_are_no_archives_are_refused(written: Path, small_problem: Problem, content: bytes) -> None:
+    """Rubbish instead of ``solution.npz`` is a clear message."""
+    (written / "solution.npz").write_bytes(content)
+    with pytest.raises(ProblemError, match="not readable as arrays"):
+        load_motion(written, small_problem.arm)
+
+
+def test_pickles_are_never_loaded(written: Path, small_problem: Problem) -> None:
+    """An array of objects, which would run code when loaded, is refused."""
+    tamper(written / "solution.npz", lambda arrays: arrays.update(time=np.array([{}], dtype=object)))
+    with pytest.raises(ProblemError, match="not readable as arrays"):
+        load_motion(written, small_problem.arm)
+
+
+@pytest.mark.parametrize("content", [b"", b"[1, 2]", b"{", b"\xff\xfe", b'{"status": "solved", "problem": 3}'])
+def test_malformed_records_are_refused(written: Path, content: bytes) -> None:
+    """Rubbish instead of ``solution.json`` is a clear message."""
+    (written / "solution.json").write_bytes(content)
+    with pytest.raises(ProblemError, match=r"solution\.json"):
+        load_problem_data(written)
+
+
+def test_missing_files_are_named(written: Path, small_problem: Problem) -> None:
+    """A folder that lost its files is refused with the file's name."""
+    (written / "solution.npz").unlink()
+    with pytest.raises(ProblemError, match=r"solution\.npz: there is no such file"):
+        load_motion(written, small_problem.arm)
+    shutil.rmtree(written)
+    with pytest.raises(ProblemError, match=r"solution\.json: there is no such file"):
+        load_problem_data(written)
+
+
+def test_own_files_cover_what_is_written(written: Path) -> None:
+    """Every file that a run writes is known as ours, so that the next run replaces it."""
+    assert {path.name for path in written.iterdir()} <= folder_module.OWN_FILES
+
+
+def test_an_empty_folder_may_be_filled(tmp_path: Path) -> None:
+    """An empty folder in the place is no obstacle."""
+    (tmp_path / "small").mkdir()
+    write_folder(tmp_path / "small", {"solution.json": b"{}"})
+    assert (tmp_path / "small" / "solution.json").read_bytes() == b"{}"
