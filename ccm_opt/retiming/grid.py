@@ -1,0 +1,47 @@
+"""Where along the path the limits are written down: at the spline's knots, and between them by path length."""
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import FloatArray
+
+SUBSTEPS = 5
+"""Steps of the dense check inside one grid interval."""
+MAX_INTERVALS = 1500
+_EVEN_SHARE = 0.3
+_RAMP = 0.5 ** np.arange(8, 0, -1)
+"""Places of extra points in the first and last interval, where a slow joint may reach its speed at once."""
+
+
+def path_grid(spline: BSpline, intervals: int) -> FloatArray:
+    """Grid points of the path parameter, 0 and 1 included.
+
+    Every knot is a grid point, since the third derivative jumps there; a span gets grid points in proportion to its
+    length in joint space, and a share evenly, for spans where the path turns rather than moves.
+
+    Args:
+        spline: over [0, 1].
+        intervals: wanted number of grid intervals; the result has somewhat more.
+
+    Returns:
+        Increasing, shape (N + 1,).
+    """
+    knots = np.unique(np.clip(spline.t, 0.0, 1.0))
+    count = min(max(intervals, 2 * (len(knots) - 1)), MAX_INTERVALS)
+    lengths = span_lengths(spline, knots)
+    share = (1.0 - _EVEN_SHARE) * lengths / np.sum(lengths) + _EVEN_SHARE * np.diff(knots)
+    pieces = np.maximum(1, np.ceil(count * share - 1e-9)).astype(int)
+    points = np.interp(np.arange(np.sum(pieces) + 1), np.concatenate(([0], np.cumsum(pieces))), knots)
+    return np.concatenate(([0.0], points[1] * _RAMP, points[1:-1], 1.0 - (1.0 - points[-2]) * _RAMP[::-1], [1.0]))
+
+
+def span_lengths(spline: BSpline, knots: FloatArray) -> FloatArray:
+    """Length in joint space of the path between knots, by eight chords a span, shape (len(knots) − 1,) [rad]."""
+    points = spline(refine(knots, 8))
+    chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.asarray(np.sum(chords.reshape(-1, 8), axis=1))
+
+
+def refine(grid: FloatArray, steps: int) -> FloatArray:
+    """The grid with every interval cut into equal steps, shape (steps * N + 1,)."""
+    return np.interp(np.arange(steps * (len(grid) - 1) + 1) / steps, np.arange(len(grid)), grid)

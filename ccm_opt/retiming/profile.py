@@ -1,0 +1,105 @@
+"""A speed profile along the path: s̈ constant between grid points, so ṡ² is linear there and time is closed-form."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.retiming.rows import PathRows
+
+
+@dataclass(frozen=True)
+class SpeedProfile:
+    """Squared speeds at the grid points.
+
+    Attributes:
+        s: grid points, shape (N + 1,).
+        squared: ṡ², shape (N + 1,) [1/s²]; 0 at both ends.
+    """
+
+    s: FloatArray
+    squared: FloatArray
+
+    @cached_property
+    def acceleration(self) -> FloatArray:
+        """s̈ of each interval, shape (N,) [1/s²]."""
+        return np.asarray(0.5 * np.diff(self.squared) / np.diff(self.s))
+
+    @cached_property
+    def times(self) -> FloatArray:
+        """When each grid point is passed, shape (N + 1,) [s]."""
+        speed = np.sqrt(self.squared)
+        return np.concatenate(([0.0], np.cumsum(2.0 * np.diff(self.s) / (speed[1:] + speed[:-1]))))
+
+    @property
+    def duration(self) -> float:
+        """Time from start to end [s]."""
+        return float(self.times[-1])
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """s, ṡ and s̈ at given times, each of the shape of ``time``."""
+        k = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.s) - 2)
+        since, speed, growth = time - self.times[k], np.sqrt(self.squared[k]), self.acceleration[k]
+        s = self.s[k] + since * (speed + 0.5 * since * growth)
+        return np.clip(s, self.s[k], self.s[k + 1]), np.maximum(speed + since * growth, 0.0), growth
+
+    def slowed(self, factor: float) -> "SpeedProfile":
+        """The same profile with all times longer by a factor."""
+        return SpeedProfile(self.s, self.squared / factor**2)
+
+
+@dataclass(frozen=True)
+class DenseCheck:
+    """What the limits' rows are worth between the grid points of a profile.
+
+    Attributes:
+        excess: greatest |row| of each interval less what is allowed, shape (N,).
+        stretch: factor on time that brings every row and every velocity within what is allowed.
+    """
+
+    excess: FloatArray
+    stretch: float
+
+
+def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: float) -> DenseCheck:
+    """Evaluate every limit at every dense point of a profile, at grid points from both sides.
+
+    Slowing down by λ divides the moving part m of a row by λ² but leaves its static part c, so a row above the
+    allowed value L needs λ² = m / (L − c).
+
+    Args:
+        profile: speeds at the grid points.
+        dense: rows at ``steps`` equal steps of every interval.
+        steps: of the dense points in an interval.
+        allowed: share of each limit that may be used.
+    """
+    excess = np.full(len(profile.acceleration), -np.inf)
+    stretch = 1.0
+    for j in range(steps + 1):
+        at = slice(j, j + steps * (len(excess) - 1) + 1, steps)
+        squared = profile.squared[:-1] + (j / steps) * np.diff(profile.squared)
+        moving = dense.a[at] * profile.acceleration[:, None] + dense.b[at] * squared[:, None]
+        beyond = np.abs(moving + dense.c[at]) - share_allowed(dense.c[at], allowed)
+        excess = np.maximum(excess, np.max(beyond, axis=1))
+        speed = float(np.max(dense.speed[at] * np.sqrt(squared))) / allowed
+        stretch = max(stretch, speed, slowing(moving, dense.c[at], allowed))
+    return DenseCheck(excess, stretch)
+
+
+def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
+    """What a row may reach: ``allowed``, but never less than halfway from its static part to the true limit, 1."""
+    share: FloatArray = np.maximum(allowed, 0.5 * (1.0 + np.abs(static)))
+    return share
+
+
+def slowing(moving: FloatArray, static: FloatArray, allowed: float) -> float:
+    """Least factor on time that brings rows within what they may reach; below 1 when there is room.
+
+    Args:
+        moving: part of the rows that falls with the square of the factor.
+        static: part that stays, within ±1.
+        allowed: share of the limit that may be used, see ``share_allowed``.
+    """
+    room = np.maximum(share_allowed(static, allowed) - np.sign(moving) * static, 1e-9)
+    return float(np.sqrt(np.max(np.abs(moving) / room, initial=0.0)))

@@ -1,0 +1,87 @@
+"""The fastest speed profile within the rows: TOPP-RA by the toppra package (Pham and Pham 2018).
+
+toppra loads matplotlib when imported, so it is imported when first used.
+"""
+
+import logging
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.retiming.rows import PathRows
+
+SPEED_CAP = 1e6
+"""Bound on the scaled ṡ² where no limit bounds it, on stretches of the path where nothing moves."""
+
+
+class NotControllable(Exception):  # noqa: N818 - it names a result that the caller turns into a RetimingError
+    """No speed is within the limits at a grid point; ``index`` says which."""
+
+    def __init__(self, index: int) -> None:
+        self.index = index
+        super().__init__(f"no feasible speed at grid point {index}")
+
+
+def fastest_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray:
+    """Squared path speeds of the fastest motion from rest to rest.
+
+    Args:
+        rows: limits at the grid points, shape (N + 1, R).
+        slack: what is left of each row's limit, shape (N + 1, R), above |c|.
+        cap: bound on ṡ², shape (N + 1,) [1/s²].
+
+    Returns:
+        ṡ² at the grid points, shape (N + 1,) [1/s²].
+
+    Raises:
+        NotControllable: with the grid point where no speed is feasible.
+    """
+    unit = _time_unit(rows)
+    solver = _build(rows, slack, np.minimum(cap * unit**2, SPEED_CAP), unit)
+    _, speeds, _, controllable = solver.compute_parameterization(0.0, 0.0, return_data=True)
+    if speeds is None:
+        raise NotControllable(_first_bad(controllable[:, 1]))
+    if np.any(np.isnan(speeds)) or np.any(speeds[1:] + speeds[:-1] <= 0.0):
+        raise NotControllable(_first_bad(speeds))
+    return np.asarray((speeds / unit) ** 2)
+
+
+def _first_bad(values: FloatArray) -> int:
+    """Number of the last inner grid point without a positive number; the sets are computed from the end backward."""
+    bad = np.flatnonzero(~(values[1:-1] > 0.0)) + 1
+    return int(bad[-1]) if len(bad) else 0
+
+
+def _time_unit(rows: PathRows) -> float:
+    """A time near the motion's duration, so that the solver's absolute tolerances fit any limits [s]."""
+    return max(float(np.mean(rows.speed)), float(np.sqrt(np.mean(np.max(np.abs(rows.a), axis=1)))), 1e-9)
+
+
+def _build(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> Any:
+    """The solver on rows a s̈ + b ṡ² + c within ±1, time in units of ``unit``."""
+    import toppra.algorithm  # noqa: PLC0415 - it is slow to import
+    import toppra.constraint  # noqa: PLC0415 - likewise
+
+    logging.getLogger("toppra").setLevel(logging.CRITICAL)
+    a, b, c = rows.a / (slack * unit**2), rows.b / (slack * unit**2), rows.c / slack
+    count = a.shape[1]
+    both = np.concatenate((np.eye(count), -np.eye(count)))
+    bound = np.stack((np.zeros(len(cap)), cap), axis=1)
+
+    class Rows(toppra.constraint.LinearConstraint):  # type: ignore[misc]
+        """The rows, discretised by interpolation: each holds at both ends of an interval."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.identical = True
+            self.set_discretization_type(toppra.constraint.DiscretizationType.Interpolation)
+
+        def compute_constraint_params(self, _path: Any, grid: FloatArray) -> Any:
+            convert = toppra.constraint.linear_constraint.canlinear_colloc_to_interpolate
+            parts = convert(a, b, c, both, np.ones(2 * count), bound, None, grid, identical=True)
+            return *parts[:5], None, bound
+
+    path = SimpleNamespace(path_interval=np.array([0.0, 1.0]), duration=1.0, dof=count)
+    return toppra.algorithm.TOPPRA([Rows()], path, gridpoints=rows.s, solver_wrapper="seidel")

@@ -1,0 +1,253 @@
+"""Retiming: limits hold on a dense grid, the path is kept, and the time is near the closed-form optimum."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import RetimingError
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import joint_names
+from ccm_opt.problem import JointPose, Limits, Problem
+from ccm_opt.retiming import retime
+from ccm_opt.retiming.grid import path_grid
+from ccm_opt.retiming.profile import SpeedProfile
+from ccm_opt.solution import JointPath, JointStates, JointTrajectory
+from ccm_opt.verification import verify
+from ccm_opt.verification.newton_euler import joint_torques
+
+GRAVITY, MASS, LENGTH = 9.81, 2.0, 0.5
+
+
+def make_path(control: FloatArray) -> JointPath:
+    """A clamped uniform cubic spline over [0, 1] with given control points, shape (m ≥ 4, links)."""
+    control = np.asarray(control, dtype=np.float64)
+    knots = np.concatenate((np.zeros(3), np.linspace(0.0, 1.0, len(control) - 2), np.ones(3)))
+    return JointPath(BSpline(knots, control, 3), control, ())
+
+
+def straight_path(end: FloatArray) -> JointPath:
+    """A straight line in joint space at even pace."""
+    return make_path(np.linspace(0.0, 1.0, 4)[:, None] * np.atleast_1d(end))
+
+
+def to_revolutes(bends: FloatArray) -> FloatArray:
+    """Bends to three revolutes a ball, the second turning the other way."""
+    angles = np.zeros((len(bends), 3 * bends.shape[1]))
+    angles[:, 1::3] = -bends
+    return angles
+
+
+def weightless(angles: FloatArray, _rates: FloatArray, _growth: FloatArray) -> FloatArray:
+    """Inverse dynamics of an arm without mass."""
+    return np.zeros_like(angles)
+
+
+def pendulums(angles: FloatArray, _rates: FloatArray, growth: FloatArray) -> FloatArray:
+    """Inverse dynamics of independent point-mass pendulums: τ = m l² q̈ + m g l cos q on every bend axis."""
+    torques = np.zeros_like(angles)
+    torques[:, 1::3] = MASS * LENGTH**2 * growth[:, 1::3] + MASS * GRAVITY * LENGTH * np.cos(angles[:, 1::3])
+    return torques
+
+
+def even_limits(links: int, velocity: float, acceleration: float, torque: float | None = None) -> Limits:
+    """The same limits for all revolutes."""
+    one = np.ones(3 * links)
+    return Limits(velocity * one, acceleration * one, None if torque is None else torque * one)
+
+
+def run(path: JointPath, limits: Limits, dynamics=weightless, **options: float) -> JointTrajectory:  # noqa: ANN001
+    """Retime with the toy revolutes."""
+    return retime(path, limits, dynamics, revolutes=to_revolutes, **options)
+
+
+def used(trajectory: JointTrajectory, limits: Limits) -> tuple[float, float]:
+    """Greatest share of the velocity and acceleration limits at the samples."""
+    speed = np.abs(trajectory.bend_velocities) / limits.velocity[1::3]
+    growth = np.abs(trajectory.bend_accelerations) / limits.acceleration[1::3]
+    return float(speed.max()), float(growth.max())
+
+
+def random_control(seed: int, links: int) -> FloatArray:
+    """Control points of a winding path, some legs halved as the planner does, some points repeated."""
+    rng = np.random.default_rng(seed)
+    control = np.cumsum(rng.normal(0.0, 0.3, (int(rng.integers(4, 30)), links)), axis=0)
+    halved = rng.integers(1, len(control), 3)
+    control = np.insert(control, halved, 0.5 * (control[halved] + control[halved - 1]), axis=0)
+    return np.repeat(control, rng.choice([1, 2], len(control), p=[0.9, 0.1]), axis=0)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6))
+@settings(max_examples=40, deadline=None)
+def test_limits_hold_on_a_dense_grid_and_the_path_is_kept(seed: int, links: int) -> None:
+    """At 1 kHz the limits hold, no part of the path is travelled twice, and the motion rests on the path's ends."""
+    rng = np.random.default_rng(seed + 1)
+    path = make_path(random_control(seed, links))
+    limits = Limits(rng.uniform(0.5, 3.0, 3 * links), rng.uniform(2.0, 20.0, 3 * links))
+    trajectory = run(path, limits, step=1e-3)
+    assert max(used(trajectory, limits)) <= 1.0 + 1e-9
+    assert np.max(np.diff(trajectory.time)) <= 1e-3 + 1e-12
+    np.testing.assert_allclose(trajectory.bend_angles[[0, -1]], path.keyframes[[0, -1]], atol=1e-12)
+    assert not np.any(trajectory.bend_velocities[[0, -1]])
+    travelled = np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1).sum()
+    length = np.linalg.norm(np.diff(path.spline(np.linspace(0.0, 1.0, 20001)), axis=0), axis=1).sum()
+    assert travelled == pytest.approx(length, rel=1e-3)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_angles_velocities_and_accelerations_are_one_motion(seed: int) -> None:
+    """Reported rates are the derivatives of the reported angles, to the order of the sample step."""
+    path, limits = make_path(random_control(seed, 3)), even_limits(3, 2.0, 10.0)
+    trajectory = run(path, limits, step=1e-3)
+    h = np.diff(trajectory.time)[:, None]
+    mean = 0.5 * (trajectory.bend_velocities[1:] + trajectory.bend_velocities[:-1])
+    assert np.max(np.abs(np.diff(trajectory.bend_angles, axis=0) / h - mean) / h) <= 0.25 * 10.0
+    gained = h * 0.5 * (trajectory.bend_accelerations[1:] + trajectory.bend_accelerations[:-1])
+    missing = np.abs(np.diff(trajectory.bend_velocities, axis=0) - gained)
+    assert np.all(missing <= h * 10.0)
+    assert np.sum(missing) <= 0.05 * np.sum(np.abs(gained))
+
+
+@pytest.mark.parametrize(
+    ("end", "velocity", "acceleration"), [(1.0, 10.0, 4.0), (3.0, 1.0, 4.0), (-0.01, 2.0, 10.0), (6.0, 0.02, 0.5)]
+)
+def test_duration_meets_the_bang_bang_optimum(end: float, velocity: float, acceleration: float) -> None:
+    """A straight path takes 2 √(d/a), or d/v + v/a when the velocity limit is met, within two per cent."""
+    trajectory = run(straight_path(np.array([end, 0.5 * end])), even_limits(2, velocity, acceleration))
+    distance = abs(end)
+    meets = distance > velocity**2 / acceleration
+    best = distance / velocity + velocity / acceleration if meets else 2.0 * np.sqrt(distance / acceleration)
+    assert best <= trajectory.duration <= 1.02 * best
+
+
+def test_each_joint_keeps_its_own_limits() -> None:
+    """The limits of ball i are those of revolute 3 i + 1; the others do not matter to a planar motion."""
+    limits = even_limits(2, 1e-3, 1e-3)
+    limits.velocity[1::3], limits.acceleration[1::3] = (1.0, 0.25), (4.0, 4.0)
+    trajectory = run(straight_path(np.array([2.0, 2.0])), limits)
+    assert np.abs(trajectory.bend_velocities).max() == pytest.approx(0.25, rel=0.02)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1.02, 3.0))
+@settings(max_examples=25, deadline=None)
+def test_torque_limits_hold_on_a_dense_grid(seed: int, room: float) -> None:
+    """Pendulums keep their torque limit at 1 kHz, even when gravity leaves a fiftieth of it."""
+    path = make_path(random_control(seed, 2))
+    limits = even_limits(2, 4.0, 60.0, room * MASS * GRAVITY * LENGTH)
+    trajectory = run(path, limits, pendulums, step=1e-3)
+    motion = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
+    torques = pendulums(*(to_revolutes(values) for values in motion))
+    assert np.abs(torques).max() <= limits.torque[0] * (1.0 + 1e-9)
+    assert max(used(trajectory, limits)) <= 1.0 + 1e-9
+
+
+def test_a_pendulum_swings_at_its_torque_limit() -> None:
+    """A pendulum lifted through the horizontal uses the torque it is given, and takes longer than without gravity."""
+    limits = even_limits(1, 100.0, 1000.0, 1.3 * MASS * GRAVITY * LENGTH)
+    trajectory = run(make_path(np.linspace(-1.2, 1.2, 4)[:, None]), limits, pendulums)
+    motion = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
+    torques = np.abs(pendulums(*(to_revolutes(values) for values in motion)))
+    assert torques.max() >= 0.98 * limits.torque[0]
+    assert trajectory.duration > 2.0 * np.sqrt(2.4 * MASS * LENGTH**2 / limits.torque[0])
+
+
+def test_a_joint_too_weak_to_hold_the_arm_is_named() -> None:
+    """A static torque above the limit raises an error with joint, torque, limit, place on the path, and advice."""
+    limits = even_limits(2, 2.0, 10.0, 9.0)
+    with pytest.raises(RetimingError) as caught:
+        run(make_path(np.array([[1.4, 1.5], [1.4, 0.8], [1.4, 0.0], [1.4, -0.9]])), limits, pendulums)
+    diagnosis = caught.value.diagnosis
+    assert "joint 2, second (bend) axis" in diagnosis.reason
+    assert "9.81 N m" in diagnosis.reason
+    assert "limit is 9 N m" in diagnosis.reason
+    assert diagnosis.stage == "retiming"
+    assert diagnosis.evidence["revolute"] == 4
+    assert 0.5 < float(str(diagnosis.evidence["path_position"])) < 1.0
+    assert diagnosis.advice
+
+
+def test_standing_still_is_a_valid_short_motion() -> None:
+    """A path from a pose to itself gives a short trajectory at rest, unless the joints cannot hold the pose."""
+    path = make_path(np.full((5, 2), 0.3))
+    trajectory = run(path, even_limits(2, 2.0, 10.0, 20.0), pendulums)
+    assert trajectory.time[0] == 0.0
+    assert 0.0 < trajectory.duration <= 5e-3
+    assert not np.any(trajectory.bend_velocities)
+    np.testing.assert_array_equal(trajectory.bend_angles, np.full((2, 2), 0.3))
+    with pytest.raises(RetimingError, match="to hold the arm still"):
+        run(path, even_limits(2, 2.0, 10.0, 5.0), pendulums)
+
+
+@pytest.mark.parametrize("size", [1e-8, 1e-6, 1e-3])
+def test_tiny_motions_are_timed_like_large_ones(size: float) -> None:
+    """Down to a hundred-millionth of a radian the time is near the closed form and there are many samples."""
+    trajectory = run(straight_path(np.array([size])), even_limits(1, 2.0, 10.0))
+    assert trajectory.duration == pytest.approx(2.0 * np.sqrt(size / 10.0), rel=0.02)
+    assert len(trajectory.time) > 50
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_the_unit_of_time_does_not_matter(scale: float) -> None:
+    """Limits scaled as by another unit of time give the same motion in that unit."""
+    path = make_path(random_control(3, 3))
+    trajectory = run(path, even_limits(3, 2.0 / scale, 10.0 / scale**2), step=1e-3 * scale)
+    reference = run(path, even_limits(3, 2.0, 10.0), step=1e-3)
+    assert trajectory.duration / scale == pytest.approx(reference.duration, rel=5e-3)
+
+
+def test_a_path_that_turns_back_on_itself_keeps_its_limits() -> None:
+    """A cusp in joint space, where the path stops, neither breaks the limits nor the solver."""
+    there_and_back = np.concatenate((np.linspace(0.0, 1.0, 6), np.linspace(1.0, 0.0, 6)))
+    limits = even_limits(1, 2.0, 10.0)
+    trajectory = run(make_path(there_and_back[:, None]), limits)
+    assert max(used(trajectory, limits)) <= 1.0 + 1e-9
+    assert trajectory.bend_angles.max() > 0.9
+
+
+@pytest.mark.parametrize("step", [1e-3, 4e-3])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_retimed_motion_satisfies_the_independent_verifier(seed: int, step: float) -> None:
+    """Angles, rates and torques of a retimed path pass every check of the verifier that concerns time."""
+    links = 4
+    one = np.ones(links)
+    arm = Arm(links, 0.1, 0.01, np.zeros(2), 0.3, 99.0, 99.0, False, 0.0, 0.1 * one, 1e-5 * one, 1e-4 * one)  # noqa: FBT003
+    path = make_path(random_control(seed, links))
+    ends = (JointPose(path.keyframes[0]), JointPose(path.keyframes[-1]))
+    limits = even_limits(links, 2.0, 10.0, 1.0)
+    problem = Problem("retimed", Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0)), arm, limits, *ends)
+
+    def dynamics(*motion: FloatArray) -> FloatArray:
+        return joint_torques(arm, problem.simulation.gravity, *(-values[:, 1::3] for values in motion))
+
+    trajectory = run(path, limits, dynamics, step=step)
+    planar = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
+    revolutes = [to_revolutes(values) for values in planar]
+    checks = verify(problem, trajectory, JointStates(joint_names(arm), *revolutes, dynamics(*revolutes)))
+    assert [check for check in checks if not check.passed] == []
+
+
+def test_grid_points_follow_the_path_and_hold_every_knot() -> None:
+    """All knots are grid points, and long spans get more of them than short ones."""
+    path = make_path(np.array([[0.0], [0.01], [0.02], [0.03], [1.0], [2.0], [3.0], [3.01]]))
+    grid = path_grid(path.spline, 100)
+    assert set(np.unique(path.spline.t)) <= set(grid)
+    assert np.all(np.diff(grid) > 0.0)
+    assert np.max(np.diff(grid)) > 3.0 * np.diff(grid)[len(grid) // 2]
+
+
+def test_speed_profile_times_are_exact() -> None:
+    """Under constant s̈ the profile's times, positions and speeds are those of s = t²/2."""
+    s = np.linspace(0.0, 1.0, 11) ** 2
+    profile = SpeedProfile(s, 2.0 * s)
+    np.testing.assert_allclose(profile.times, np.sqrt(2.0 * s), atol=1e-12)
+    time = np.linspace(0.0, profile.duration, 37)
+    position, speed, growth = profile.at(time)
+    np.testing.assert_allclose(position, 0.5 * time**2, atol=1e-12)
+    np.testing.assert_allclose(speed, time, atol=1e-12)
+    np.testing.assert_allclose(growth, 1.0, atol=1e-9)
+    assert profile.slowed(2.0).duration == pytest.approx(2.0 * profile.duration)
