@@ -17,14 +17,13 @@ PIPED_WIDTH = 200
 def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     """Print what came out of a solved problem, on stdout."""
     table = checks_table(f"{solution.problem.name}: {solution.status}", solution.checks)
-    table.add_section()
     table.add_row("duration", f"{solution.trajectory.duration:.4g}", "", "s", "", "")
     *torque, where = _peak_torque(solution)
     table.add_row("peak torque", *torque, "", where)
     console = report_console()
     console.print(table)
-    console.print(escape(stage_line(clock)))
-    console.print(escape(f"written to {folder}"))
+    console.print(escape(stage_line(clock)), soft_wrap=True)
+    console.print(escape(f"written to {folder}"), soft_wrap=True)
 
 
 def checks_table(title: str, checks: Sequence[Check]) -> Table:
