@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import j0
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.errors import ProblemError
 
@@ -144,7 +144,7 @@ def _sign(angle: float, tolerance: float) -> int:
     return 0 if abs(angle) <= tolerance else (1 if angle > 0 else -1)
 
 
-def _extrema(heading: FloatArray) -> FloatArray:
+def _extrema(heading: FloatArray) -> IntArray:
     """Indices of the local extrema of a sampled heading: where its curvature changes sign."""
     slope = np.sign(np.diff(heading))
     return np.flatnonzero(slope[1:] * slope[:-1] < 0) + 1

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment_types import wrap
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP
@@ -60,6 +59,6 @@ def _outside(nlp: ConfigurationNLP, configuration: Configuration) -> float:
     worst = -np.inf
     for index, start, end in zip(nlp.regions, boundaries[:-1], boundaries[1:], strict=True):
         region = nlp.task.corridor.regions[index]
-        points: FloatArray = configuration.positions_at(np.linspace(start, end, _SAMPLES_PER_SEGMENT))
+        points = configuration.positions_at(np.linspace(start, end, _SAMPLES_PER_SEGMENT))
         worst = max(worst, float((points @ region.normals.T - region.offsets).max()))
     return max(worst, 0.0)

@@ -1,4 +1,4 @@
-"""Constraints of the configuration NLP: each function returns named rows, ``expression`` between ``lower`` and ``upper``.
+"""Constraints of the configuration NLP: each function returns a block of named rows.
 
 Lengths are in units of the arm's length.
 """

@@ -19,7 +19,7 @@ from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, pack
 from ccm_opt.nlp.path_profile import PathProfile, region_crossings
 
 _SAMPLES = 401
-_SMOOTHING = 0.03
+_SMOOTHING = 0.06
 """Width over which corners of the heading profile are rounded, in units of the arm's length."""
 _END_BLEND = 0.12
 """Length over which the heading turns from the base's to the path's and from the path's to the tip's."""

@@ -1,4 +1,4 @@
-"""The configuration NLP as data: symbols, objective and named rows (built once a size), bounds and parameters (a task)."""
+"""The configuration NLP as data: symbols and named rows, built once a size; bounds and parameters, per task."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -139,11 +139,12 @@ def symbolic_program(segments: int, half_planes: int) -> Program:
     normals = [ca.SX.sym(f"A{k}", half_planes, 2) for k in range(segments)]
     offsets = [ca.SX.sym(f"b{k}", half_planes) for k in range(segments)]
     fraction, stub = ca.SX.sym("fraction"), ca.SX.sym("stub")
-    objective, blocks = ca.SX(0), [constraints.base_position(states[0], stub)]
+    objective, blocks = ca.SX(0), []
     for k in range(segments):
         flow = SegmentFlow(*segment_function()(states[k], controls[k]))
         objective += configuration_cost(states[k], controls[k], flow.bending)
         blocks += _segment_rows(k, controls[k], flow, states[k + 1], fraction, normals[k], offsets[k])
+    blocks.insert(1, constraints.base_position(states[0], stub))  # after the first gap: FATROP's order of rows
     stages = [symbol for pair in zip(states[:-1], controls, strict=True) for symbol in pair]
     region_symbols = [symbol for pair in zip(normals, offsets, strict=True) for symbol in (ca.vec(pair[0]), pair[1])]
     return Program(

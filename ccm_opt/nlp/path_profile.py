@@ -33,7 +33,7 @@ class PathProfile:
     @property
     def end_turns(self) -> float:
         """Total turn at both ends, from base heading to path and from path to tip heading [rad]."""
-        return abs(self.directions[0] - self.base_heading) + abs(self.tip_heading - self.directions[-1])
+        return abs(float(self.directions[0]) - self.base_heading) + abs(self.tip_heading - float(self.directions[-1]))
 
     def direction_at(self, length: FloatArray) -> FloatArray:
         """Unwrapped heading of the path at lengths along it [rad]."""

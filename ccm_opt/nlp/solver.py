@@ -10,7 +10,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, Program
 
-MAX_ITERATIONS = 150
+MAX_ITERATIONS = 100
 _OPTIONS: dict[str, Any] = {
     "print_time": False,
     "error_on_fail": False,
@@ -23,6 +23,12 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.mu_init": 1e-1,
     "ipopt.mu_strategy": "adaptive",
     "ipopt.nlp_scaling_method": "none",
+    # The matrices are small and well scaled by themselves: a fifth of the time goes without changing the iterates.
+    "ipopt.fast_step_computation": "yes",
+    "ipopt.min_refinement_steps": 0,
+    "ipopt.mumps_permuting_scaling": 0,
+    "ipopt.mumps_pivot_order": 0,
+    "ipopt.mumps_scaling": 0,
 }
 FEASIBILITY = 1e-6
 """Largest violation of a row, in the NLP's units, that counts as satisfied."""
