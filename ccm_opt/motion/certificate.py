@@ -3,9 +3,11 @@
 Between two keyframes link headings are linear in u. A joint then leaves the chord of its two end positions by at
 most ⅛ Σ l Δφ² over the links before it, since |∂²P/∂u²| ≤ Σ l Δφ² and linear interpolation errs by ⅛ max|f''|
 (links are straight: no curvature term). So link j stays within the hull of its four end positions, grown by that much.
+What fails is bisected, link by link and pair by pair: the sag falls four-fold a level.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -17,6 +19,34 @@ from ccm_opt.motion.contacts import closest_on_segments
 
 MAX_DEPTH = 7
 """Bisections of an interval before the certificate is refused."""
+TOUCH = 1e-9
+"""Gap that even an arm of no width keeps [m]."""
+
+
+@dataclass(frozen=True)
+class _Spans:
+    """Stretches of a motion under test, with positions and sag bounds.
+
+    Attributes:
+        start: link headings at the start, shape (m, links) [rad].
+        end: at the end.
+        owner: interval of the motion that each stretch belongs to, shape (m,).
+        a: joint positions at the start, shape (m, links + 1, 2) [m].
+        b: at the end.
+        sag: how far the joint at the end of each link may leave its chord, shape (m, links) [m].
+    """
+
+    start: FloatArray
+    end: FloatArray
+    owner: IntArray
+    a: FloatArray
+    b: FloatArray
+    sag: FloatArray
+
+    @classmethod
+    def of(cls, arm: Arm, start: FloatArray, end: FloatArray, owner: IntArray) -> "_Spans":
+        sag = np.cumsum(arm.link_length * (end - start) ** 2, axis=1) / 8.0
+        return cls(start, end, owner, arm.joint_positions(start), arm.joint_positions(end), sag)
 
 
 @dataclass(frozen=True)
@@ -26,17 +56,30 @@ class Certificate:
     Attributes:
         arm: the arm.
         workspace: the workspace.
-        tree: spatial index of the walls' cores.
     """
 
     arm: Arm
     workspace: Workspace
-    tree: shapely.STRtree
 
     @classmethod
     def of(cls, arm: Arm, workspace: Workspace) -> "Certificate":
-        """Index the walls once."""
-        return cls(arm, workspace, shapely.STRtree([wall.core for wall in workspace.walls]))
+        """The certificate for an arm in a workspace."""
+        return cls(arm, workspace)
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree([wall.core for wall in self.workspace.walls])
+
+    @cached_property
+    def _rounding(self) -> FloatArray:
+        return np.array([wall.rounding for wall in self.workspace.walls])
+
+    @cached_property
+    def _mount(self) -> tuple[int, float]:
+        """Link on which the mount ends, and where on it in [0, 1]."""
+        links = self.arm.mount_length / self.arm.link_length
+        whole = min(int(links + 1e-9), self.arm.links)
+        return whole, max(0.0, links - whole) if whole < self.arm.links else 0.0
 
     def failures(self, headings: FloatArray, depth: int = MAX_DEPTH) -> IntArray:
         """Intervals of a piecewise-linear motion that cannot be certified.
@@ -48,68 +91,119 @@ class Certificate:
         Returns:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is safe.
         """
-        start, end = headings[:-1], headings[1:]
-        owner = np.arange(len(start))
-        for _ in range(depth):
-            bad = ~self._safe(start, end)
-            if not bad.any():
-                return owner[:0]
-            start, end, owner = start[bad], end[bad], owner[bad]
-            middle = 0.5 * (start + end)
-            start, end = np.concatenate((start, middle)), np.concatenate((middle, end))
-            owner = np.concatenate((owner, owner))
-        return np.unique(owner[~self._safe(start, end)])
+        start, end, owner = headings[:-1], headings[1:], np.arange(len(headings) - 1)
+        spans = _Spans.of(self.arm, start, end, owner)
+        links = self._all_links(spans)
+        pairs = self._all_pairs(spans)
+        failed: list[IntArray] = []
+        for level in range(depth + 1):
+            links, touching_links = self._unsafe_links(spans, *links)
+            pairs, touching_pairs = self._unsafe_pairs(spans, *pairs)
+            last = level == depth
+            bad = np.concatenate((touching_links, touching_pairs, links[0] if last else [], pairs[0] if last else []))
+            failed.append(np.unique(spans.owner[bad.astype(int)]))
+            if last or (len(links[0]) == 0 and len(pairs[0]) == 0):
+                break
+            spans, links, pairs = self._halved(spans, links, pairs, failed[-1])
+        return np.unique(np.concatenate(failed))
 
-    def _safe(self, start: FloatArray, end: FloatArray) -> BoolArray:
-        """Which intervals pass without bisection, shape (m,)."""
-        a, b = self.arm.joint_positions(start), self.arm.joint_positions(end)
-        sag = np.cumsum(self.arm.link_length * (end - start) ** 2, axis=1) / 8.0
-        safe = self._clear_of_walls(a, b, sag)
-        if self.arm.self_collision:
-            safe[safe] &= self._clear_of_itself(start[safe], end[safe], a[safe], b[safe], sag[safe])
-        return safe
+    def _halved(
+        self, spans: _Spans, links: tuple[IntArray, ...], pairs: tuple[IntArray, ...], failed: IntArray
+    ) -> tuple[_Spans, tuple[IntArray, ...], tuple[IntArray, ...]]:
+        """Both halves of every stretch with something unsafe, and what is to be tested on them again."""
+        alive = ~np.isin(spans.owner, failed)
+        links = tuple(x[alive[links[0]]] for x in links)
+        pairs = tuple(x[alive[pairs[0]]] for x in pairs)
+        kept, place = np.unique(np.concatenate((links[0], pairs[0])), return_inverse=True)
+        start, end = spans.start[kept], spans.end[kept]
+        middle = 0.5 * (start + end)
+        halves = _Spans.of(
+            self.arm, np.concatenate((start, middle)), np.concatenate((middle, end)), np.tile(spans.owner[kept], 2)
+        )
+        on_link, on_pair = place[: len(links[0])], place[len(links[0]) :]
+        twice_links = (np.concatenate((on_link, on_link + len(kept))), np.tile(links[1], 2))
+        twice_pairs = (np.concatenate((on_pair, on_pair + len(kept))), *(np.tile(x, 2) for x in pairs[1:]))
+        return halves, twice_links, twice_pairs
 
-    def _clear_of_walls(self, a: FloatArray, b: FloatArray, sag: FloatArray) -> BoolArray:
-        count, links = sag.shape
-        mount = int(self.arm.mount_length / self.arm.link_length + 1e-9)
-        share = self.arm.mount_length / self.arm.link_length - mount
-        first = np.stack((a[:, :-1], b[:, :-1]), axis=2)
-        last = np.stack((a[:, 1:], b[:, 1:]), axis=2)
-        if mount < links:
-            first[:, mount] += share * (last[:, mount] - first[:, mount])
-        hulls = shapely.convex_hull(shapely.multipoints(np.concatenate((first, last), axis=2)[:, mount:]))
-        need = self.arm.radius + self.workspace.clearance + sag[:, mount:]
-        rounding = np.array([wall.rounding for wall in self.workspace.walls])
-        reach = need + rounding.max() + (0.0 if self.arm.radius > 0.0 else 1e-9)
-        hull, wall = self.tree.query(hulls.ravel(), predicate="dwithin", distance=reach.ravel())
-        cores = np.asarray(self.tree.geometries)[wall]
-        distance = shapely.distance(hulls.ravel()[hull], cores) - rounding[wall]
-        touching = distance <= need.ravel()[hull]
-        safe = np.ones(count, dtype=np.bool_)
-        safe[hull[touching] // (links - mount)] = False
-        return safe
+    def _all_links(self, spans: _Spans) -> tuple[IntArray, IntArray]:
+        """Every stretch with every link beyond the mount."""
+        span, link = np.meshgrid(np.arange(len(spans.owner)), np.arange(self._mount[0], self.arm.links), indexing="ij")
+        return span.ravel(), link.ravel()
 
-    def _clear_of_itself(
-        self, start: FloatArray, end: FloatArray, a: FloatArray, b: FloatArray, sag: FloatArray
-    ) -> BoolArray:
-        """Least of the eight corner differences along the closest direction at mid-interval, for every pair."""
+    def _all_pairs(self, spans: _Spans) -> tuple[IntArray, IntArray, IntArray]:
+        """Every stretch with every pair of distant links that come anywhere near each other."""
+        if not self.arm.self_collision:
+            return (np.zeros(0, int),) * 3
         i, j = np.triu_indices(self.arm.links, self.arm.first_self_pair)
-        safe = np.ones(len(start), dtype=np.bool_)
-        if len(i) == 0 or len(start) == 0:
-            return safe
-        middle = self.arm.joint_positions(0.5 * (start + end))
-        centre = 0.5 * (middle[:, :-1] + middle[:, 1:])
-        swing = 0.5 * self.arm.link_length * np.abs(end - start).sum(axis=1)
-        reach = 2.0 * self.arm.radius + self.arm.link_length + sag[:, -1] + 2.0 * swing
-        near = np.linalg.norm(centre[:, i] - centre[:, j], axis=2) < reach[:, None]
-        k, pair = np.nonzero(near)
-        i, j = i[pair], j[pair]
-        _, _, apart = closest_on_segments(middle[k, i], middle[k, i + 1], middle[k, j], middle[k, j + 1])
-        direction = apart / np.maximum(np.hypot(apart[:, 0], apart[:, 1]), 1e-12)[:, None]
-        corners = [
-            np.einsum("md,md->m", p[k, i + s] - p[k, j + t], direction) for p in (a, b) for s in (0, 1) for t in (0, 1)
-        ]
-        before = np.where(i > 0, sag[k, np.maximum(i - 1, 0)], 0.0)
-        touching = np.min(corners, axis=0) <= 2.0 * self.arm.radius + sag[k, j] - before
-        safe[k[touching]] = False
-        return safe
+        middle = 0.25 * (spans.a[:, :-1] + spans.a[:, 1:] + spans.b[:, :-1] + spans.b[:, 1:])
+        moved = 0.5 * np.linalg.norm(spans.b - spans.a, axis=2).max(axis=1) + spans.sag[:, -1]
+        reach = 2.0 * self.arm.radius + self.arm.link_length + 2.0 * moved + TOUCH
+        apart = middle[:, i] - middle[:, j]
+        span, pair = np.nonzero(np.einsum("spd,spd->sp", apart, apart) < reach[:, None] ** 2)
+        return span, i[pair], j[pair]
+
+    def _unsafe_links(self, spans: _Spans, span: IntArray, link: IntArray) -> tuple[tuple[IntArray, IntArray], IntArray]:
+        """Of (stretch, link): those whose grown hull meets a wall, and the stretches that touch one half-way."""
+        need = self.arm.radius + self.workspace.clearance + spans.sag[span, link]
+        corners = self._corners(spans, span, link)
+        middle = 0.5 * (corners[:, :2] + corners[:, 2:])
+        swing = 0.5 * np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=2).max(axis=1)
+        near = np.unique(self._near(shapely.linestrings(middle), need + swing)[0])
+        hulls = shapely.convex_hull(shapely.linestrings(corners[near]))
+        hit = near[np.unique(self._near(hulls, need[near])[0])]
+        return (span[hit], link[hit]), self._touching(spans, span[hit], link[hit])
+
+    def _touching(self, spans: _Spans, span: IntArray, link: IntArray) -> IntArray:
+        """Stretches whose links truly touch a wall half-way, so that no bisection can help."""
+        headings = 0.5 * (spans.start + spans.end)
+        places = self.arm.joint_positions(headings)
+        held = _Spans(headings, headings, spans.owner, places, places, spans.sag)
+        lines = shapely.linestrings(self._corners(held, span, link)[:, :2])
+        limit = np.full(len(lines), self.arm.radius + self.workspace.clearance)
+        return span[np.unique(self._near(lines, limit)[0])]
+
+    def _corners(self, spans: _Spans, span: IntArray, link: IntArray) -> FloatArray:
+        """End positions of links at both ends of stretches, the mount cut off, shape (k, 4, 2) [m]."""
+        corners = np.stack((spans.a[span, link], spans.a[span, link + 1], spans.b[span, link], spans.b[span, link + 1]), axis=1)
+        mount, share = self._mount
+        cut = link == mount
+        corners[cut, 0::2] += share * (corners[cut, 1::2] - corners[cut, 0::2])
+        return corners
+
+    def _near(self, shapes: np.ndarray, distance: FloatArray) -> tuple[IntArray, IntArray]:
+        """Pairs (shape, wall) no farther apart than given distances, shape (k,) [m]."""
+        reach = distance + self._rounding.max() + TOUCH
+        shape, wall = self._tree.query(shapes, predicate="dwithin", distance=reach)
+        if self._rounding.any():
+            gap = shapely.distance(shapes[shape], self._tree.geometries[wall]) - self._rounding[wall]
+            close = gap <= distance[shape] + TOUCH
+            shape, wall = shape[close], wall[close]
+        return shape, wall
+
+    def _unsafe_pairs(
+        self, spans: _Spans, span: IntArray, i: IntArray, j: IntArray
+    ) -> tuple[tuple[IntArray, IntArray, IntArray], IntArray]:
+        """Of (stretch, link, link): those not proved apart, and the stretches in which a pair touches half-way.
+
+        A pair is apart when all eight corner differences keep their distance along the direction that is closest
+        half-way; only the links between the two add to the sag of their difference.
+        """
+        if len(span) == 0:
+            return (span, i, j), span
+        middle = self.arm.joint_positions(0.5 * (spans.start + spans.end))
+        _, _, apart = closest_on_segments(middle[span, i], middle[span, i + 1], middle[span, j], middle[span, j + 1])
+        distance = np.hypot(apart[:, 0], apart[:, 1])
+        direction = apart / np.maximum(distance, 1e-12)[:, None]
+        corners = np.min(
+            [
+                np.einsum("md,md->m", p[span, i + s] - p[span, j + t], direction)
+                for p in (spans.a, spans.b)
+                for s in (0, 1)
+                for t in (0, 1)
+            ],
+            axis=0,
+        )
+        before = np.where(i > 0, spans.sag[span, np.maximum(i - 1, 0)], 0.0)
+        unsafe: BoolArray = corners <= 2.0 * self.arm.radius + spans.sag[span, j] - before + TOUCH
+        touching = unsafe & (distance <= 2.0 * self.arm.radius + TOUCH)
+        return (span[unsafe], i[unsafe], j[unsafe]), span[touching]

@@ -55,7 +55,9 @@ class Deadline:
         return time.monotonic() > self.at
 
 
-def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline) -> list[Pose]:
+def follow(
+    stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patience: int = PATIENCE
+) -> list[Pose]:
     """Poses from the given one to where the guide ends.
 
     Raises:
@@ -68,7 +70,7 @@ def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline) -> li
         pose = stepper.step(pose, jacobians, guide.terms(pose, jacobians) + smooth)
         poses.append(pose)
         waiting = 0 if guide.progress(pose) else waiting + 1
-        if waiting > PATIENCE or deadline.passed():
+        if waiting > patience or deadline.passed():
             raise Stalled(guide.describe(pose), poses)
     return poses
 

@@ -84,15 +84,29 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
     the smallest b whose tip path is within one nominal link of the shortest.
     """
     arm = stepper.space.arm
-    joints = np.arange(0, arm.links + 1, max(1, arm.links // 24))
-    routes = [path.from_joint(start.points, int(b)) for b in joints]
-    ways = np.array([path_length(route) for route in routes])
-    fits = joints * arm.link_length + ways <= arm.length
-    if not fits.any():
+
+    def new_length(joint: int) -> float:
+        return joint * arm.link_length + path_length(path.from_joint(start.points, joint))
+
+    def tip_way(joint: int) -> float:
+        return (arm.links - joint) * arm.link_length + path_length(path.from_joint(start.points, joint))
+
+    if new_length(0) > arm.length:
         return None
-    tip_ways = (arm.links - joints) * arm.link_length + ways
-    k = int(np.nonzero(fits & (tip_ways <= tip_ways[fits].min() + arm.length / 24.0))[0][0])
-    return int(joints[k]), routes[k]
+    # Both grow or fall with the joint, for the way from a joint differs from its neighbour's by at most a link.
+    last = _last_true(lambda joint: new_length(joint) <= arm.length, arm.links)
+    shortest = tip_way(last)
+    first = last - _last_true(lambda back: tip_way(last - back) <= shortest + arm.length / 24.0, last)
+    return first, path.from_joint(start.points, first)
+
+
+def _last_true(holds: Callable[[int], bool], last: int) -> int:
+    """Largest k in [0, last] for which a condition holds that holds at 0 and, once false, stays false."""
+    low, high = 0, last
+    while low < high:
+        middle = (low + high + 1) // 2
+        low, high = (middle, high) if holds(middle) else (low, middle - 1)
+    return low
 
 
 def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:

@@ -11,6 +11,8 @@ from ccm_opt.motion.step import Pose, Stepper, Term
 
 SHORTCUT_LEVELS = 3
 SWEEPS = 2
+PATIENCE = 10
+"""Steps without progress before a shortcut is given up."""
 _WORTH = 0.9
 """A shortcut is taken when it shortens the travel at least to this share."""
 
@@ -84,7 +86,7 @@ def _at_travel(poses: list[Pose], share: float) -> int:
 def _direct(stepper: Stepper, start: Pose, end: Pose, deadline: Deadline) -> list[Pose] | None:
     """The interpolation between two poses, ending exactly on the second, or None when it gets stuck."""
     try:
-        poses = follow(stepper, Interpolation(stepper.space, start.v, end.v), start, deadline)
+        poses = follow(stepper, Interpolation(stepper.space, start.v, end.v), start, deadline, PATIENCE)
     except Stalled:
         return None
     return [*poses, end]

@@ -1,0 +1,101 @@
+"""The driver, in the paper's order: problem, plan, joint trajectory, dynamics, simulation, verification."""
+
+import platform
+from collections.abc import Callable, Mapping
+from functools import partial
+from importlib.metadata import version
+
+import numpy as np
+
+from ccm_opt import retiming, verification
+from ccm_opt.curve_planner import CurvePlanner
+from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.simulation import simulate
+from ccm_opt.errors import VerificationError
+from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.planner import Planner
+from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
+from ccm_opt.stages import Stages
+
+PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "scipy", "shapely", "toppra")
+
+
+def solve(
+    problem: Problem, *, progress: Callable[[str], None] | None = None, planner: Planner | None = None
+) -> Solution:
+    """Plan, time, simulate and verify a motion.
+
+    Args:
+        problem: what to solve.
+        progress: called with the name of each stage when it starts.
+        planner: another planner; the curve planner when None.
+
+    Returns:
+        A verified solution; there is no unverified one.
+
+    Raises:
+        NoPlanFound: with a diagnosis: there is no plan within the limits.
+        VerificationError: the verifier refuses the plan; a defect of the planner.
+    """
+    stages = Stages(progress)
+    path = (planner or CurvePlanner(stages)).plan(problem)
+    with stages("dynamics model"):
+        inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
+    with stages("retiming"):
+        trajectory = retiming.retime(
+            path, problem.limits, inverse_dynamics, revolutes=partial(revolute_angles, problem.arm)
+        )
+        joints = joint_states(problem.arm, trajectory, inverse_dynamics)
+    with stages("verification"):
+        checks = verification.verify(problem, trajectory, joints)
+    failures = [f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed]
+    if failures:
+        raise VerificationError(failures)
+    with stages("simulation"):
+        simulated = simulate(problem.arm, trajectory, joints, problem.simulation, problem.limits)
+    return Solution(
+        problem,
+        path,
+        trajectory,
+        joints,
+        simulated,
+        checks,
+        metrics(problem, path, trajectory, joints, simulated, checks),
+        dict(stages.timings),
+        versions=versions(),
+    )
+
+
+def metrics(
+    problem: Problem,
+    path: JointPath,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    simulated: SimulatedMotion,
+    checks: tuple[Check, ...],
+) -> Mapping[str, float]:
+    """The figures of merit of a plan, named with their units."""
+    arm = problem.arm
+    headings = arm.headings(trajectory.bend_angles)
+    tip = arm.joint_positions(headings[-1:])[0, -1]
+    figures = {
+        "duration_s": trajectory.duration,
+        "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),
+        "joint_path_length_rad": float(np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1).sum()),
+        "largest_curvature_per_m": float(np.max(np.abs(trajectory.bend_angles[:, 1:]), initial=0.0) / arm.link_length),
+        "keyframes": float(len(path.keyframes)),
+        "tracking_error_rad": simulated.tracking_error,
+    }
+    if isinstance(problem.goal, TipGoal):
+        figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.position)))
+        if problem.goal.heading is not None:
+            turn = (headings[-1, -1] - problem.goal.heading + np.pi) % (2.0 * np.pi) - np.pi
+            figures["heading_error_rad"] = abs(float(turn))
+    figures.update({f"least_{check.name.replace(' ', '_')}_m": check.worst for check in checks if check.unit == "m" and "clearance" in check.name})
+    return figures
+
+
+def versions() -> Mapping[str, str]:
+    """Versions of Python and of the packages a result depends on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
