@@ -49,5 +49,5 @@ class Workspace:
 
     @cached_property
     def walls(self) -> tuple[Obstacle, ...]:
-        """Everything the arm must keep away from: the obstacles, then the boundary's edge."""
+        """All that the arm must keep away from, the obstacles first, then the boundary's edge."""
         return (*self.obstacles, Obstacle(BOUNDARY_NAME, shapely.LinearRing(self.boundary.exterior.coords)))

@@ -58,7 +58,10 @@ class Arm:
 
     @property
     def first_self_pair(self) -> int:
-        """Least difference j − i of link indices whose axes must keep two radii apart (FORMATS: (|i − j| − 1) l ≥ max(2 l, π r))."""
+        """Least difference j − i of the indices of links whose axes must keep two radii apart.
+
+        Links are neighbours round a bend unless ``(|i − j| − 1) l ≥ max(2 l, π r)``.
+        """
         reach = max(2.0 * self.link_length, np.pi * self.radius)
         return int(np.ceil(reach / self.link_length - 1e-9)) + 1
 

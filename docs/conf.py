@@ -1,0 +1,29 @@
+from ccm_opt import __version__
+
+project = "ccm_opt"
+author = "The ccm_opt developers"
+copyright = "the ccm_opt developers"  # noqa: A001 - Sphinx reads this name
+version = release = __version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["_build", "adr/template.md"]
+html_theme = "furo"
+html_title = f"ccm_opt {__version__}"
+
+myst_enable_extensions = ["deflist"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+
+nitpicky = True
+nitpick_ignore_regex = [
+    # Types of other packages; links to them would need the network at build time.
+    ("py:class", r"(numpy|np|npt|scipy|shapely|pathlib|collections|typing)\b.*"),
+    ("py:class", r"(Path|Mapping|Sequence|Callable|BSpline|ndarray|dtype|float64|Any)"),
+    # Python's own.
+    ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
+]
