@@ -1,11 +1,10 @@
 """The corridor of overlapping convex regions around a route: where the environment divides the arm (section 4.1).
 
 Candidates are the regions grown from the cells on the route and from the edges between them. Each covers a span of
-the taut string;
-as few as overlap well are kept, and each overlap gets a portal, a chord that the taut string crosses.
+the taut string; as few as overlap well are kept, and each overlap gets a portal, a chord that the taut string
+crosses.
 """
 
-import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -28,9 +27,12 @@ class CorridorMaker:
 
     Attributes:
         triangulation: of free space.
+        slack: how far beside the regions the taut string may cut a corner [m]; must be less than the margin by which
+            the obstacles were grown, so that no obstacle fits in between.
     """
 
     triangulation: Triangulation
+    slack: float = 0.0
 
     @cached_property
     def partition(self) -> Partition:
@@ -67,10 +69,9 @@ class CorridorMaker:
         edges = self.triangulation.portals(route.sleeve)
         taut = TautString.through(edges, route.taut if path is None else path)
         narrowest = float(np.min(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1), initial=np.inf))
-        cover = Cover(self._candidates(route.sleeve, edges, taut), taut)
+        cover = Cover(self._candidates(route.sleeve, edges, taut), taut, self.slack)
         kept = cover.sequence(WIDE_ENOUGH * narrowest)
-        portals = [cover.link(here, there)[1] for here, there in itertools.pairwise(kept)]
-        return Corridor(route, tuple(cover.candidates[k].region for k in kept), np.array(portals).reshape(-1, 2, 2))
+        return Corridor(route, tuple(cover.candidates[k].region for k in kept), cover.portals(kept))
 
     def _candidates(self, sleeve: tuple[int, ...], edges: FloatArray, taut: TautString) -> list[Candidate]:
         """Regions grown from the cells along a sleeve and, in between, from the edges where the cell changes."""
@@ -79,7 +80,11 @@ class CorridorMaker:
         times = np.concatenate(([0.0], taut.crossings[changes], [taut.length]))
         found: list[Candidate] = []
         for k, cell in enumerate(cells[np.concatenate((changes, [len(cells) - 1]))]):
-            found.append(Candidate.around(self.grown(self.partition.cells[cell]), times[k], times[k + 1], taut))
+            found.append(
+                Candidate.around(self.grown(self.partition.cells[cell]), times[k], times[k + 1], taut, self.slack)
+            )
             if k < len(changes):
-                found.append(Candidate.around(self.grown(edges[changes[k]]), times[k + 1], times[k + 1], taut))
+                found.append(
+                    Candidate.around(self.grown(edges[changes[k]]), times[k + 1], times[k + 1], taut, self.slack)
+                )
         return found

@@ -1,5 +1,6 @@
 """Covering a taut string by few convex regions that overlap well."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,12 +9,13 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion
-from ccm_opt.freespace.regions import contains
+from ccm_opt.freespace.regions import TOUCHING
 from ccm_opt.freespace.taut_stations import TautString
-from ccm_opt.geometry.polygons import chord, intersection, signed_area
+from ccm_opt.geometry.polygons import chord, intersection, nearest_on_segments, signed_area
 
-TRIALS = 9  # places tried for each portal
+TRIALS = 7  # places tried for each portal
 THICK_ENOUGH = 0.2  # least thickness of an overlap, as a share of the width that its portal should have
+UNUSABLE = -1.0  # quality of a pair of regions that have no portal
 WORTHLESS = 1e-7  # overlaps worse than this are as bad as none [m]
 
 
@@ -32,9 +34,21 @@ class Candidate:
     last: float
 
     @classmethod
-    def around(cls, region: ConvexRegion, first: float, last: float, taut: TautString) -> "Candidate":
-        """A region with all of the string that it covers around a span [first, last] known to be covered [m]."""
-        outside = taut.stations[~contains(region, taut.points)]
+    def around(
+        cls, region: ConvexRegion, first: float, last: float, taut: TautString, slack: float = 0.0
+    ) -> "Candidate":
+        """A region with all of the string that it covers around a span known to be covered.
+
+        Args:
+            region: the region.
+            first: where the known span begins [m].
+            last: where it ends [m].
+            taut: the string.
+            slack: how far outside the string may run and still count as covered, except at its ends [m].
+        """
+        slacks = np.full(len(taut.stations), max(slack, TOUCHING))
+        slacks[[0, -1]] = TOUCHING
+        outside = taut.stations[np.max(taut.points @ region.normals.T - region.offsets, axis=1) > slacks]
         before, after = outside[outside < first], outside[outside > last]
         entered = taut.stations[np.searchsorted(taut.stations, before[-1], side="right")] if len(before) else 0.0
         left = taut.stations[np.searchsorted(taut.stations, after[0]) - 1] if len(after) else taut.length
@@ -48,29 +62,36 @@ class Cover:
     Attributes:
         candidates: in order along the string; each one's span meets that of the next.
         taut: the string.
+        slack: how far outside the regions the string may run [m]; it passes every portal within twice that.
     """
 
     candidates: Sequence[Candidate]
     taut: TautString
+    slack: float = 0.0
 
     @cached_property
-    def _links(self) -> dict[tuple[int, int], tuple[float, FloatArray]]:
+    def _links(self) -> dict[tuple[int, int], "Link"]:
         return {}
 
-    def link(self, here: int, there: int) -> tuple[float, FloatArray]:
-        """The quality [m] of the overlap of two candidates, and its portal."""
+    def link(self, here: int, there: int) -> "Link":
+        """How two candidates overlap."""
         if (here, there) not in self._links:
-            one, other = self.candidates[here], self.candidates[there]
-            portal = portal_between(one, other, self.taut)
-            self._links[here, there] = min(_width(portal), _thickness(one.region, other.region) / THICK_ENOUGH), portal
+            self._links[here, there] = link_between(
+                self.candidates[here], self.candidates[there], self.taut, 2.0 * self.slack
+            )
         return self._links[here, there]
+
+    def portals(self, sequence: Sequence[int]) -> FloatArray:
+        """Portals between following candidates, left end then right end, in order; shape (n - 1, 2, 2) [m]."""
+        chords = [self.link(here, there).chords for here, there in itertools.pairwise(sequence)]
+        return np.array([choice.ends for choice in _in_order(chords)]).reshape(-1, 2, 2)
 
     def sequence(self, wanted: float) -> list[int]:
         """Candidates that cover the string with overlaps of the quality wanted [m], or nearly the best there is."""
         wanted = min(wanted, self.taut.length)
         found = self._search(wanted)
         while not found:
-            wanted = 0.5 * wanted if wanted > WORTHLESS else -1.0
+            wanted = 0.5 * wanted if wanted > WORTHLESS else 0.0
             found = self._search(wanted)
         return found
 
@@ -81,7 +102,7 @@ class Cover:
         while stack:
             path = stack.pop()
             here = path[-1]
-            if here in seen or (len(path) > 1 and self.link(path[-2], here)[0] < wanted):
+            if here in seen or (len(path) > 1 and self.link(path[-2], here).quality < wanted):
                 continue
             seen.add(here)
             if self.candidates[here].last >= self.taut.length:
@@ -96,35 +117,79 @@ class Cover:
         return sorted(holding, key=lambda k: self.candidates[k].last)
 
 
-def portal_between(here: Candidate, there: Candidate, taut: TautString) -> FloatArray:
-    """The widest chord of the overlap of two regions among those through places where the taut string runs in both.
+@dataclass(frozen=True)
+class Chord:
+    """A chord of the overlap of two regions that a taut string crosses.
 
-    Args:
-        here: the region before.
-        there: the region after; its span meets that of ``here``.
-        taut: the string.
-
-    Returns:
-        Left end and right end as seen along the string, shape (2, 2) [m].
+    Attributes:
+        place: arc length of the string where it crosses [m].
+        ends: left and right end as seen along the string, shape (2, 2) [m].
+        score: width times squareness [m].
     """
+
+    place: float
+    ends: FloatArray
+    score: float
+
+
+@dataclass(frozen=True)
+class Link:
+    """How two regions overlap.
+
+    Attributes:
+        quality: width of the best portal, less when the overlap is thin [m].
+        chords: portals to choose from, by increasing place.
+    """
+
+    quality: float
+    chords: tuple[Chord, ...]
+
+
+def link_between(here: Candidate, there: Candidate, taut: TautString, beside: float) -> Link:
+    """The overlap of two regions whose spans meet; its chords pass the string by ``beside`` at most."""
     first, last = max(here.first, there.first), min(here.last, there.last)
+    places = np.unique(np.concatenate((np.linspace(first, last, TRIALS), taut.crossings_within(first, last))))
+    overlap = intersection(here.region.vertices, there.region.normals, there.region.offsets)
     normals = np.concatenate((here.region.normals, there.region.normals))
     offsets = np.concatenate((here.region.offsets, there.region.offsets))
-    chords = [
-        chord(normals, offsets, taut.at(place), direction)
-        for place in (*np.linspace(first, last, TRIALS).tolist(), *taut.crossings_within(first, last).tolist())
-        for direction in taut.directions_across(place)
-    ]
-    return max(chords, key=_width)[::-1]
+    chords: list[Chord] = []
+    for place in places.tolist():
+        through = _nearest_point(overlap, normals, offsets, taut.at(place))
+        if np.linalg.norm(through - taut.at(place)) > beside + TOUCHING:
+            continue
+        for direction, squareness in taut.directions_across(place):
+            ends = chord(normals, offsets, through, direction)[::-1]
+            chords.append(Chord(place, ends, squareness * float(np.linalg.norm(ends[0] - ends[1]))))
+    if not chords:
+        return Link(UNUSABLE, ())
+    return Link(min(max(c.score for c in chords), _thickness(overlap) / THICK_ENOUGH), tuple(chords))
 
 
-def _width(portal: FloatArray) -> float:
-    return float(np.linalg.norm(portal[0] - portal[1]))
+def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
+    """One chord of each link, places not decreasing, with the greatest product of scores (dynamic programming)."""
+    best: list[tuple[float, list[Chord]]] = [(0.0, [])]
+    for chords in links:
+        longer: list[tuple[float, list[Chord]]] = []
+        for choice in chords:
+            fitting = [pair for pair in best if not pair[1] or pair[1][-1].place <= choice.place]
+            if fitting:
+                total, chosen = max(fitting, key=lambda pair: pair[0])
+                longer.append((total + float(np.log(choice.score + WORTHLESS)), [*chosen, choice]))
+        best = longer
+    return max(best, key=lambda pair: pair[0])[1]
 
 
-def _thickness(here: ConvexRegion, there: ConvexRegion) -> float:
-    """Twice the area over the perimeter of the overlap of two regions [m]: for a long overlap its mean thickness."""
-    overlap = intersection(here.vertices, there.normals, there.offsets)
+def _nearest_point(polygon: FloatArray, normals: FloatArray, offsets: FloatArray, point: FloatArray) -> FloatArray:
+    """The point (2,) itself when it lies within the half-planes, else the nearest of the polygon (m, 2)."""
+    if len(polygon) == 0 or bool(np.all(normals @ point <= offsets + TOUCHING)):
+        return point
+    feet = nearest_on_segments(point, np.stack((polygon, np.roll(polygon, -1, axis=0)), axis=1))
+    nearest: FloatArray = feet[np.argmin(np.linalg.norm(feet - point, axis=1))]
+    return nearest
+
+
+def _thickness(overlap: FloatArray) -> float:
+    """Twice the area over the perimeter of a polygon (m, 2) [m]: for a long one its mean thickness."""
     if len(overlap) < 3:
         return 0.0
     return 2.0 * signed_area(overlap) / float(np.sum(np.linalg.norm(overlap - np.roll(overlap, 1, axis=0), axis=1)))

@@ -19,6 +19,7 @@ from ccm_opt.freespace.triangulation import Triangulation, triangulate
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.geometry.polygons import path_length
 
+CORNER_SLACK = 0.5  # fraction of the margin by which a taut string may leave a corridor where it bends round a corner
 MOVED = 1e-9  # an end farther than this from its nearest free point is kept beside it [m]
 
 
@@ -66,7 +67,7 @@ class FreeSpace:
     @cached_property
     def corridor_maker(self) -> CorridorMaker:
         """Convex cells and the regions grown from them."""
-        return CorridorMaker(self.triangulation)
+        return CorridorMaker(self.triangulation, CORNER_SLACK * self.margin)
 
     @cached_property
     def _metric(self) -> EdgeMetric:

@@ -1,8 +1,7 @@
 """The taut string through a sleeve of triangles: the funnel algorithm (Lee & Preparata, *Networks* 14, 1984).
 
-Only the order of the portals counts, never the plane they lie in: a sleeve that comes back to a triangle is
-unfolded like a
-covering space, and the result is the shortest path of its homotopy class.
+Only the order of the portals counts, never the plane they lie in: a sleeve that comes back to a triangle is unfolded
+like a covering space, and the result is the shortest path of its homotopy class.
 """
 
 import itertools

@@ -1,8 +1,8 @@
 """Enumerates homotopy classes of paths from a start to a goal, nearly by increasing length.
 
-Walks through the junction graph that pass no triangle twice are enumerated best first (A*). The estimate of the way that
-remains is exact in the sampled metric of ``junctions``, turning on the spot excluded, so that they come out in the order of
-their sampled length.
+Walks through the junction graph that pass no triangle twice are enumerated best first (A*). The estimate of the way
+that remains is exact in the sampled metric of ``junctions``, turning on the spot excluded, so that they come out in
+the order of their sampled length.
 """
 
 import heapq

@@ -1,9 +1,8 @@
 """The free set of the arm's axis: the room shrunk and the obstacles grown by a margin, with few vertices.
 
-Everything here errs to the safe side: the polygons made are subsets of the true free set (the points farther than
-the margin from
-all walls). Sides are offset exactly; a convex corner's arc is replaced by at most two tangents, a circle by the
-tangents of a 12-gon.
+Everything here errs to the safe side: the polygons made are subsets of the true free set (the points farther than the
+margin from all walls). Sides are offset exactly; a convex corner's arc is replaced by at most two tangents, a circle
+by the tangents of a 12-gon.
 """
 
 import itertools

@@ -1,10 +1,9 @@
 """The junction graph of a triangulation: triangles with three ways out, joined by chains of triangles with two.
 
 Lengths are measured over a few sample points on every edge: from the sample points of one edge to those of another
-edge of the
-same triangle by straight lines, composed along a chain as min-plus matrix products. This approaches the taut
-length from above
-within three hundredths, mostly one, enough to put homotopy classes nearly in order before their taut strings are known.
+edge of the same triangle by straight lines, composed along a chain as min-plus matrix products. This approaches the
+taut length from above within three hundredths, mostly one, enough to put homotopy classes nearly in order before
+their taut strings are known.
 """
 
 from collections.abc import Sequence

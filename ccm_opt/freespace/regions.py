@@ -1,16 +1,15 @@
 """Convex regions grown from convex cells until walls stop them, so that neighbouring regions overlap (section 4.1).
 
 Each wall is shut out by one half-plane through its point nearest to the cell, nearest walls first, walls already
-outside left
-aside: the first step of IRIS (Deits & Tedrake, 2015) with the cell in the place of the ellipse, so the result
-    holds the cell.
+outside left aside: the first step of IRIS (Deits & Tedrake, 2015) with the cell in the place of the ellipse, so the
+result holds the cell.
 """
 
 import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.freespace.corridor import ConvexRegion
-from ccm_opt.geometry.polygons import clip, half_planes, signed_area, without_short_edges
+from ccm_opt.geometry.polygons import clip, half_planes, nearest_on_segments, signed_area, without_short_edges
 
 TOUCHING = 1e-9  # tolerance of all contacts [m]
 NEAR = 1e-6  # a wall nearer than this is shut out by an edge line: its nearest point gives no sharp direction [m]
@@ -77,8 +76,8 @@ def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, Flo
         Gaps, shape (w,) [m], nearest points of the cell, shape (w, 2) [m], and of the walls, shape (w, 2) [m].
     """
     edges = np.stack((cell, np.roll(cell, -1, axis=0)), axis=1)
-    feet_on_walls = _feet(cell[:, None], walls[None])  # (m, w, 2)
-    feet_on_cell = _feet(walls[None], edges[:, None, None])  # (m, w, 2 ends, 2)
+    feet_on_walls = nearest_on_segments(cell[:, None], walls[None])  # (m, w, 2)
+    feet_on_cell = nearest_on_segments(walls[None], edges[:, None, None])  # (m, w, 2 ends, 2)
     cell_side = np.concatenate(
         (np.broadcast_to(cell[:, None], feet_on_walls.shape), feet_on_cell[:, :, 0], feet_on_cell[:, :, 1])
     )
@@ -88,13 +87,6 @@ def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, Flo
     best = np.argmin(gaps, axis=0)
     which = np.arange(len(walls))
     return gaps[best, which], cell_side[best, which], wall_side[best, which]
-
-
-def _feet(points: FloatArray, segments: FloatArray) -> FloatArray:
-    """Nearest points of segments (..., 2, 2) to points (..., 2)."""
-    tail, along = segments[..., 0, :], segments[..., 1, :] - segments[..., 0, :]
-    fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)
-    return np.asarray(tail + np.clip(fraction, 0.0, 1.0)[..., None] * along, dtype=np.float64)
 
 
 def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray) -> tuple[FloatArray, float]:

@@ -1,6 +1,6 @@
 """Routes from a start to a goal in different homotopy classes, shortest first (the connectivity graph of section 4.1).
 
-The classes come nearly in order of length; each gets its taut string, and the strings are put in order of their true length.
+The classes come nearly in order of length; each gets its taut string, and these are put in the order of true length.
 """
 
 import bisect

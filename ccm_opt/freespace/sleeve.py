@@ -2,13 +2,17 @@
 
 import heapq
 import itertools
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.triangulation import WALL, Triangulation
+
+Point: TypeAlias = tuple[float, float]
 
 INWARDS = 1e-7  # fraction of the way to the centroid by which a point is moved off edges and vertices
 DEEPEST_BISECTION = 6  # of a straight piece that meets a wall
@@ -52,46 +56,48 @@ def sleeve_of(triangulation: Triangulation, polyline: FloatArray) -> tuple[int, 
     Raises:
         UnreachableGoal: when the polyline jumps from one component of free space to another.
     """
-    triangles, _ = triangulation.nearest(polyline)
+    triangles, free = triangulation.nearest(polyline)
     components = triangulation.components[triangles]
     kept = np.flatnonzero(
         components == components[0]
     )  # a point in a wall may be nearest to an enclosed pocket: pass it over
     if kept[-1] != len(polyline) - 1:
         raise UnreachableGoal(_gap(triangulation, int(triangles[0]), int(triangles[-1])))
-    walked = [int(triangles[0])]
-    for i, j in itertools.pairwise(kept.tolist()):
-        walked += _between(
-            triangulation, polyline[i], int(triangles[i]), polyline[j], int(triangles[j]), DEEPEST_BISECTION
-        )
-    return reduce(walked)
+    places = [_Place(polyline[k], free[k], int(triangles[k])) for k in kept]
+    walks = (_between(triangulation, p, q, DEEPEST_BISECTION) for p, q in itertools.pairwise(places))
+    return reduce(itertools.chain([places[0].triangle], *walks))
 
 
-def _between(mesh: Triangulation, p: FloatArray, here: int, q: FloatArray, there: int, depth: int) -> list[int]:
-    """Triangles from ``here``, which holds p, to ``there``, which holds q, straight on where that is free."""
-    if here == there:
-        return [here]
-    straight = _straight_walk(mesh, _inside(mesh, p, here), here, _inside(mesh, q, there), there)
+class _Place(NamedTuple):
+    """A point (2,) [m], its nearest free point (2,) [m] and the triangle that holds that one."""
+
+    point: FloatArray
+    free: FloatArray
+    triangle: int
+
+
+def _between(mesh: Triangulation, p: _Place, q: _Place, depth: int) -> list[int]:
+    """Triangles from one place to another, straight on where that is free."""
+    if p.triangle == q.triangle:
+        return [p.triangle]
+    straight = _straight_walk(mesh, _off_edges(mesh, p), p.triangle, _off_edges(mesh, q), q.triangle)
     if straight:
         return straight
-    middle = 0.5 * (p + q)
-    halfway = int(mesh.nearest(middle[None])[0][0])
-    if depth == 0 or mesh.components[halfway] != mesh.components[here]:
-        return shortest_walk(mesh, here, there)
-    first = _between(mesh, p, here, middle, halfway, depth - 1)
-    return [*first, *_between(mesh, middle, halfway, q, there, depth - 1)]
+    middle = 0.5 * (p.point + q.point)
+    triangles, free = mesh.nearest(middle[None])
+    if depth == 0 or mesh.components[triangles[0]] != mesh.components[p.triangle]:
+        return _shortest_walk(mesh, p, q)
+    halfway = _Place(middle, free[0], int(triangles[0]))
+    return [*_between(mesh, p, halfway, depth - 1), *_between(mesh, halfway, q, depth - 1)]
 
 
-def _inside(mesh: Triangulation, point: FloatArray, triangle: int) -> tuple[float, float]:
-    """The nearest point of a triangle, moved a hair towards its centroid, so that it lies on no edge."""
-    _, free = mesh.nearest(point[None])
-    x, y = free[0] + INWARDS * (mesh.centroids[triangle] - free[0])
+def _off_edges(mesh: Triangulation, place: _Place) -> Point:
+    """The free point moved a hair towards the centroid of its triangle, so that it lies on no edge."""
+    x, y = place.free + INWARDS * (mesh.centroids[place.triangle] - place.free)
     return float(x), float(y)
 
 
-def _straight_walk(
-    mesh: Triangulation, p: tuple[float, float], here: int, q: tuple[float, float], there: int
-) -> list[int]:
+def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: int) -> list[int]:
     """Triangles along the segment p–q, empty when it meets a wall. A vertex on the line counts as left of it."""
     dx, dy = q[0] - p[0], q[1] - p[1]
     walked = [here]
@@ -104,33 +110,37 @@ def _straight_walk(
     return walked if here == there else []
 
 
-def shortest_walk(mesh: Triangulation, here: int, there: int) -> list[int]:
-    """The shortest walk between two triangles, measured over the middles of the edges crossed (A*).
-
-    Raises:
-        UnreachableGoal: when they belong to different components.
-    """
-    if mesh.components[here] != mesh.components[there]:
-        raise UnreachableGoal(_gap(mesh, here, there))
-    target = mesh.centroids[there]
-    queue = [(0.0, 0.0, here, tuple(mesh.centroids[here].tolist()), WALL)]
+def _shortest_walk(mesh: Triangulation, p: _Place, q: _Place) -> list[int]:
+    """The shortest walk between two places of one component (A*); edges are crossed on the way to the goal."""
+    goal = (float(q.free[0]), float(q.free[1]))
+    queue = [(0.0, 0.0, p.triangle, (float(p.free[0]), float(p.free[1])), WALL)]
     parent: dict[int, int] = {}
-    while queue and there not in parent:
-        _, walked, triangle, place, before = heapq.heappop(queue)
+    while q.triangle not in parent:
+        _, walked, triangle, here, before = heapq.heappop(queue)
         if triangle in parent:
             continue
         parent[triangle] = before
         for edge, after in enumerate(mesh.adjacency[triangle]):
             if after != WALL and after not in parent:
-                (ax, ay), (bx, by) = mesh.corner_lists[triangle][edge], mesh.corner_lists[triangle][(edge + 1) % 3]
-                middle = (0.5 * (ax + bx), 0.5 * (ay + by))
-                length = walked + float(np.hypot(middle[0] - place[0], middle[1] - place[1]))
-                rest = float(np.hypot(target[0] - middle[0], target[1] - middle[1]))
-                heapq.heappush(queue, (length + rest, length, after, middle, triangle))
-    walk = [there]
-    while walk[-1] != here:
+                corners = mesh.corner_lists[triangle]
+                there = _mirror_point(here, goal, corners[edge], corners[(edge + 1) % 3])
+                length = walked + math.dist(here, there)
+                heapq.heappush(queue, (length + math.dist(there, goal), length, after, there, triangle))
+    walk = [q.triangle]
+    while walk[-1] != p.triangle:
         walk.append(parent[walk[-1]])
     return walk[::-1]
+
+
+def _mirror_point(p: Point, q: Point, a: Sequence[float], b: Sequence[float]) -> Point:
+    """The point x of the segment a–b with the least |p − x| + |x − q| (Heron's mirror)."""
+    ux, uy = b[0] - a[0], b[1] - a[1]
+    square = ux * ux + uy * uy
+    along_p, along_q = ((x - a[0]) * ux + (y - a[1]) * uy for x, y in (p, q))
+    off_p, off_q = (abs((x - a[0]) * uy - (y - a[1]) * ux) for x, y in (p, q))
+    weight = off_p / (off_p + off_q) if off_p + off_q > 0.0 else 0.0
+    fraction = min(max((along_p + weight * (along_q - along_p)) / square, 0.0), 1.0)
+    return a[0] + fraction * ux, a[1] + fraction * uy
 
 
 def _gap(mesh: Triangulation, here: int, there: int) -> Diagnosis:

@@ -9,6 +9,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polygons import cross
 
 STATIONS = 200  # evenly spaced sample places, beside the vertices and crossings
+LEAST_SQUARENESS = 0.05  # of a chord that the string only touches
 
 
 @dataclass(frozen=True)
@@ -58,14 +59,27 @@ class TautString:
         """The crossings from arc length ``first`` to ``last`` [m]."""
         return self.crossings[(self.crossings >= first) & (self.crossings <= last)]
 
-    def directions_across(self, place: float) -> list[FloatArray]:
-        """Unit directions from right to left across the string: normals of its legs, and edges crossed, there."""
+    def directions_across(self, place: float) -> list[tuple[FloatArray, float]]:
+        """Ways to lay a chord across the string at an arc length [m].
+
+        Returns:
+            Unit directions from right to left, each with its squareness: the cosine of the angle by which the string
+            deviates from the chord's normal, at a vertex that of the worse leg, at least a twentieth. Tried are the
+            normals of the legs there, of their mean, and the edges crossed there.
+        """
         legs = np.flatnonzero((self.knots[:-1] <= place) & (place <= self.knots[1:]) & (np.diff(self.knots) > 0.0))
-        tangents = self.path[legs + 1] - self.path[legs]
+        tangents = _units(self.path[legs + 1] - self.path[legs])
         normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
-        here = self.edges[self.crossings == place]
-        across = np.concatenate((normals, here[:, 0] - here[:, 1]))
-        return [direction / np.linalg.norm(direction) for direction in across] or [np.array([0.0, 1.0])]
+        edges = self.edges[self.crossings == place]
+        across = _units(np.concatenate((normals, normals.sum(axis=0, keepdims=True), edges[:, 0] - edges[:, 1])))
+        squareness = np.clip(np.min(across @ normals.T, axis=1, initial=1.0), LEAST_SQUARENESS, 1.0)
+        return list(zip(across, squareness.tolist(), strict=True)) or [(np.array([0.0, 1.0]), 1.0)]
+
+
+def _units(vectors: FloatArray) -> FloatArray:
+    """The directions of those vectors (n, 2) that are not zero."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    return np.asarray(vectors[lengths > 0.0] / lengths[lengths > 0.0, None], dtype=np.float64)
 
 
 def _crossings(edges: FloatArray, path: FloatArray) -> FloatArray:

@@ -1,8 +1,7 @@
 """Constrained Delaunay triangulation of free space, with neighbours and point location.
 
-No vertex is added inside free space, so the dual graph (triangles joined across their common edges) is a
-deformation retract
-of it: walks in the dual graph without immediate returns are exactly the homotopy classes of paths.
+No vertex is added inside free space, so the dual graph (triangles joined across their common edges) is a deformation
+retract of it: walks in the dual graph without immediate returns are exactly the homotopy classes of paths.
 """
 
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ import shapely
 from scipy.sparse.csgraph import connected_components
 
 from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.geometry.polygons import cross
+from ccm_opt.geometry.polygons import cross, nearest_on_segments
 
 WALL = -1
 
@@ -153,9 +152,6 @@ def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
 
 def _nearest_on_edges(corners: FloatArray, points: FloatArray) -> FloatArray:
     """The nearest point to each of ``points`` (m, 2) on the edges of its triangle (m, 3, 2)."""
-    edges = np.roll(corners, -1, axis=1) - corners
-    along = np.einsum("mej,mej->me", points[:, None] - corners, edges)
-    fraction = np.clip(along / np.maximum(np.einsum("mej,mej->me", edges, edges), 1e-300), 0.0, 1.0)
-    feet = corners + fraction[..., None] * edges
+    feet = nearest_on_segments(points[:, None], np.stack((corners, np.roll(corners, -1, axis=1)), axis=2))
     best = np.argmin(np.linalg.norm(points[:, None] - feet, axis=2), axis=1)
     return np.asarray(feet[np.arange(len(points)), best], dtype=np.float64)

@@ -80,7 +80,7 @@ def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
 
 
 def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
-    """The part, maybe empty, of a convex polygon (m, 2) within the half-planes ``normals @ x <= offsets``; shape (k, 2)."""
+    """The part of a convex polygon (m, 2) within the half-planes ``normals @ x <= offsets``; shape (k, 2)."""
     for normal, offset in zip(normals, offsets, strict=True):
         if len(vertices) == 0:
             break
@@ -111,3 +111,10 @@ def chord(normals: FloatArray, offsets: FloatArray, through: FloatArray, directi
 def path_length(points: FloatArray) -> float:
     """The length [m] of a polyline, points of shape (k, 2)."""
     return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+
+
+def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
+    """The nearest points of segments (..., 2, 2) to points (..., 2), broadcast; shape (..., 2) [m]."""
+    tail, along = segments[..., 0, :], segments[..., 1, :] - segments[..., 0, :]
+    fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)
+    return np.asarray(tail + np.clip(fraction, 0.0, 1.0)[..., None] * along, dtype=np.float64)
