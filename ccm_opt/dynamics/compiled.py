@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -47,9 +48,9 @@ class BufferedFunction:
         self.inputs = [_array(function.size_in(i)) for i in range(function.n_in())]
         self.outputs = [_array(function.size_out(i)) for i in range(function.n_out())]
         for i, array in enumerate(self.inputs):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, array.data)
         for i, array in enumerate(self.outputs):
-            self._buffer.set_res(i, memoryview(array))
+            self._buffer.set_res(i, array.data)
 
     def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
         """Evaluate; the returned arrays are overwritten by the next call.
@@ -85,9 +86,11 @@ def load_functions(key: str, names: Sequence[str], build: Callable[[], Sequence[
         return {function.name(): function for function in build()}
     library = cache_folder() / f"{_digest(key, compiler)}{'.dll' if sys.platform == 'win32' else '.so'}"
     try:
-        if not library.exists():
-            _compile(library, compiler, build())
-        return {name: ca.external(name, str(library)) for name in names}
+        if library.exists():
+            with suppress(RuntimeError):  # damaged: compile it again
+                return _open(library, names)
+        _compile(library, compiler, build())
+        return _open(library, names)
     except (OSError, RuntimeError, subprocess.SubprocessError) as error:
         _say_uncompiled(_first_line(error))
         return {function.name(): function for function in build()}
@@ -106,6 +109,10 @@ def cache_folder() -> Path:
     return Path(root) / "dynamics"
 
 
+def _open(library: Path, names: Sequence[str]) -> dict[str, Any]:
+    return {name: ca.external(name, str(library)) for name in names}
+
+
 def _compile(library: Path, compiler: str, functions: Sequence[Any]) -> None:
     """Generate, compile, and put the finished library in its place in one step, so that readers see all or nothing."""
     library.parent.mkdir(parents=True, exist_ok=True)
@@ -122,7 +129,7 @@ def _compile(library: Path, compiler: str, functions: Sequence[Any]) -> None:
 
 def _digest(key: str, compiler: str) -> str:
     """Name of a library: everything its machine code depends on."""
-    parts = (key, ca.__version__, _version(compiler), " ".join(FLAGS), _processor(), _own_source())
+    parts = (key, str(ca.CasadiMeta.version()), _version(compiler), " ".join(FLAGS), _processor(), _own_source())
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
 

@@ -90,9 +90,7 @@ def _shift(mass: Any, first: Any, d: Any) -> Any:
 
 
 def _symmetric(upper: Any) -> Any:
-    """Symmetric matrix from its upper (3, 3) blocks; what stands below is replaced."""
-    ball = np.arange(upper.shape[0]) // 3
-    above = ca.DM((ball[:, None] < ball[None, :]).astype(float))
-    same = ca.DM((ball[:, None] == ball[None, :]).astype(float))
+    """Symmetric matrix from its upper triangle; what stands below is replaced."""
+    above = ca.DM(np.triu(np.ones(upper.shape), 1))
     off = upper * above
-    return off + off.T + upper * same
+    return off + off.T + upper * ca.DM(np.eye(upper.shape[0]))

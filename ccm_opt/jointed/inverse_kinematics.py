@@ -83,4 +83,4 @@ def _link_directions(arm: Arm, points: FloatArray) -> FloatArray:
             f"link {worst[-1] + 1} would be {lengths[worst]:.6g} m long; every link is {arm.link_length:.6g} m: "
             "place the joints by a mapping that keeps link lengths"
         )
-    return steps / lengths[..., None]
+    return np.asarray(steps / lengths[..., None], dtype=np.float64)

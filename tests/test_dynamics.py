@@ -1,0 +1,277 @@
+"""Inverse dynamics, forward dynamics and mass matrix against Pinocchio and MuJoCo; compiled code against the VM."""
+
+import logging
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics import compiled
+from ccm_opt.dynamics.aba import build_aba
+from ccm_opt.dynamics.forward_dynamics import ForwardDynamics
+from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.mass_matrix import MassMatrix, build_mass_matrix
+from ccm_opt.dynamics.model import Structure, arm_model, arm_structure
+from ccm_opt.dynamics.rnea import build_rnea
+from ccm_opt.errors import ProblemError
+from ccm_opt.export.mjcf import mjcf_text
+from ccm_opt.export.urdf import urdf_text
+from ccm_opt.jointed.arm import Arm, Axes
+from tests.dynamics_arms import loose_limits, make_arm, random_states, smooth_trajectory
+
+GRAVITY = np.array([1.0, 2.0, -9.81])
+AXES: tuple[Axes, ...] = ("zyx", "zyz")
+TOLERANCE = 1e-9
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Compiled code goes to a folder of the test session."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(compiled.CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
+        yield
+
+
+def relative_error(got: FloatArray, expected: FloatArray) -> float:
+    """Largest difference, relative to the largest expected value."""
+    return float(np.max(np.abs(got - expected)) / np.max(np.abs(expected)))
+
+
+def pinocchio_model(arm: Arm, gravity: FloatArray = GRAVITY) -> tuple[Any, Any, Any]:
+    """Pinocchio, the arm's model, and its data."""
+    pin = pytest.importorskip("pinocchio")
+    model = pin.buildModelFromXML(urdf_text(arm, "arm", loose_limits(arm)))
+    model.gravity.linear = gravity
+    return pin, model, model.createData()
+
+
+def mujoco_model(arm: Arm, gravity: FloatArray = GRAVITY) -> tuple[Any, Any, Any]:
+    """MuJoCo, the arm's model, and its data."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", gravity))
+    return mujoco, model, mujoco.MjData(model)
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_inverse_dynamics_equals_pinocchio(axes: Axes) -> None:
+    """RNEA agrees with Pinocchio's at random states of 36 joints, for both orders of axes."""
+    arm = make_arm(12, axes, varied=True)
+    pin, model, data = pinocchio_model(arm)
+    q, qd, qdd = random_states(36)
+    expected = np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
+    assert relative_error(InverseDynamics(arm, GRAVITY)(q, qd, qdd), expected) < TOLERANCE
+
+
+def test_inverse_dynamics_equals_mujoco() -> None:
+    """RNEA agrees with mj_inverse at random states of 36 joints."""
+    arm = make_arm(12, varied=True)
+    mujoco, model, data = mujoco_model(arm)
+    inverse = InverseDynamics(arm, GRAVITY)
+    for q, qd, qdd in np.swapaxes(random_states(36), 0, 1):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, qd, qdd
+        mujoco.mj_inverse(model, data)
+        assert not np.any(data.qfrc_constraint)  # no bend is at its limit, where MuJoCo alone would push back
+        assert relative_error(inverse(q, qd, qdd), data.qfrc_inverse) < TOLERANCE
+
+
+def test_forward_dynamics_equals_pinocchio() -> None:
+    """ABA agrees with Pinocchio's at random states of 36 joints."""
+    arm = make_arm(12, varied=True)
+    pin, model, data = pinocchio_model(arm)
+    q, qd, tau = random_states(36)
+    expected = np.array([pin.aba(model, data, *state) for state in zip(q, qd, tau, strict=True)])
+    assert relative_error(ForwardDynamics(arm, GRAVITY)(q, qd, tau), expected) < TOLERANCE
+
+
+def test_forward_dynamics_equals_mujoco() -> None:
+    """ABA agrees with mj_forward at random states of 36 joints."""
+    arm = make_arm(12, varied=True)
+    mujoco, model, data = mujoco_model(arm)
+    forward = ForwardDynamics(arm, GRAVITY)
+    for q, qd, tau in np.swapaxes(random_states(36), 0, 1):
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, qd, tau
+        mujoco.mj_forward(model, data)
+        assert relative_error(forward(q, qd, tau), data.qacc) < TOLERANCE
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_mass_matrix_equals_pinocchio(axes: Axes) -> None:
+    """The composite-body mass matrix agrees with Pinocchio's, for both orders of axes."""
+    arm = make_arm(12, axes, varied=True)
+    pin, model, data = pinocchio_model(arm)
+    q = random_states(36)[0][0]
+    upper = np.triu(pin.crba(model, data, q))
+    assert relative_error(MassMatrix(arm)(q), upper + np.triu(upper, 1).T) < TOLERANCE
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_forward_undoes_inverse(seed: int) -> None:
+    """Accelerations put through inverse and forward dynamics come back."""
+    arm = make_arm(12, varied=True)
+    q, qd, qdd = random_states(36, seed=seed)
+    torques = InverseDynamics(arm, GRAVITY)(q, qd, qdd)
+    assert relative_error(ForwardDynamics(arm, GRAVITY)(q, qd, torques), qdd) < TOLERANCE
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_mass_matrix_is_symmetric_positive_and_the_slope_of_inverse_dynamics(seed: int) -> None:
+    """M is symmetric and positive definite, and M q̈ is what inverse dynamics add for q̈."""
+    arm = make_arm(12, varied=True)
+    q, qd, qdd = (states[0] for states in random_states(36, seed=seed))
+    M, inverse = MassMatrix(arm)(q), InverseDynamics(arm, GRAVITY)
+    assert np.array_equal(M, M.T)
+    assert np.linalg.eigvalsh(M)[0] > 0.0
+    assert relative_error(inverse(q, qd, qdd) - inverse(q, qd, np.zeros(36)), M @ qdd) < TOLERANCE
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_folded_equals_unrolled(axes: Axes) -> None:
+    """The folded recursions compute what the written-out ones do."""
+    arm = make_arm(14, axes, varied=True)
+    model, state = arm_model(arm, GRAVITY), [states[0] for states in random_states(42)]
+    flat, folded = Structure(14, axes, folded=False), Structure(14, axes, folded=True)
+    for build in (build_rnea, build_aba):
+        got, expected = (np.array(build(s)(*state, model.bodies.T, model.gravity)) for s in (folded, flat))
+        assert relative_error(got, expected) < TOLERANCE
+    got, expected = (np.array(build_mass_matrix(s)(state[0], model.bodies.T)) for s in (folded, flat))
+    assert relative_error(got, expected) < TOLERANCE
+
+
+def test_large_arms_are_folded() -> None:
+    """Up to 72 joints the code is written out, above it is folded."""
+    assert not arm_structure(make_arm(24)).folded
+    assert arm_structure(make_arm(26)).folded
+
+
+def test_six_hundred_joints_equal_mujoco() -> None:
+    """Compiled folded inverse dynamics of 200 links agree with MuJoCo (Pinocchio's data alone take half a minute)."""
+    arm = make_arm(200, varied=True)
+    mujoco, model, data = mujoco_model(arm)
+    states = 0.2 * random_states(600, count=1)  # a curled arm of 200 links
+    data.qpos[:], data.qvel[:], data.qacc[:] = states[:, 0]
+    mujoco.mj_inverse(model, data)
+    assert relative_error(InverseDynamics(arm, GRAVITY)(*states)[0], data.qfrc_inverse) < TOLERANCE
+
+
+def test_batches_equal_single_states() -> None:
+    """A batch of any length gives what its states give one by one."""
+    arm = make_arm(4)
+    inverse = InverseDynamics(arm, GRAVITY)
+    for count in (0, 1, 31, 32, 33, 70):
+        q, qd, qdd = random_states(12, count)
+        batch = inverse(q, qd, qdd)
+        assert batch.shape == (count, 12)
+        for i in range(count):
+            assert np.array_equal(batch[i], inverse(q[i], qd[i], qdd[i]))
+
+
+def test_results_are_not_overwritten() -> None:
+    """A result keeps its values when the function is called again."""
+    inverse = InverseDynamics(make_arm(4), GRAVITY)
+    first = inverse(*np.zeros((3, 12)))
+    kept = first.copy()
+    inverse(*np.ones((3, 12)))
+    assert np.array_equal(first, kept)
+
+
+def test_wrong_shapes_are_refused() -> None:
+    """States that do not fit the arm are refused with their shapes."""
+    inverse = InverseDynamics(make_arm(4), GRAVITY)
+    with pytest.raises(ProblemError, match=r"\(5, 12\), \(4, 12\), \(5, 12\); expected three of \(N, 12\)"):
+        inverse(np.zeros((5, 12)), np.zeros((4, 12)), np.zeros((5, 12)))
+
+
+def test_gravity_torque_of_the_straight_arm_is_statics() -> None:
+    """At rest and level, the base bend carries the sum of weight times lever."""
+    arm = make_arm(4, varied=True)
+    inverse = InverseDynamics(arm, np.array([0.0, 0.0, -9.81]))
+    levers = (np.arange(4) + 0.5) * arm.link_length * np.cos(arm.base_heading)
+    torques = inverse(np.zeros(12), np.zeros(12), np.zeros(12))
+    assert np.isclose(torques[1], -9.81 * np.sum(arm.masses * levers), rtol=1e-12)
+    assert not np.any(torques[0::3])
+
+
+def test_joint_states_of_a_planar_motion() -> None:
+    """Joint states carry the bends as θ2 and the torques of the whole motion."""
+    arm, trajectory = make_arm(4), smooth_trajectory(np.array([0.3, -0.2, 0.1, 0.4]), duration=0.1)
+    inverse = InverseDynamics(arm, GRAVITY)
+    states = joint_states(arm, trajectory, inverse)
+    assert np.array_equal(states.angles[:, 1::3], -trajectory.bend_angles)
+    assert np.array_equal(states.torques, inverse(states.angles, states.velocities, states.accelerations))
+    assert states.names[1] == "ball01_bend"
+
+
+def test_without_a_compiler_the_virtual_machine_gives_the_same(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The fall-back equals compiled code to rounding, and one log line says that it is in use."""
+    arm, (q, qd, qdd) = make_arm(12), random_states(36)
+    expected = InverseDynamics(arm, GRAVITY)(q, qd, qdd), ForwardDynamics(arm, GRAVITY)(q, qd, qdd)
+    monkeypatch.setenv(compiled.COMPILER_VARIABLE, "")
+    compiled._say_uncompiled.cache_clear()
+    with caplog.at_level(logging.WARNING):
+        got = InverseDynamics(arm, GRAVITY)(q, qd, qdd), ForwardDynamics(arm, GRAVITY)(q, qd, qdd)
+    assert relative_error(got[0], expected[0]) < TOLERANCE
+    assert relative_error(got[1], expected[1]) < TOLERANCE
+    assert [record.message.split(": ")[1] for record in caplog.records] == ["no C compiler was found"]
+
+
+def test_a_failing_compiler_is_no_failure(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """When the compiler fails, the virtual machine takes over and the log tells the compiler's words."""
+    broken = tmp_path / "broken-cc"
+    broken.write_text("#!/bin/sh\necho 'out of paper' >&2\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv(compiled.COMPILER_VARIABLE, str(broken))
+    compiled._say_uncompiled.cache_clear()
+    torques = InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))
+    assert np.all(np.isfinite(torques))
+    assert "the C compiler failed: out of paper" in caplog.text
+
+
+def test_a_warm_cache_compiles_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Other masses, lengths and gravity use the library that is there; nothing else is left in the folder."""
+    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
+    InverseDynamics(make_arm(2), GRAVITY)
+    assert len(list(compiled.cache_folder().iterdir())) == 1
+    monkeypatch.setattr(compiled, "_compile", _refuse_to_compile)
+    inverse = InverseDynamics(make_arm(2, varied=True), -GRAVITY)
+    assert np.all(np.isfinite(inverse(*np.zeros((3, 6)))))
+
+
+def _refuse_to_compile(*_: object) -> None:
+    pytest.fail("compiled although the library is in the cache")
+
+
+def test_a_damaged_library_is_compiled_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A file that cannot be loaded is replaced, without falling back."""
+    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
+    compiled.cache_folder().mkdir(parents=True)
+    key, compiler = f"rnea {arm_structure(make_arm(2))}", compiled.find_compiler()
+    if compiler is None:
+        pytest.skip("no C compiler")
+    (compiled.cache_folder() / f"{compiled._digest(key, compiler)}.so").write_bytes(b"not a library")
+    compiled._say_uncompiled.cache_clear()
+    assert np.all(np.isfinite(InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))))
+    assert not caplog.records
+
+
+def test_many_at_once_share_one_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Loading the same functions from several threads at once leaves one whole library."""
+    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
+    with ThreadPoolExecutor(4) as pool:
+        built = list(pool.map(lambda _: InverseDynamics(make_arm(2), GRAVITY), range(4)))
+    torques = [inverse(*np.zeros((3, 6))) for inverse in built]
+    assert all(np.array_equal(torque, torques[0]) for torque in torques)
+    assert len(list(compiled.cache_folder().iterdir())) == 1

@@ -1,0 +1,313 @@
+"""The simulated closed loop: physics, tracking, stability limits and failures."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import eigvals
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics import compiled, simulation
+from ccm_opt.dynamics.controller import check_stability, fastest_mode, gains
+from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.mass_matrix import MassMatrix
+from ccm_opt.dynamics.reference import hermite, step_reference
+from ccm_opt.dynamics.simulation import simulate
+from ccm_opt.errors import SimulationError
+from ccm_opt.export.mjcf import mjcf_text
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
+from ccm_opt.problem import SimulationOptions
+from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
+from tests.dynamics_arms import loose_limits, make_arm, smooth_trajectory
+
+WEIGHT = np.array([0.0, 0.0, -9.81])
+BENDS = 0.4 * np.sin(np.arange(12.0))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Compiled code goes to a folder of the test session."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(compiled.CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
+        yield
+
+
+def states_of(arm: Arm, trajectory: JointTrajectory, gravity: FloatArray = WEIGHT) -> JointStates:
+    """Joint states of a planar trajectory."""
+    return joint_states(arm, trajectory, InverseDynamics(arm, gravity))
+
+
+def run(
+    arm: Arm, trajectory: JointTrajectory, options: SimulationOptions, torque: float | None = None
+) -> SimulatedMotion:
+    """Simulate a planar trajectory."""
+    return simulate(arm, trajectory, states_of(arm, trajectory, options.gravity), options, loose_limits(arm, torque))
+
+
+def spatial_states(arm: Arm, trajectory: JointTrajectory) -> JointStates:
+    """A motion of all three revolutes of every ball, made from a trajectory's own time law."""
+    planar = states_of(arm, trajectory)
+    mix = np.kron(np.eye(arm.links), np.array([[0, 0, 0], [0.5, 1.0, -0.7], [0, 0, 0]]))
+    angles, velocities, accelerations = (x @ mix for x in (planar.angles, planar.velocities, planar.accelerations))
+    torques = InverseDynamics(arm, WEIGHT)(angles, velocities, accelerations)
+    return JointStates(planar.names, angles, velocities, accelerations, torques)
+
+
+def test_computed_torque_tracks_a_smooth_motion() -> None:
+    """Computed torque follows a smooth motion within 1e-3 rad, at the samples too, without saturation."""
+    arm, trajectory = make_arm(12), smooth_trajectory(BENDS)
+    motion = run(arm, trajectory, SimulationOptions())
+    planned = states_of(arm, trajectory)
+    assert motion.tracking_error < 1e-3
+    assert np.max(np.abs(motion.angles - planned.angles)) <= motion.tracking_error + 1e-9
+    assert np.max(np.abs(motion.torques - planned.torques)) < 0.02 * np.max(np.abs(planned.torques))
+    assert not motion.saturated
+
+
+def test_tracking_in_space_improves_with_the_step() -> None:
+    """For a motion of all revolutes the error is the lag of the held torque: in proportion to the step."""
+    arm, trajectory = make_arm(12), smooth_trajectory(BENDS)
+    joints, limits = spatial_states(arm, trajectory), loose_limits(arm)
+    coarse, fine = (
+        simulate(arm, trajectory, joints, SimulationOptions(step=step), limits).tracking_error
+        for step in (5e-4, 2.5e-4)
+    )
+    assert np.max(np.abs(joints.angles[:, 3])) > 0.1
+    assert fine < 2e-3
+    assert coarse / fine == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_planar_motion_stays_exactly_planar_past_the_singular_bend() -> None:
+    """The base may turn past 90°, where Z-Y-X is singular: out of the plane everything stays exactly zero."""
+    bends = BENDS.copy()
+    bends[0] = 2.5
+    motion = run(make_arm(12), smooth_trajectory(bends, duration=2.0), SimulationOptions())
+    assert motion.tracking_error < 1e-3
+    assert not np.any(motion.angles[:, 0::3])
+    assert not np.any(motion.angles[:, 2::3])
+
+
+def test_large_arms_track_with_folded_code() -> None:
+    """An arm above 72 joints, simulated by folded code, tracks as well."""
+    bends = 0.2 * np.sin(np.arange(26.0))
+    assert run(make_arm(26), smooth_trajectory(bends), SimulationOptions()).tracking_error < 1e-3
+
+
+def test_pd_follows_and_ends_near_the_goal() -> None:
+    """PD with gravity torques lags behind the motion but stays near it, and holds still at rest."""
+    arm = make_arm(12)
+    options = SimulationOptions(controller="pd", proportional_gain=10.0, derivative_gain=0.015)
+    assert run(arm, smooth_trajectory(BENDS, duration=2.0), options).tracking_error < 0.2
+    resting = run(arm, smooth_trajectory(np.zeros(12), duration=0.3), options)
+    assert resting.tracking_error < 1e-6
+
+
+def test_the_virtual_machine_simulates_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a compiler the simulated motion is the same to rounding."""
+    arm, trajectory = make_arm(4), smooth_trajectory(BENDS[:4], duration=0.5)
+    expected = run(arm, trajectory, SimulationOptions())
+    monkeypatch.setenv(compiled.COMPILER_VARIABLE, "")
+    got = run(arm, trajectory, SimulationOptions())
+    assert np.allclose(got.angles, expected.angles, atol=1e-10)
+    assert np.allclose(got.torques, expected.torques, atol=1e-8)
+
+
+def free_fall(arm: Arm, seconds: float, step: float) -> list[FloatArray]:
+    """States of an arm falling freely, straight and at rest at first: the loop with its torques limited to zero."""
+    loop = simulation._closed_loop(arm, SimulationOptions(step=step), loose_limits(arm, torque=0.0))
+    states = [np.zeros(6 * arm.links)]
+    for _ in range(round(seconds / step / simulation.CHUNK)):
+        states.append(loop(states[-1], np.zeros((3 * simulation.CHUNK, 3 * arm.links)))[0][-1].copy())
+    return states
+
+
+def free_fall_energy(arm: Arm, seconds: float, step: float) -> FloatArray:
+    """Total energy along a free fall [J]."""
+    return np.array([energy(arm, state) for state in free_fall(arm, seconds, step)])
+
+
+def energy(arm: Arm, state: FloatArray) -> float:
+    """Kinetic energy by the mass matrix and potential energy of the links' centres."""
+    q, qd = np.split(state, 2)
+    points = joint_positions_3d(arm, q)
+    height = 0.5 * (points[:-1, 2] + points[1:, 2])
+    return float(0.5 * qd @ MassMatrix(arm)(q) @ qd + 9.81 * np.sum(arm.masses * height))
+
+
+def test_free_fall_from_level_keeps_its_energy() -> None:
+    """In 0.6 s of free fall from level the energy drifts by under 1e-6 J at steps of 1 ms, 1e-7 J at 0.5 ms."""
+    arm = replace(make_arm(12), base_heading=0.0)
+    for step, bound in ((1e-3, 1e-6), (5e-4, 1e-7)):
+        total = free_fall_energy(arm, seconds=0.6, step=step)
+        assert np.max(np.abs(total - total[0])) < bound
+
+
+def test_free_fall_equals_mujocos() -> None:
+    """A raised arm, whose end whips round as it falls, keeps MuJoCo's company: same steps, same states, same drift."""
+    mujoco = pytest.importorskip("mujoco")
+    arm = make_arm(12)
+    model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", WEIGHT))  # Runge–Kutta, 1 ms
+    model.jnt_limited[:] = 0
+    data = mujoco.MjData(model)
+    for ours in free_fall(arm, seconds=0.6, step=1e-3)[1:]:
+        mujoco.mj_step(model, data, simulation.CHUNK)
+        assert np.allclose(ours, np.concatenate((data.qpos, data.qvel)), atol=1e-7)
+
+
+def test_the_integrator_is_of_fourth_order() -> None:
+    """Halving the step cuts the energy error about thirty-two-fold (fifth order for RK4's dissipation)."""
+    coarse, fine = (free_fall_energy(make_arm(4), 0.4, step) for step in (2e-3, 1e-3))
+    ratio = np.abs(coarse[-1] - coarse[0]) / np.abs(fine[-1] - fine[0])
+    assert 12.0 < ratio < 80.0
+
+
+def test_saturation_is_reported_and_kept() -> None:
+    """Torques never pass their limit, and meeting it is reported."""
+    arm, trajectory = make_arm(12), smooth_trajectory(BENDS, duration=0.4)
+    limit = 0.9 * float(np.max(np.abs(states_of(arm, trajectory).torques)))
+    motion = run(arm, trajectory, SimulationOptions(), torque=limit)
+    assert motion.saturated
+    assert np.max(np.abs(motion.torques)) <= limit
+
+
+def test_unstable_pd_gains_are_refused_with_numbers() -> None:
+    """Kd = 0.05 at 1 ms breaks Kd λmax dt < 2: the error gives the figures and a gain that would hold."""
+    options = SimulationOptions(controller="pd", derivative_gain=0.05)
+    with pytest.raises(SimulationError, match=r"Kd = 0\.05, dt = 0\.001 s is unstable: Kd · λmax · dt < 2") as caught:
+        run(make_arm(12), smooth_trajectory(BENDS), options)
+    diagnosis = caught.value.diagnosis
+    assert diagnosis.stage == "simulation"
+    assert "simulation.derivative_gain below" in diagnosis.advice[0]
+    assert diagnosis.evidence["value"] == pytest.approx(0.05 * diagnosis.evidence["lambda_max"] * 1e-3)
+
+
+def test_the_gain_that_is_advised_is_stable() -> None:
+    """The derivative gain that the error names passes the check and the simulation."""
+    arm, trajectory = make_arm(12), smooth_trajectory(BENDS, duration=0.5)
+    options = SimulationOptions(controller="pd", derivative_gain=0.05)
+    with pytest.raises(SimulationError) as caught:
+        run(arm, trajectory, options)
+    advised = float(caught.value.diagnosis.advice[0].split()[2])
+    assert np.isfinite(run(arm, trajectory, replace(options, derivative_gain=advised)).tracking_error)
+
+
+def test_too_little_damping_is_refused() -> None:
+    """Kp dt < 2 Kd is needed, whatever the arm."""
+    options = SimulationOptions(controller="pd", proportional_gain=10.0, derivative_gain=0.004)
+    with pytest.raises(SimulationError, match="Kp · dt < 2 Kd"):
+        run(make_arm(12), smooth_trajectory(BENDS), options)
+
+
+def test_too_much_bandwidth_is_refused() -> None:
+    """Computed torque needs ωn dt < 1, and says so before running."""
+    with pytest.raises(SimulationError, match=r"computed-torque .* is unstable") as caught:
+        run(make_arm(12), smooth_trajectory(BENDS), SimulationOptions(bandwidth=1200.0))
+    assert "simulation.bandwidth below" in caught.value.diagnosis.advice[0]
+
+
+@settings(max_examples=60, deadline=None)
+@given(kp=st.floats(0.1, 1e3), kd=st.floats(1e-3, 10.0), step=st.floats(1e-4, 0.5))
+def test_the_stability_conditions_are_those_of_the_sampled_mode(kp: float, kd: float, step: float) -> None:
+    """The two conditions hold exactly when the sampled double integrator has its roots inside the circle."""
+    alpha, beta = kp * step**2, kd * step
+    radius = np.max(np.abs(eigvals([[1 - alpha / 2, step - beta * step / 2], [-kp * step, 1 - beta]])))
+    if abs(radius - 1.0) > 1e-6:
+        assert (radius < 1.0) == (kd * step < 2.0 and kp * step < 2.0 * kd)
+
+
+def test_computed_torque_is_critically_damped() -> None:
+    """Kp = ωn², Kd = 2 ωn."""
+    gain = gains(SimulationOptions(bandwidth=30.0))
+    assert gain.proportional == pytest.approx(900.0)
+    assert gain.derivative == pytest.approx(60.0)
+
+
+def test_the_fastest_mode_is_the_largest_eigenvalue() -> None:
+    """λmax is that of M⁻¹, over all joints in space and over the bends in the plane."""
+    arm, angles = make_arm(6), np.zeros((2, 18))
+    M = MassMatrix(arm)(angles[0])
+    assert fastest_mode(arm, angles, planar=False) == pytest.approx(np.max(np.linalg.eigvalsh(np.linalg.inv(M))))
+    bends = np.linalg.inv(M[1::3, 1::3])
+    assert fastest_mode(arm, angles, planar=True) == pytest.approx(np.max(np.linalg.eigvalsh(bends)))
+
+
+def test_a_state_that_is_not_finite_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """When the loop blows up in spite of the check, joint and time are named."""
+    monkeypatch.setattr(simulation, "check_stability", lambda *_, **__: None)
+    options = SimulationOptions(controller="pd", derivative_gain=0.05)
+    with pytest.raises(SimulationError, match=r"state of joint ball\d\d_\w+ is not finite at 0\.\d+ s") as caught:
+        run(make_arm(12), smooth_trajectory(BENDS), options)
+    assert 0.0 < float(str(caught.value.diagnosis.evidence["time"])) < 1.0
+
+
+def test_zyz_is_refused() -> None:
+    """Forward dynamics of zyz are singular when straight; the error says to use zyx."""
+    with pytest.raises(SimulationError, match=r"(?s)'zyz' is singular.*try: arm\.axes = \"zyx\""):
+        run(make_arm(12, "zyz"), smooth_trajectory(BENDS), SimulationOptions())
+
+
+def test_large_bends_out_of_the_plane_are_refused() -> None:
+    """With gravity across the plane a bend near 90° is refused before running."""
+    bends = BENDS.copy()
+    bends[0] = 1.5
+    options = SimulationOptions(gravity=np.array([0.0, 1.0, -9.81]))
+    with pytest.raises(SimulationError, match=r"a bend reaches 1\.5 rad"):
+        run(make_arm(12), smooth_trajectory(bends), options)
+
+
+def test_a_motion_without_duration_stands_still() -> None:
+    """A trajectory of one sample comes back as it is."""
+    arm = make_arm(4)
+    trajectory = JointTrajectory(np.zeros(1), *np.zeros((3, 1, 4)))
+    motion = run(arm, trajectory, SimulationOptions())
+    assert motion.angles.shape == (1, 12)
+    assert motion.tracking_error == 0.0
+
+
+@pytest.mark.parametrize("interval", [4e-3, 1 / 300, 2.7e-3])
+def test_any_sample_grid_is_served(interval: float) -> None:
+    """Samples that do not fall on steps are interpolated well below the tracking error's size."""
+    arm, trajectory = make_arm(4), smooth_trajectory(BENDS[:4], duration=0.5, interval=interval)
+    motion = run(arm, trajectory, SimulationOptions(bandwidth=200.0))
+    assert motion.angles.shape == (len(trajectory.time), 12)
+    assert np.max(np.abs(motion.angles - states_of(arm, trajectory).angles)) < 1e-4
+
+
+def test_the_reference_reproduces_constant_accelerations() -> None:
+    """Between samples of a constant acceleration the reference is exact, at any step."""
+    time = np.linspace(0.0, 1.0, 11)[:, None]
+    reference = step_reference(time[:, 0], 0.5 * 3.0 * time**2, 3.0 * time, 3e-3)
+    window, ends = reference.window(100, 20)
+    t = (100 + np.arange(20)) * 3e-3
+    assert np.allclose(window[:, 0, 0], 1.5 * t**2, atol=1e-14)
+    assert np.allclose(window[:, 1, 0], 3.0 * t, atol=1e-13)
+    assert np.allclose(window[:, 2, 0], 3.0, atol=1e-10)
+    assert np.allclose(ends[:, 0], 1.5 * (t + 3e-3) ** 2, atol=1e-14)
+
+
+@settings(max_examples=30, deadline=None)
+@given(coefficients=st.lists(st.floats(-2, 2), min_size=4, max_size=4), u=st.floats(0, 1))
+def test_hermite_is_exact_for_cubics(coefficients: list[float], u: float) -> None:
+    """Interpolation inside a step reproduces any cubic."""
+    cubic = np.polynomial.Polynomial(coefficients)
+    rate, step = cubic.deriv(), 0.3
+    start, end = (np.array([[cubic(t), rate(t)]]) for t in (0.0, step))
+    assert np.allclose(hermite(np.array([u]), step, start, end), cubic(u * step), atol=1e-12)
+
+
+def test_link_frames_and_dynamics_agree_on_the_roll_axis() -> None:
+    """The energy oracle's points are the balls of the DH frames."""
+    arm = make_arm(4)
+    q = np.random.default_rng(3).uniform(-1, 1, 12)
+    assert np.array_equal(joint_positions_3d(arm, q), frame_transforms(arm, q)[::3, :3, 3])
+
+
+def test_stable_options_pass_the_check() -> None:
+    """The default options of both controllers pass on the swan's neck."""
+    arm, states = make_arm(12), states_of(make_arm(12), smooth_trajectory(BENDS))
+    for controller in ("computed-torque", "pd"):
+        check_stability(arm, states.angles, SimulationOptions(controller=controller), planar=True)
