@@ -120,25 +120,37 @@ def random_obstacles(rng: np.random.Generator) -> tuple[Obstacle, ...]:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Least wall gap and self gap over 1000 poses, and how far a point of the arm moves between two of them."""
+    """1000 poses of a motion, measured by shapely and nothing of the verifier."""
 
-    walls: float
-    own: float
-    step: float
+    arm: Arm
+    points: FloatArray
 
+    @classmethod
+    def of(cls, arm: Arm, bends: FloatArray) -> "Sweep":
+        """Poses at equal parts of the motion."""
+        u = np.linspace(0.0, len(bends) - 1.0, 1000)
+        poses = np.stack([np.interp(u, np.arange(len(bends)), column) for column in bends.T], axis=1)
+        return cls(arm, arm.joint_positions(arm.headings(poses)))
 
-def dense_sweep(arm: Arm, workspace: Workspace, bends: FloatArray) -> Sweep:
-    """Sweep by shapely and nothing of the verifier."""
-    u = np.linspace(0.0, len(bends) - 1.0, 1000)
-    poses = np.stack([np.interp(u, np.arange(len(bends)), column) for column in bends.T], axis=1)
-    points = arm.joint_positions(arm.headings(poses))
-    links = shapely.linestrings(np.stack((points[:, :-1], points[:, 1:]), axis=2))
-    arms = shapely.linestrings(points)
-    walls = min(float(np.min(shapely.distance(arms, wall.core))) - wall.rounding for wall in workspace.walls)
-    pairs = [(i, j) for i in range(arm.links) for j in range(arm.links) if j - i >= arm.first_self_pair]
-    own = min((float(np.min(shapely.distance(links[:, i], links[:, j]))) for i, j in pairs), default=np.inf)
-    step = float(np.max(np.linalg.norm(np.diff(points, axis=0), axis=2)))
-    return Sweep(walls - arm.radius, own - 2.0 * arm.radius, 2.0 * step)
+    def walls(self, workspace: Workspace) -> float:
+        """Least gap to a wall."""
+        arms = shapely.linestrings(self.points)
+        gaps = [float(np.min(shapely.distance(arms, wall.core))) - wall.rounding for wall in workspace.walls]
+        return min(gaps) - self.arm.radius
+
+    @property
+    def own(self) -> float:
+        """Least gap between distant links."""
+        links = shapely.linestrings(np.stack((self.points[:, :-1], self.points[:, 1:]), axis=2))
+        count, first = self.arm.links, self.arm.first_self_pair
+        pairs = [(i, j) for i in range(count) for j in range(i + first, count)]
+        least = min((float(np.min(shapely.distance(links[:, i], links[:, j]))) for i, j in pairs), default=np.inf)
+        return least - 2.0 * self.arm.radius
+
+    @property
+    def step(self) -> float:
+        """Bound on what a gap to a wall can change between two poses."""
+        return 2.0 * float(np.max(np.linalg.norm(np.diff(self.points, axis=0), axis=2)))
 
 
 def judge(*, passed: bool, gap: float, limit: float, step: float, bodiless: bool) -> tuple[bool, str]:
@@ -153,21 +165,22 @@ def wall_outcome(seed: int, radius: float) -> tuple[bool, str]:
     arm = make_arm(6, 0.1, radius)
     workspace = Workspace(ROOM, random_obstacles(rng), clearance=0.1 * radius)
     time, bends = random_motion(rng, arm.links)
-    motion, sweep = ChainMotion(arm, time, bends), dense_sweep(arm, workspace, bends)
+    motion, sweep = ChainMotion(arm, time, bends), Sweep.of(arm, bends)
+    gap = sweep.walls(workspace)
     side, clear = check_free_side(motion, workspace), check_walls(motion, workspace)
     passed = side.passed and clear.passed
-    if passed and sweep.walls < arm.link_length:
-        assert clear.worst == pytest.approx(sweep.walls, abs=2e-4)
-    return judge(passed=passed, gap=sweep.walls, limit=workspace.clearance, step=sweep.step, bodiless=radius == 0.0)
+    if passed and gap < arm.link_length:
+        assert clear.worst == pytest.approx(gap, abs=2e-4)
+    return judge(passed=passed, gap=gap, limit=workspace.clearance, step=sweep.step, bodiless=radius == 0.0)
 
 
-@pytest.mark.parametrize("radius", [0.02, 0.0])
-def test_walls_are_sound_and_not_shy(radius: float) -> None:
-    """Of 320 random motions none that hits in a dense sweep passes, none clear in it is refused; both are frequent."""
-    outcomes = Counter(wall_outcome(seed, radius) for seed in range(320))
+@pytest.mark.parametrize(("radius", "count"), [(0.02, 320), (0.0, 120)])
+def test_walls_are_sound_and_not_shy(radius: float, count: int) -> None:
+    """Of many random motions none that hits in a dense sweep passes, none clear in it is refused; both are frequent."""
+    outcomes = Counter(wall_outcome(seed, radius) for seed in range(count))
     assert outcomes[True, "hit"] == outcomes[False, "clear"] == 0
-    assert outcomes[True, "clear"] > 60
-    assert outcomes[False, "hit"] > 30
+    assert outcomes[True, "clear"] > count // 5
+    assert outcomes[False, "hit"] > count // 10
 
 
 def self_outcome(seed: int, radius: float) -> tuple[bool, str]:
@@ -176,17 +189,17 @@ def self_outcome(seed: int, radius: float) -> tuple[bool, str]:
     arm = make_arm(8, 0.1, radius)
     start = rng.uniform(0.4, 0.95) * rng.choice([-1.0, 1.0]) + rng.normal(0.0, 0.15, arm.links)
     time, bends = straight_steps(start + np.cumsum(rng.normal(0.0, 0.06, (4, arm.links)), axis=0))
-    check, sweep = check_self_collision(ChainMotion(arm, time, bends)), dense_sweep(arm, Workspace(ROOM), bends)
+    check, sweep = check_self_collision(ChainMotion(arm, time, bends)), Sweep.of(arm, bends)
     return judge(passed=check.passed, gap=sweep.own, limit=0.0, step=2.0 * sweep.step, bodiless=radius == 0.0)
 
 
 @pytest.mark.parametrize("radius", [0.02, 0.0])
 def test_self_collision_is_sound_and_not_shy(radius: float) -> None:
     """Likewise for links against links."""
-    outcomes = Counter(self_outcome(seed, radius) for seed in range(160))
+    outcomes = Counter(self_outcome(seed, radius) for seed in range(120))
     assert outcomes[True, "hit"] == outcomes[False, "clear"] == 0
-    assert outcomes[True, "clear"] > 30
-    assert outcomes[False, "hit"] > 15
+    assert outcomes[True, "clear"] > 20
+    assert outcomes[False, "hit"] > 10
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -210,7 +223,7 @@ def test_tunnelling_through_a_thin_wall_is_refused() -> None:
     wall = Obstacle("sliver", shapely.LineString([(0.6, 0.05), (1.2, 0.1)]))
     time, bends = straight_steps([[-0.05, 0.0], [-0.02, 0.0], [0.17, 0.0], [0.2, 0.0]])
     workspace = Workspace(ROOM, (wall,))
-    assert all(dense_sweep(arm, workspace, bends[[k, k]]).walls > 0.0 for k in range(len(bends)))
+    assert all(Sweep.of(arm, bends[[k, k]]).walls(workspace) > 0.0 for k in range(len(bends)))
     check = check_walls(ChainMotion(arm, time, bends), workspace)
     assert not check.passed
     assert "link 2 to 'sliver'" in check.where

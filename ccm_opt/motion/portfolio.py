@@ -17,6 +17,8 @@ from ccm_opt.motion.track import Track
 
 FOLD_LINKS = (5.0, 7.0, 4.0, 9.0)
 """Lengths of the hairpin that are tried, in nominal links (24 to the arm)."""
+LONGEST_SHAPE = 1.1
+"""A taut way from the base may be this share of the arm's length; it cuts no corner, so the arm itself may fit."""
 HEADING_WINDOW = 2.0
 """Length over which a track's heading is smoothed, in nominal links."""
 
@@ -91,8 +93,10 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
     def tip_way(joint: int) -> float:
         return (arm.links - joint) * arm.link_length + path_length(path.from_joint(start.points, joint))
 
-    if new_length(0) > arm.length:
+    if new_length(0) > LONGEST_SHAPE * arm.length:
         return None
+    if new_length(0) > arm.length:
+        return 0, path.from_joint(start.points, 0)
     # Both grow or fall with the joint, for the way from a joint differs from its neighbour's by at most a link.
     last = _last_true(lambda joint: new_length(joint) <= arm.length, arm.links)
     shortest = tip_way(last)

@@ -9,9 +9,9 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.nlp.check import shortfalls
 from ccm_opt.nlp.diagnosis import FailedAttempt, diagnose, too_far
-from ccm_opt.nlp.initial_guess import initial_guess
+from ccm_opt.nlp.initial_guess import curve_shares, initial_guess
 from ccm_opt.nlp.multiple_shooting import build_configuration_nlp
-from ccm_opt.nlp.path_profile import PathProfile, path_profile, region_crossings
+from ccm_opt.nlp.path_profile import PathProfile, path_profile
 from ccm_opt.nlp.polish import polished_configuration
 from ccm_opt.nlp.solver import solve_nlp
 from ccm_opt.nlp.task import ConfigurationTask
@@ -91,11 +91,11 @@ def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
 
 
 def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
-    """Region of each segment: ``segments_per_region`` each, then 4, 6 and 8 in all shared by length of the path."""
+    """Region of each segment: ``segments_per_region`` each, then 4, 6 and 8 in all, shared by curve length."""
     count = len(task.corridor.regions)
     shares = np.full(count, task.segments_per_region)
     plans = [shares.copy()]
-    lengths = np.diff(region_crossings(profile, task)) + 1e-3
+    lengths = curve_shares(task, profile)
     for total in SEGMENT_TOTALS:
         while shares.sum() < total:
             shares[np.argmax(lengths / shares)] += 1

@@ -1,8 +1,9 @@
 """A first curve for the NLP: along the taut path, with the spare length as a meander where there is room.
 
 The guess is a heading profile θ(s). Over region r, where the taut path has the length ℓ and the curve gets Λ ≥ ℓ, the
-heading swings about the path's by a sin 2πu, u in [0, 1]: such a curve advances by Λ J₀(a), so J₀(a) = ℓ/Λ takes up
-the spare length (Bessel's integral; the modal curves of Chirikjian and Burdick use the same identity).
+heading swings about the path's by a sin 2πmu, u in [0, 1]: such a curve advances by Λ J₀(a), so J₀(a) = ℓ/Λ takes up
+the spare length (Bessel's integral; the modal curves of Chirikjian and Burdick use the same identity). Its m bumps rise
+Λ/(2m) H₀(a) from the path, H₀ Struve's function; m is the least that fits the region.
 """
 
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from scipy.ndimage import gaussian_filter1d
+from scipy.special import struve
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.segment_types import SegmentType, end_angle
@@ -17,6 +19,7 @@ from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.nlp.curve_ode import PIECES
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, pack
 from ccm_opt.nlp.path_profile import PathProfile, region_crossings
+from ccm_opt.nlp.task import ConfigurationTask
 
 _SAMPLES = 401
 _SMOOTHING = 0.06
@@ -33,18 +36,20 @@ class Meander:
     Attributes:
         edges: arc length of the curve at the regions' boundaries, shape (regions + 1,).
         crossings: length of the taut path there, shape (regions + 1,).
-        amplitudes: swing a of the heading in each region, positive to the left first [rad].
+        amplitudes: swing a of the heading in each region, positive to the left first [rad], shape (regions,).
+        waves: number m of bumps in each region, shape (regions,).
     """
 
     edges: FloatArray
     crossings: FloatArray
     amplitudes: FloatArray
+    waves: FloatArray
 
     def swing(self, s: FloatArray) -> FloatArray:
-        """Heading added to the path's, a sin 2πu over each region [rad]."""
+        """Heading added to the path's, a sin 2πmu over each region [rad]."""
         region = np.clip(np.searchsorted(self.edges, s, side="right") - 1, 0, len(self.amplitudes) - 1)
         u = (s - self.edges[region]) / np.diff(self.edges)[region]
-        added: FloatArray = self.amplitudes[region] * np.sin(2.0 * np.pi * u)
+        added: FloatArray = self.amplitudes[region] * np.sin(2.0 * np.pi * self.waves[region] * u)
         return added
 
 
@@ -63,27 +68,43 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
 
 
 def spread_length(nlp: ConfigurationNLP, profile: PathProfile, bulge: int) -> Meander:
-    """Give each region its stretch of the taut path and, by area, its share of the spare length."""
-    regions = nlp.task.corridor.regions
-    crossings = region_crossings(profile, nlp.task)
-    taut = np.diff(crossings)
-    areas = np.array([shapely.Polygon(region.vertices).area for region in regions])
-    lengths = taut + max(0.0, 1.0 - float(profile.arcs[-1])) * areas / areas.sum()
-    lengths = np.maximum(lengths, min(_LEAST_SHARE, 0.5 / len(regions)))
-    lengths /= lengths.sum()
-    middle = profile.point_at(crossings[:-1] + 0.5 * taut) * nlp.task.length + nlp.task.base
-    across = profile.direction_at(crossings[:-1] + 0.5 * taut) + 0.5 * np.pi
-    sides = [_roomier_side(region, *rest) for region, *rest in zip(regions, middle, across, strict=True)]
+    """Give each region its stretch of the taut path and, by its area squared, its share of the rest."""
+    task, regions = nlp.task, nlp.task.corridor.regions
+    crossings = region_crossings(profile, task)
+    lengths, taut = curve_shares(task, profile), np.diff(crossings)
     swings = [end_angle(SegmentType.LEFT_RIGHT, min(1.0, t / length)) for t, length in zip(taut, lengths, strict=True)]
-    return Meander(np.append(0.0, np.cumsum(lengths)), crossings, bulge * np.array(sides) * np.array(swings))
+    middle = crossings[:-1] + 0.5 * taut
+    points, across = profile.point_at(middle) * task.length + task.base, profile.direction_at(middle) + 0.5 * np.pi
+    reaches = [_reaches(region, *rest) for region, *rest in zip(regions, points, across, strict=True)]
+    left, right = np.array(reaches).T / task.length
+    amplitudes, sides = np.array(swings), np.where(left >= right, 1, -1) * bulge
+    most = np.minimum(
+        np.bincount(nlp.regions, minlength=len(regions)),
+        task.curvature_limit * task.length * lengths / (2.0 * np.pi * np.maximum(amplitudes, 1e-9)),
+    )
+    rise = 0.5 * lengths * struve(0, amplitudes)
+    waves = np.clip(
+        np.ceil(rise / np.maximum(np.where(sides > 0, left, right), 1e-3)), 1, np.maximum(np.floor(most), 1)
+    )
+    return Meander(np.append(0.0, np.cumsum(lengths)), crossings, sides * amplitudes, waves)
 
 
-def _roomier_side(region: ConvexRegion, point: FloatArray, across: float) -> float:
-    """+1 when the region reaches farther from a point towards the heading ``across`` than away from it, else -1."""
+def curve_shares(task: ConfigurationTask, profile: PathProfile) -> FloatArray:
+    """Share of the arm's length that each region gets, shape (regions,): its taut stretch, spare length by area²."""
+    regions, taut = task.corridor.regions, np.diff(region_crossings(profile, task))
+    areas = np.array([shapely.Polygon(region.vertices).area for region in regions])
+    lengths = taut + max(0.0, 1.0 - float(profile.arcs[-1])) * areas**2 / (areas**2).sum()
+    lengths = np.maximum(lengths, min(_LEAST_SHARE, 0.5 / len(regions)))
+    shares: FloatArray = lengths / lengths.sum()
+    return shares
+
+
+def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[float, float]:
+    """Distance from a point to the region's edge along the heading ``across`` and against it [m]."""
     slack = region.offsets - region.normals @ point
     rate = region.normals @ np.array([np.cos(across), np.sin(across)])
-    reach = [float((slack[r > 1e-9] / r[r > 1e-9]).min(initial=np.inf)) for r in (rate, -rate)]
-    return 1.0 if reach[0] >= reach[1] else -1.0
+    ahead, behind = (float((slack[r > 1e-9] / r[r > 1e-9]).min(initial=np.inf)) for r in (rate, -rate))
+    return ahead, behind
 
 
 def _boundaries(regions: tuple[int, ...], edges: FloatArray) -> FloatArray:
