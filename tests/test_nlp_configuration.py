@@ -1,0 +1,210 @@
+"""The configuration NLP on open space and on hand-made corridors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.errors import ConfigurationNotFound, ProblemError
+from ccm_opt.freespace.corridor import Corridor
+from ccm_opt.nlp.check import shortfalls
+from ccm_opt.nlp.configuration import attempts, find_configuration, winding_profiles
+from ccm_opt.nlp.initial_guess import initial_guess
+from ccm_opt.nlp.multiple_shooting import build_configuration_nlp, pack, unpack
+from ccm_opt.nlp.polish import heading_basis, polished_configuration
+from ccm_opt.nlp.solver import built_solver, solve_nlp
+from ccm_opt.nlp.task import ConfigurationTask
+from tests.nlp_corridors import ANY_HEADING, box, corridor, open_task, random_pose, s_bend
+
+
+def inside_somewhere(found: Configuration, way: Corridor, samples: int = 2_000) -> float:
+    """Greatest distance by which a sampled point misses all regions of a corridor."""
+    points = found.positions_at(np.linspace(0.0, found.length, samples))
+    miss = [(points @ r.normals.T - r.offsets).max(axis=1) for r in way.regions]
+    return float(np.min(miss, axis=0).max())
+
+
+def s_bend_task(ratio: float, heading: float | None = 0.0) -> ConfigurationTask:
+    """Reach the end of the S-bend with spare length."""
+    way = s_bend()
+    return ConfigurationTask(
+        np.zeros(2), ANY_HEADING, ratio * way.route.length, 18.0, np.array([0.9, 0.5]), heading, way
+    )
+
+
+def test_reachable_poses_in_open_space_are_reached() -> None:
+    """Twenty random poses are reached with tip, heading, length and curvature as asked (section 3)."""
+    generator = np.random.default_rng(11)
+    for _ in range(20):
+        pose = random_pose(generator)
+        task = open_task(pose)
+        found = find_configuration(task)
+        tip, heading = found.tip
+        np.testing.assert_allclose(tip, pose.tip[0], atol=1e-5)
+        assert np.remainder(heading - pose.tip[1] + 1.0, 2.0 * np.pi) == pytest.approx(1.0, abs=1e-6)
+        assert found.base_heading == pytest.approx(pose.base_heading, abs=1e-12)
+        assert found.length == pytest.approx(1.0, abs=1e-9)
+        assert np.abs(found.curvature_at(np.linspace(0.0, found.length, 3_000))).max() <= task.curvature_limit
+
+
+@pytest.mark.parametrize("ratio", [1.05, 1.2, 1.5])
+def test_configuration_stays_in_its_corridor(ratio: float) -> None:
+    """With spare length the curve is as long as the arm and stays inside the corridor on a dense sweep."""
+    task = s_bend_task(ratio)
+    found = find_configuration(task)
+    assert found.length == pytest.approx(task.length, rel=1e-9)
+    assert inside_somewhere(found, task.corridor) < 1e-6
+    assert np.abs(found.curvature_at(np.linspace(0.0, found.length, 3_000))).max() <= task.curvature_limit
+
+
+@pytest.mark.parametrize("ratio", [1.5, 2.0, 3.0])
+def test_much_spare_length_finds_room(ratio: float) -> None:
+    """In an open region the arm may be three times as long as the way."""
+    goal = np.array([1.0 / ratio, 0.0])
+    way = corridor((box(-1.0, -1.0, 1.0, 1.0),), [(0.0, 0.0), (1.0 / ratio, 0.0)])
+    found = find_configuration(ConfigurationTask(np.zeros(2), ANY_HEADING, 1.0, 20.0, goal, 0.7, way))
+    np.testing.assert_allclose(found.tip[0], goal, atol=1e-5)
+    assert found.length == pytest.approx(1.0)
+
+
+def test_free_goal_heading_bends_no_more_than_a_given_one() -> None:
+    """Without a goal heading the tip is reached and the bending energy is not larger than with one."""
+
+    def energy(found: Configuration) -> float:
+        arc = np.linspace(0.0, found.length, 4_001)
+        return float(np.trapezoid(found.curvature_at(arc) ** 2, arc))
+
+    free, given = (find_configuration(s_bend_task(1.1, heading)) for heading in (None, 1.0))
+    np.testing.assert_allclose(free.tip[0], [0.9, 0.5], atol=1e-5)
+    assert energy(free) < energy(given)
+
+
+def test_curvature_is_continuous_across_segments() -> None:
+    """C_0 = κ_k: neighbouring segments share curvature and heading."""
+    found = find_configuration(s_bend_task(1.1))
+    for left, right in zip(found.segments[:-1], found.segments[1:], strict=True):
+        assert left.curvature[-1] == right.curvature[0]
+        assert left.end_heading == right.heading
+
+
+def test_fixed_knots_stay_even() -> None:
+    """A task with fixed knots keeps them at quarters of every segment."""
+    found = find_configuration(replace(s_bend_task(1.1), fixed_knots=True))
+    for segment in found.segments:
+        np.testing.assert_allclose(segment.knots, (0.25, 0.5, 0.75), atol=1e-6)
+
+
+def test_mount_may_stand_outside_its_region() -> None:
+    """A base outside the first region starts with a straight stub of the mount's length, the rest stays inside."""
+    way = corridor((box(0.01, -0.5, 1.2, 0.5),), [(0.0, 0.0), (0.8, 0.1)])
+    task = ConfigurationTask(np.zeros(2), (0.0, 0.0), 1.0, 15.0, np.array([0.8, 0.1]), 0.0, way, mount_length=0.03)
+    found = find_configuration(task)
+    rest = found.positions_at(np.linspace(0.03, 1.0, 1_000))
+    assert found.segments[0].length == pytest.approx(0.03)
+    np.testing.assert_array_equal(found.segments[0].curvature, np.zeros(5))
+    assert rest[:, 0].min() >= 0.01 - 1e-6
+    np.testing.assert_allclose(found.tip[0], [0.8, 0.1], atol=1e-5)
+
+
+def test_impossible_bend_names_the_row_in_the_way() -> None:
+    """When no attempt succeeds the diagnosis names a row of the NLP, the solver's status and every attempt."""
+    task = replace(s_bend_task(1.02, 1.5), curvature_limit=0.5)
+    with pytest.raises(ConfigurationNotFound) as caught:
+        find_configuration(task)
+    evidence = caught.value.diagnosis.evidence
+    nlp = build_configuration_nlp(task)
+    assert str(evidence["worst_row"]).split(":")[0] in {name.split(":")[0] for name in nlp.program.row_names}
+    assert evidence["solver_status"]
+    assert isinstance(evidence["violation"], float)
+    assert evidence["violation"] > 0.0
+    assert caught.value.diagnosis.advice
+
+
+def test_goal_beyond_the_arm_is_said_at_once() -> None:
+    """A goal farther than the arm's length needs no solver; the message gives both figures."""
+    way = corridor((box(-2.0, -2.0, 3.0, 2.0),), [(0.0, 0.0), (2.0, 0.0)])
+    task = ConfigurationTask(np.zeros(2), ANY_HEADING, 1.0, 15.0, np.array([2.0, 0.0]), None, way)
+    with pytest.raises(ConfigurationNotFound, match="2 m from the base, the arm is only 1 m"):
+        find_configuration(task)
+
+
+def test_empty_heading_range_is_refused() -> None:
+    """A range of base headings with its ends exchanged is a ProblemError."""
+    with pytest.raises(ProblemError, match="must not be empty"):
+        replace(s_bend_task(1.1), base_heading_range=(1.0, -1.0))
+
+
+def test_every_row_has_a_name_and_bounds() -> None:
+    """The NLP is data: names, bounds and expressions have one entry a row, and no name occurs twice in a block."""
+    nlp = build_configuration_nlp(s_bend_task(1.1))
+    program = nlp.program
+    assert len(program.row_names) == program.constraints.numel() == len(program.lower) == len(program.upper)
+    assert len(nlp.lower) == len(nlp.upper) == program.variables.numel()
+    assert len(nlp.parameters) == program.parameters.numel()
+    assert nlp.regions == (0, 1, 2)
+
+
+def test_solvers_are_shared_by_tasks_of_one_size() -> None:
+    """Two tasks with the same number of segments and half-planes use one built solver."""
+    first, second = (build_configuration_nlp(s_bend_task(ratio)) for ratio in (1.1, 1.3))
+    assert built_solver(first.program) is built_solver(second.program)
+
+
+def test_pack_and_unpack_are_inverse() -> None:
+    """States and controls survive the column of variables."""
+    rng = np.random.default_rng(0)
+    states, controls = rng.normal(size=(4, 5)), rng.normal(size=(3, 12))
+    back = unpack(pack(states, controls))
+    np.testing.assert_array_equal(back[0], states)
+    np.testing.assert_array_equal(back[1], controls)
+
+
+def test_own_constraints_and_costs_can_be_added() -> None:
+    """A row and a cost added to the NLP take effect: the arm then starts with the curvature that was asked for."""
+    task = s_bend_task(1.2)
+    plain = build_configuration_nlp(task)
+    start = plain.program.variables[3]
+    nlp = plain.with_constraint("curvature at the base", start, 1.5, 1.5).with_cost(plain.program.variables[2] ** 2)
+    profile = winding_profiles(task)[0]
+    result = solve_nlp(nlp, initial_guess(nlp, profile))
+    assert result.feasible
+    assert nlp.program.row_names[-1] == "curvature at the base"
+    assert result.variables[3] == pytest.approx(1.5, abs=1e-6)
+    assert plain.program.constraints.numel() == nlp.program.constraints.numel() - 1
+
+
+def test_check_refuses_a_spoiled_configuration() -> None:
+    """The dense check names every requirement that a bent copy of a good configuration misses."""
+    task = s_bend_task(1.1)
+    regions, profile, _ = next(attempts(task))
+    nlp = build_configuration_nlp(task, regions, profile.tip_heading)
+    good = polished_configuration(nlp, solve_nlp(nlp, initial_guess(nlp, profile)).variables)
+    bent = Configuration.chain(
+        good.base,
+        good.base_heading + 0.1,
+        [s.length for s in good.segments],
+        [s.curvature * 4.0 for s in good.segments],
+        [s.knots for s in good.segments],
+    )
+    names = {shortfall.name for shortfall in shortfalls(nlp, bent)}
+    assert not shortfalls(nlp, good)
+    assert {"tip position", "tip heading", "distance outside the corridor"} <= names
+
+
+def test_heading_basis_reproduces_the_curve() -> None:
+    """θ = θ_0 + rows @ values and its quadrature give the tip of the NumPy curve."""
+    rng = np.random.default_rng(4)
+    widths, values = rng.uniform(0.05, 0.15, (3, 4)), rng.normal(0.0, 5.0, 13)
+    curve = Configuration.chain(
+        np.zeros(2),
+        0.2,
+        widths.sum(axis=1).tolist(),
+        [values[4 * k : 4 * k + 5] for k in range(3)],
+        [tuple((np.cumsum(row)[:3] / row.sum()).tolist()) for row in widths],
+    )
+    basis = heading_basis(widths)
+    theta = 0.2 + basis.rows @ values
+    tip = [basis.weights @ np.cos(theta), basis.weights @ np.sin(theta)]
+    np.testing.assert_allclose(tip, curve.tip[0], atol=1e-12)
+    assert 0.2 + basis.tip @ values == pytest.approx(curve.tip[1], abs=1e-12)
