@@ -24,6 +24,14 @@ def clutter(count: int, seed: int, side: float = SIDE) -> Workspace:
     return Workspace(shapely.box(0.0, 0.0, side, side), tuple(obstacles))
 
 
+def sheets(count: int, seed: int) -> Workspace:
+    """Random walls of two legs and no thickness in a square room; they may cross."""
+    rng = np.random.default_rng(seed)
+    lines = [rng.uniform(0.0, SIDE, 2) + rng.uniform(-0.2, 0.2, (3, 2)) for _ in range(count)]
+    obstacles = tuple(Obstacle(f"sheet {k}", shapely.LineString(line)) for k, line in enumerate(lines))
+    return Workspace(shapely.box(0.0, 0.0, SIDE, SIDE), obstacles)
+
+
 def mixed_room() -> Workspace:
     """A room with a circle, a polyline wall of no thickness, a thick wall and a polygon that is not convex."""
     obstacles = (

@@ -1,5 +1,7 @@
 """Free set, triangulation, convex cells and grown regions (section 4.1)."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import shapely
@@ -11,7 +13,7 @@ from ccm_opt.freespace.inflation import free_set
 from ccm_opt.freespace.triangulation import Triangulation, triangulate
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.geometry.polygons import chord, clip, half_planes, is_convex, signed_area
-from tests.freespace_scenes import clutter, divided_room, mixed_room
+from tests.freespace_scenes import clutter, divided_room, mixed_room, sheets
 
 MARGIN = 0.02
 ROOMS = [mixed_room(), divided_room(), clutter(40, 3), clutter(120, 4)]
@@ -91,10 +93,12 @@ def test_location_agrees_with_shapely(seed: int) -> None:
 
 
 @settings(max_examples=12, deadline=None)
-@given(seeds, st.sampled_from([3, 15, 50]))
-def test_grown_regions_hold_their_cells_and_are_free(seed: int, count: int) -> None:
+@given(seeds, st.sampled_from([(clutter, 3, MARGIN), (clutter, 50, MARGIN), (sheets, 15, MARGIN), (sheets, 15, 1e-6)]))
+def test_grown_regions_hold_their_cells_and_are_free(
+    seed: int, scene: tuple[Callable[[int, int], Workspace], int, float]
+) -> None:
     """A region contains the cell it grew from within 1e-9 and lies in the free set; it is convex."""
-    free = free_set(clutter(count, seed), MARGIN)
+    free = free_set(scene[0](scene[1], seed), scene[2])
     maker = CorridorMaker(triangulate(free))
     for cell in maker.partition.cells[:40]:
         region = maker.grown(cell)

@@ -10,7 +10,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.triangulation import Triangulation
 
-STRAIGHT = 1e-12  # cross products above minus this still count as convex [m²]
+STRAIGHT = 1e-12  # a corner that is dented by less than this counts as convex [m]
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,8 @@ class _Faces:
     def _turns_left(self, tail: int, head: int) -> bool:
         """Whether half-edge ``tail`` followed by ``head`` does not turn right."""
         (ax, ay), (bx, by), (cx, cy) = self.points[tail], self.points[head], self.points[self.following[head]]
-        return (bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -STRAIGHT
+        longer = max(abs(bx - ax) + abs(by - ay), abs(cx - bx) + abs(cy - by))
+        return (bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -STRAIGHT * longer
 
     def _ring(self, half_edge: int) -> FloatArray:
         ring = [half_edge]

@@ -26,10 +26,12 @@ def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
 
     Args:
         vertices: shape (m, 2) [m].
-        tolerance: how far the cross product of two following edges may fall below zero [m²].
+        tolerance: the depth of dents that count as straight [m].
     """
     edges = np.roll(vertices, -1, axis=0) - vertices
-    return bool(np.all(cross(edges, np.roll(edges, -1, axis=0)) >= -tolerance))
+    following = np.roll(edges, -1, axis=0)
+    longer = np.maximum(np.linalg.norm(edges, axis=1), np.linalg.norm(following, axis=1))
+    return bool(np.all(cross(edges, following) >= -tolerance * longer))
 
 
 def without_short_edges(vertices: FloatArray, shortest: float = 1e-12) -> FloatArray:
