@@ -121,7 +121,9 @@ def _no_route(problem: Problem, shortest: tuple[Route, ...]) -> Diagnosis:
             f"no route from the base to the goal is wide enough for the arm: diameter {2e3 * arm.radius:.1f} mm, "
             f"clearance {1e3 * problem.workspace.clearance:.1f} mm"
         )
-        return Diagnosis(reason, "free space", ("use a smaller arm.radius or workspace.clearance", "remove an obstacle"))
+        return Diagnosis(
+            reason, "free space", ("use a smaller arm.radius or workspace.clearance", "remove an obstacle")
+        )
     need = shortest[0].length
     reason = f"the shortest route to the goal is {need:.3f} m long, the arm only {arm.length:.3f} m"
     return Diagnosis(reason, "free space", (f"use an arm longer than {need:.3f} m",), {"route_length": need})

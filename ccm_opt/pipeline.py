@@ -49,7 +49,9 @@ def solve(
         joints = joint_states(problem.arm, trajectory, inverse_dynamics)
     with stages("verification"):
         checks = verification.verify(problem, trajectory, joints)
-    failures = [f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed]
+    failures = [
+        f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed
+    ]
     if failures:
         raise VerificationError(failures)
     with stages("simulation"):
@@ -92,7 +94,13 @@ def metrics(
         if problem.goal.heading is not None:
             turn = (headings[-1, -1] - problem.goal.heading + np.pi) % (2.0 * np.pi) - np.pi
             figures["heading_error_rad"] = abs(float(turn))
-    figures.update({f"least_{check.name.replace(' ', '_')}_m": check.worst for check in checks if check.unit == "m" and "clearance" in check.name})
+    figures.update(
+        {
+            f"least_{check.name.replace(' ', '_')}_m": check.worst
+            for check in checks
+            if check.unit == "m" and "clearance" in check.name
+        }
+    )
     return figures
 
 

@@ -77,4 +77,5 @@ class Arm:
         """Positions of the joints and the tip from link headings, shape (..., links + 1, 2) [m]."""
         steps = self.link_length * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
         start = np.zeros((*steps.shape[:-2], 1, 2))
-        return self.base + np.concatenate((start, np.cumsum(steps, axis=-2)), axis=-2)
+        positions: FloatArray = self.base + np.concatenate((start, np.cumsum(steps, axis=-2)), axis=-2)
+        return positions

@@ -8,14 +8,19 @@ What fails is bisected, link by link and pair by pair: the sag falls four-fold a
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.contacts import closest_on_segments
+
+_Links: TypeAlias = tuple[IntArray, IntArray]  # stretch and link
+_Pairs: TypeAlias = tuple[IntArray, IntArray, IntArray]  # stretch and two links
 
 MAX_DEPTH = 7
 """Bisections of an interval before the certificate is refused."""
@@ -107,13 +112,12 @@ class Certificate:
             spans, links, pairs = self._halved(spans, links, pairs, failed[-1])
         return np.unique(np.concatenate(failed))
 
-    def _halved(
-        self, spans: _Spans, links: tuple[IntArray, ...], pairs: tuple[IntArray, ...], failed: IntArray
-    ) -> tuple[_Spans, tuple[IntArray, ...], tuple[IntArray, ...]]:
+    def _halved(self, spans: _Spans, links: _Links, pairs: _Pairs, failed: IntArray) -> tuple[_Spans, _Links, _Pairs]:
         """Both halves of every stretch with something unsafe, and what is to be tested on them again."""
         alive = ~np.isin(spans.owner, failed)
-        links = tuple(x[alive[links[0]]] for x in links)
-        pairs = tuple(x[alive[pairs[0]]] for x in pairs)
+        keep_link, keep_pair = alive[links[0]], alive[pairs[0]]
+        links = (links[0][keep_link], links[1][keep_link])
+        pairs = (pairs[0][keep_pair], pairs[1][keep_pair], pairs[2][keep_pair])
         kept, place = np.unique(np.concatenate((links[0], pairs[0])), return_inverse=True)
         start, end = spans.start[kept], spans.end[kept]
         middle = 0.5 * (start + end)
@@ -122,15 +126,15 @@ class Certificate:
         )
         on_link, on_pair = place[: len(links[0])], place[len(links[0]) :]
         twice_links = (np.concatenate((on_link, on_link + len(kept))), np.tile(links[1], 2))
-        twice_pairs = (np.concatenate((on_pair, on_pair + len(kept))), *(np.tile(x, 2) for x in pairs[1:]))
+        twice_pairs = (np.concatenate((on_pair, on_pair + len(kept))), np.tile(pairs[1], 2), np.tile(pairs[2], 2))
         return halves, twice_links, twice_pairs
 
-    def _all_links(self, spans: _Spans) -> tuple[IntArray, IntArray]:
+    def _all_links(self, spans: _Spans) -> _Links:
         """Every stretch with every link beyond the mount."""
         span, link = np.meshgrid(np.arange(len(spans.owner)), np.arange(self._mount[0], self.arm.links), indexing="ij")
         return span.ravel(), link.ravel()
 
-    def _all_pairs(self, spans: _Spans) -> tuple[IntArray, IntArray, IntArray]:
+    def _all_pairs(self, spans: _Spans) -> _Pairs:
         """Every stretch with every pair of distant links that come anywhere near each other."""
         if not self.arm.self_collision:
             return (np.zeros(0, int),) * 3
@@ -142,14 +146,14 @@ class Certificate:
         span, pair = np.nonzero(np.einsum("spd,spd->sp", apart, apart) < reach[:, None] ** 2)
         return span, i[pair], j[pair]
 
-    def _unsafe_links(self, spans: _Spans, span: IntArray, link: IntArray) -> tuple[tuple[IntArray, IntArray], IntArray]:
+    def _unsafe_links(self, spans: _Spans, span: IntArray, link: IntArray) -> tuple[_Links, IntArray]:
         """Of (stretch, link): those whose grown hull meets a wall, and the stretches that touch one half-way."""
         need = self.arm.radius + self.workspace.clearance + spans.sag[span, link]
         corners = self._corners(spans, span, link)
         middle = 0.5 * (corners[:, :2] + corners[:, 2:])
         swing = 0.5 * np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=2).max(axis=1)
-        near = np.unique(self._near(shapely.linestrings(middle), need + swing)[0])
-        hulls = shapely.convex_hull(shapely.linestrings(corners[near]))
+        near = np.unique(self._near(_lines(middle), need + swing)[0])
+        hulls: Any = shapely.convex_hull(_lines(corners[near]))
         hit = near[np.unique(self._near(hulls, need[near])[0])]
         return (span[hit], link[hit]), self._touching(spans, span[hit], link[hit])
 
@@ -158,19 +162,21 @@ class Certificate:
         headings = 0.5 * (spans.start + spans.end)
         places = self.arm.joint_positions(headings)
         held = _Spans(headings, headings, spans.owner, places, places, spans.sag)
-        lines = shapely.linestrings(self._corners(held, span, link)[:, :2])
+        lines = _lines(self._corners(held, span, link)[:, :2])
         limit = np.full(len(lines), self.arm.radius + self.workspace.clearance)
         return span[np.unique(self._near(lines, limit)[0])]
 
     def _corners(self, spans: _Spans, span: IntArray, link: IntArray) -> FloatArray:
         """End positions of links at both ends of stretches, the mount cut off, shape (k, 4, 2) [m]."""
-        corners = np.stack((spans.a[span, link], spans.a[span, link + 1], spans.b[span, link], spans.b[span, link + 1]), axis=1)
+        corners = np.stack(
+            (spans.a[span, link], spans.a[span, link + 1], spans.b[span, link], spans.b[span, link + 1]), axis=1
+        )
         mount, share = self._mount
         cut = link == mount
         corners[cut, 0::2] += share * (corners[cut, 1::2] - corners[cut, 0::2])
         return corners
 
-    def _near(self, shapes: np.ndarray, distance: FloatArray) -> tuple[IntArray, IntArray]:
+    def _near(self, shapes: npt.NDArray[np.object_], distance: FloatArray) -> tuple[IntArray, IntArray]:
         """Pairs (shape, wall) no farther apart than given distances, shape (k,) [m]."""
         reach = distance + self._rounding.max() + TOUCH
         shape, wall = self._tree.query(shapes, predicate="dwithin", distance=reach)
@@ -180,9 +186,7 @@ class Certificate:
             shape, wall = shape[close], wall[close]
         return shape, wall
 
-    def _unsafe_pairs(
-        self, spans: _Spans, span: IntArray, i: IntArray, j: IntArray
-    ) -> tuple[tuple[IntArray, IntArray, IntArray], IntArray]:
+    def _unsafe_pairs(self, spans: _Spans, span: IntArray, i: IntArray, j: IntArray) -> tuple[_Pairs, IntArray]:
         """Of (stretch, link, link): those not proved apart, and the stretches in which a pair touches half-way.
 
         A pair is apart when all eight corner differences keep their distance along the direction that is closest
@@ -207,3 +211,8 @@ class Certificate:
         unsafe: BoolArray = corners <= 2.0 * self.arm.radius + spans.sag[span, j] - before + TOUCH
         touching = unsafe & (distance <= 2.0 * self.arm.radius + TOUCH)
         return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
+
+
+def _lines(points: FloatArray) -> npt.NDArray[np.object_]:
+    """Polylines from their vertices, shape (k, m, 2)."""
+    return np.asarray(shapely.linestrings(points), dtype=np.object_)

@@ -113,7 +113,9 @@ class ContactFinder:
             return "nothing near"
         k = int(np.argmin(contacts.gap - contacts.margin))
         other = (
-            f"'{self.walls.names[contacts.wall[k]]}'" if contacts.second[k] == WALL else f"link {contacts.second[k] + 1}"
+            f"'{self.walls.names[contacts.wall[k]]}'"
+            if contacts.second[k] == WALL
+            else f"link {contacts.second[k] + 1}"
         )
         return f"link {contacts.first[k] + 1} and {other}, gap {1e3 * contacts.gap[k]:.2f} mm"
 
@@ -188,7 +190,14 @@ class ContactFinder:
         normal = apart / np.maximum(distance, 1e-12)[:, None]
         m = len(link)
         return Contacts(
-            link, at, np.full(m, WALL), np.zeros(m), normal, distance - self._wall_gap[wall], np.full(m, self.margin), wall
+            link,
+            at,
+            np.full(m, WALL),
+            np.zeros(m),
+            normal,
+            distance - self._wall_gap[wall],
+            np.full(m, self.margin),
+            wall,
         )
 
     def _link_link(self, points: FloatArray, near: _NeighbourList) -> Contacts:

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.goal import GoalPose, polish
+from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
 from ccm_opt.motion.step import LIMIT_SHARE, Pose, Stepper, Term, allowed_shortfall, keeps_clear, smoothness_terms
 
 BENDING, JERK = 1e-4, 1e-4
@@ -55,9 +55,7 @@ class Deadline:
         return time.monotonic() > self.at
 
 
-def follow(
-    stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patience: int = PATIENCE
-) -> list[Pose]:
+def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patience: int = PATIENCE) -> list[Pose]:
     """Poses from the given one to where the guide ends.
 
     Raises:
@@ -89,8 +87,9 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
         jacobians = space.jacobians(pose.headings)
         still = Term(space.matrix, np.zeros(space.arm.links), 0.5 / space.arm.links)
         smooth = smoothness_terms(space, pose.v, BENDING, JERK)
-        before, pose = pose, stepper.step(
-            pose, jacobians, [*goal.terms(space, pose, jacobians, 1.0 + 0.2 * k), still, *smooth]
+        before, pose = (
+            pose,
+            stepper.step(pose, jacobians, [*goal.terms(space, pose, jacobians, 1.0 + 0.2 * k), still, *smooth]),
         )
         poses.append(pose)
         if deadline.passed() or (k > 20 and np.max(np.abs(pose.headings - before.headings)) < 1e-5):
@@ -107,7 +106,8 @@ def polished(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
         return None
     final = stepper.pose(polish(stepper.space, goal, pose.v))
     arm = stepper.space.arm
-    if np.max(goal.errors(final)) > 1e-8 or np.any(np.abs(arm.bends(final.headings)) > 0.5 * (1 + LIMIT_SHARE) * arm.bend_limits):
+    within = np.all(np.abs(arm.bends(final.headings)) <= 0.5 * (1.0 + LIMIT_SHARE) * arm.bend_limits)
+    if max(goal.errors(final)) > 10.0 * POLISH_TOLERANCE or not within:
         return None
     allowed = allowed_shortfall(stepper.finder.find(pose.points))
     clear = keeps_clear(stepper.finder.find(final.points), allowed) and not stepper.finder.crosses(final.points)

@@ -81,12 +81,13 @@ class Hairpin:
     def reference(self) -> FloatArray:
         """Heading every link should have, shape (links,) [rad]."""
         arm = self.space.arm
-        middle = (np.arange(arm.links) + 0.5) * arm.link_length
+        middle = arm.link_length * (np.arange(arm.links, dtype=np.float64) + 0.5)
         x = np.clip((middle - self.fold_at) / self.fold_length, 0.0, 1.0)
         blend = x * x * (3.0 - 2.0 * x)
         before = np.interp(np.minimum(middle, self.fold_at), middle, self.old)
         behind = self.track.heading(self.tip_arc - (arm.length - middle))
-        return (1.0 - blend) * before + blend * behind
+        reference: FloatArray = (1.0 - blend) * before + blend * behind
+        return reference
 
     def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
         """What draws the arm towards the reference."""

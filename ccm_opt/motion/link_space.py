@@ -94,7 +94,8 @@ def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> 
     weight = np.sqrt(_FIT_WEIGHT)
     system = np.vstack((matrix, weight * roughness, pinned))
     target = np.concatenate((headings, np.zeros(len(system) - len(headings))))
-    return np.linalg.lstsq(system, target, rcond=None)[0]
+    coordinates: FloatArray = np.linalg.lstsq(system, target, rcond=None)[0]
+    return coordinates
 
 
 @lru_cache(maxsize=32)

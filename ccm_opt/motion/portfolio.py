@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def candidates(
         tip_paths: shortest first.
     """
     for k, goal in enumerate(goal_coordinates):
-        yield Candidate(f"interpolation {k + 1}", lambda goal=goal: Interpolation(stepper.space, start.v, goal))
+        yield Candidate(f"interpolation {k + 1}", partial(Interpolation, stepper.space, start.v, goal))
     for path in tip_paths:
         yield tip_led(stepper, start, path)
         yield from hairpins(stepper, start, path, FOLD_LINKS[:1])
@@ -62,7 +63,7 @@ def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> Candidate:
     """The tip drawn along the taut path."""
     unit = stepper.space.arm.length / 24.0
     track = Track.along(path.taut, HEADING_WINDOW * unit, float(start.headings[-1]))
-    return Candidate(f"tip-led, {_side(path)}", lambda: TipLed(stepper.space, track))
+    return Candidate(f"tip-led, {_side(path)}", partial(TipLed, stepper.space, track))
 
 
 def hairpins(stepper: Stepper, start: Pose, path: TipPath, folds: tuple[float, ...]) -> Iterator[Candidate]:
@@ -74,8 +75,8 @@ def hairpins(stepper: Stepper, start: Pose, path: TipPath, folds: tuple[float, .
     for links in folds:
         yield Candidate(
             f"hairpin of {links:g}, {_side(path)}",
-            lambda links=links: _fold(stepper, start, path, joint, route, links),
-            lambda guide, pose: _pulled_out(stepper, path, guide, pose),
+            partial(_fold, stepper, start, path, joint, route, links),
+            partial(_pulled_out, stepper, path),
         )
 
 

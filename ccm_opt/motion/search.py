@@ -8,7 +8,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import ContactFinder
-from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
+from ccm_opt.motion.continuation import Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
@@ -160,13 +160,14 @@ def _nothing_found(task: MotionTask, failures: list[Failure]) -> MotionNotFound 
     if tried:
         best = tried[0]
         reason = (
-            f"no motion found in {len(tried)} candidates; the best ({best.candidate}) ended {1e3 * best.remaining:.0f} mm "
-            f"from the goal: {best.message}; tightest there: {best.obstacle}"
+            f"no motion found in {len(tried)} candidates; the best ({best.candidate}) ended "
+            f"{1e3 * best.remaining:.0f} mm from the goal: {best.message}; tightest there: {best.obstacle}"
         )
     else:
         reason = "no motion found: there is no path of the tip that the arm is long enough for"
     if task.deadline.passed():
-        advice = ("raise planner.time_limit",)
-        return TimeLimitReached(Diagnosis(f"time limit reached: {reason}", "motion", advice, evidence))
+        return TimeLimitReached(
+            Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence)
+        )
     advice = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "use a longer arm")
     return MotionNotFound(Diagnosis(reason, "motion", advice, evidence))

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.certificate import Certificate
 
 SAMPLES_A_SPAN = 4
@@ -46,7 +46,7 @@ def _at_least_four(control: FloatArray) -> FloatArray:
     return control
 
 
-def _halve_legs(control: FloatArray, spans: FloatArray) -> FloatArray:
+def _halve_legs(control: FloatArray, spans: IntArray) -> FloatArray:
     """Insert the middles of the legs that shape given spans (span k is shaped by control points k to k + 3)."""
     legs = np.unique(np.clip(np.add.outer(spans, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
     return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

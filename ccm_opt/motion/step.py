@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import daqp
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.contacts import WALL, ContactFinder, Contacts
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
 
@@ -141,12 +141,14 @@ def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
     relative = _point_jacobian(jacobians, contacts.first, contacts.first_at)
     own = contacts.second != WALL
     relative[own] -= _point_jacobian(jacobians, contacts.second[own], contacts.second_at[own])
-    return np.einsum("md,mdp->mp", contacts.normal, relative)
+    rows: FloatArray = np.einsum("md,mdp->mp", contacts.normal, relative)
+    return rows
 
 
-def _point_jacobian(jacobians: FloatArray, link: FloatArray, at: FloatArray) -> FloatArray:
+def _point_jacobian(jacobians: FloatArray, link: IntArray, at: FloatArray) -> FloatArray:
     share = at[:, None, None]
-    return (1.0 - share) * jacobians[link] + share * jacobians[link + 1]
+    mixed: FloatArray = (1.0 - share) * jacobians[link] + share * jacobians[link + 1]
+    return mixed
 
 
 def normal_equations(terms: Sequence[Term]) -> tuple[FloatArray, FloatArray]:

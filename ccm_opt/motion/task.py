@@ -62,7 +62,9 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
         task.arm,
         links=links,
         link_length=task.arm.length / links,
-        **{name: np.resize(getattr(task.arm, name), links) for name in ("masses", "inertia_axial", "inertia_transverse")},
+        masses=np.full(links, task.arm.masses.mean()),
+        inertia_axial=np.full(links, task.arm.inertia_axial.mean()),
+        inertia_transverse=np.full(links, task.arm.inertia_transverse.mean()),
     )
 
     def resampled(headings: FloatArray) -> FloatArray:

@@ -59,7 +59,9 @@ class Track:
     def nearest_arc(self, point: FloatArray, last: float) -> float:
         """Arc length of the place nearest to a point (2,) among those not beyond ``last`` [m]."""
         arcs = np.linspace(0.0, min(last, self.length), 200)
-        places = np.stack((np.interp(arcs, self.arcs, self.points[:, 0]), np.interp(arcs, self.arcs, self.points[:, 1])))
+        places = np.stack(
+            (np.interp(arcs, self.arcs, self.points[:, 0]), np.interp(arcs, self.arcs, self.points[:, 1]))
+        )
         return float(arcs[np.argmin(np.hypot(*(places - point[:, None])))])
 
     def heading(self, arc: FloatArray | float) -> FloatArray:

@@ -52,4 +52,4 @@ def _paths(wall: Obstacle) -> list[FloatArray]:
     core = wall.core
     if isinstance(core, shapely.Polygon):
         return [np.asarray(ring.coords)[:, :2] for ring in (core.exterior, *core.interiors)]
-    return [np.asarray(core.coords)[:, :2]]
+    return [shapely.get_coordinates(core)]

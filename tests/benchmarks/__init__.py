@@ -1,0 +1,1 @@
+"""Scripts that print tables of ratios; run them by hand."""
