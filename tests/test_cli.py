@@ -306,7 +306,7 @@ def test_check_refuses_a_tampered_problem(problem_path: Path, tmp_path: Path, mo
     run("solve", problem_path, "--out", tmp_path, "--no-pictures")
     path = tmp_path / "small" / "solution.json"
     record = json.loads(path.read_text())
-    record["problem"]["arm"]["radius"] = None
+    record["problem"]["arm"]["radius"] = -1.0
     path.write_text(json.dumps(record))
     code, output = run("check", tmp_path / "small")
     assert (code, "arm.radius" in output) == (2, True)

@@ -294,6 +294,22 @@ def test_unreadable_files_get_one_clear_sentence(tmp_path: Path, content: bytes,
         load_problem(path)
 
 
+JUNK = (None, True, -1, 1e300, 10**400, float("nan"), "", [], [1], [[0, 0], [1, 1]], {}, [{}], [None])
+
+
+@pytest.mark.parametrize("junk", JUNK, ids=repr)
+def test_no_value_of_any_key_ends_in_another_error(junk: object) -> None:
+    """Whatever stands in place of a value is either usable or a ``ProblemFileError``."""
+    data = tomllib.loads(SMALL_PROBLEM)
+    places = [(table, key) for table in data for key in (data[table] if isinstance(data[table], dict) else ())]
+    for table, key in [*places, *((None, key) for key in data)]:
+        changed_data = {**data, key: junk} if table is None else {**data, table: {**data[table], key: junk}}
+        try:
+            assert isinstance(problem_from_mapping(changed_data), Problem)
+        except ProblemFileError as error:
+            assert error.issues  # noqa: PT017 - both outcomes are sound
+
+
 def test_missing_files_and_directories_are_named(tmp_path: Path) -> None:
     """A path without a file behind it is refused with the path in the message."""
     with pytest.raises(ProblemFileError, match=r"missing\.toml(.|\n)*no such file"):

@@ -5,7 +5,7 @@ Lengths are multiplied by the metres in the file's unit, which the validation co
 
 import math
 import re
-from collections.abc import Callable
+import sys
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -72,27 +72,19 @@ def _points_to_metres(points: list[list[float]], info: ValidationInfo) -> list[l
     return [[_to_metres(value, info) for value in point] for point in points]
 
 
-def _list_of_numbers(check: Callable[[float], bool], wanted: str) -> Callable[[object], object]:
-    """A validator of one number or a list of numbers; a number comes out as a float, a list as a list of floats."""
+def _positive(value: object, place: str = "") -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
+        raise ValueError(f"expected a positive number or a list of such{place}")
+    return float(value)
 
-    def number(value: object, place: str = "") -> float:
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, (int, float))
-            or not math.isfinite(value)
-            or not check(value)
-        ):
-            raise ValueError(f"expected {wanted} or a list of such{place}")
-        return float(value)
 
-    def validate(value: object) -> float | list[float]:
-        if not isinstance(value, list):
-            return number(value)
-        if not value:
-            raise ValueError(f"expected {wanted} or a list of such; the list is empty")
-        return [number(entry, f"; [{k}] is {entry!r}") for k, entry in enumerate(value)]
-
-    return validate
+def _positive_each(value: object) -> float | list[float]:
+    """One number or a list of numbers, as floats; pydantic's own union would report every defect twice."""
+    if not isinstance(value, list):
+        return _positive(value)
+    if not value:
+        raise ValueError("expected a positive number or a list of such; the list is empty")
+    return [_positive(entry, f"; [{k}] is {entry!r}") for k, entry in enumerate(value)]
 
 
 Length: TypeAlias = Annotated[float, AfterValidator(_to_metres)]
@@ -115,7 +107,5 @@ Polyline: TypeAlias = Annotated[
 ]
 Box: TypeAlias = Annotated[list[Length], Field(min_length=4, max_length=4), AfterValidator(_ordered_box)]
 
-PositiveEach: TypeAlias = Annotated[
-    float | list[float], BeforeValidator(_list_of_numbers(lambda value: value > 0.0, "a positive number"))
-]
+PositiveEach: TypeAlias = Annotated[float | list[float], BeforeValidator(_positive_each)]
 """One positive number for all, or a list with one each."""

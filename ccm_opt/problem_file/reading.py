@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from ccm_opt.errors import FileIssue, ProblemFileError
 from ccm_opt.problem import Problem
@@ -63,11 +64,12 @@ def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem")
     Raises:
         ProblemFileError: with every defect and its key path.
     """
+    text = _to_toml(data, path_name)
     issues = Issues()
-    problem = check_data(data, issues, "")
+    problem = check_data(_parse_toml(text, path_name), issues, text)
     if problem is None:
         raise ProblemFileError(path_name, issues.located({}))
-    return parse_problem(tomlkit.dumps(data), path_name)
+    return problem
 
 
 def _read_text(path: Path) -> str:
@@ -100,6 +102,13 @@ def _parse_toml(text: str, path_name: str) -> dict[str, object]:
         raise _refused(path_name, "not usable TOML: brackets are nested too deeply") from None
     except ValueError as error:  # whole numbers of thousands of digits
         raise _refused(path_name, f"not usable TOML: {str(error).split(';')[0]}") from None
+
+
+def _to_toml(data: Mapping[str, object], path_name: str) -> str:
+    try:
+        return tomlkit.dumps(data)
+    except (TOMLKitError, TypeError, ValueError, RecursionError) as error:
+        raise _refused(path_name, f"holds something that TOML cannot say: {error}") from None
 
 
 def _error_line(message: str, text: str) -> int:
