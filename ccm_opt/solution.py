@@ -4,15 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from scipy.interpolate import BSpline
-
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import Diagnosis
 from ccm_opt.problem import Problem
 
 if TYPE_CHECKING:
-    import numpy as np
+    from scipy.interpolate import BSpline
 
 Status = Literal["solved", "infeasible", "timed-out", "cancelled"]
 
@@ -28,7 +26,7 @@ class JointPath:
         candidate: name of the tactic that found the motion.
     """
 
-    spline: BSpline
+    spline: "BSpline"
     keyframes: FloatArray
     curves: tuple[Configuration, ...]
     candidate: str = ""
@@ -122,7 +120,7 @@ class Solution:
     versions: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def joint_positions(self) -> "np.ndarray":
+    def joint_positions(self) -> FloatArray:
         """Joint and tip positions at every sample, shape (T, links + 1, 2) [m]."""
         arm = self.problem.arm
         return arm.joint_positions(arm.headings(self.trajectory.bend_angles))
