@@ -12,6 +12,8 @@ from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.walls import Walls
 
+SLACK = 1.5
+"""Slack of the neighbour list beyond the reach, as a multiple of it."""
 WALL = -1
 """Stands for the second link of a contact with a wall."""
 
@@ -81,7 +83,7 @@ class ContactFinder:
 
     def __init__(self, arm: Arm, walls: Walls, clearance: float, margin: float, reach: float) -> None:
         self.arm, self.walls, self.margin, self.reach = arm, walls, margin, reach
-        self._slack = reach
+        self._slack = SLACK * reach
         self._wall_gap = arm.radius + clearance + walls.rounding
         self._mount_link = min(int(arm.mount_length / arm.link_length + 1e-9), arm.links - 1)
         self._mount_at = min(arm.mount_length / arm.link_length - self._mount_link, 1.0)
@@ -91,6 +93,7 @@ class ContactFinder:
         self._self_margin = np.zeros((arm.links, arm.links))
         self._self_margin[i, j] = np.clip(spare, 0.0, margin)
         self._near: _NeighbourList | None = None
+        self._latest: tuple[FloatArray, Contacts] | None = None
         self._edge_mid = self.walls.edges.mean(axis=1)
         self._edge_half = 0.5 * np.linalg.norm(np.diff(self.walls.edges, axis=1)[:, 0], axis=1)
         self._edge_gap = self._wall_gap[walls.edge_wall]
@@ -102,10 +105,14 @@ class ContactFinder:
         Args:
             points: joint and tip positions, shape (links + 1, 2) [m].
         """
+        if self._latest is not None and self._latest[0] is points:
+            return self._latest[1]
         near = self._neighbours(points)
         parts = [self._link_vertex(points, near), self._joint_edge(points, near), self._link_link(points, near)]
         contacts = join(parts)
-        return contacts.take(contacts.gap < self.reach)
+        contacts = contacts.take(contacts.gap < self.reach)
+        self._latest = (points, contacts)
+        return contacts
 
     def describe(self, contacts: Contacts) -> str:
         """The contact that is furthest inside its margin, in words."""

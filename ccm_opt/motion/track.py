@@ -59,14 +59,12 @@ class Track:
     def nearest_arc(self, point: FloatArray, last: float) -> float:
         """Arc length of the place nearest to a point (2,) among those not beyond ``last`` [m]."""
         arcs = np.linspace(0.0, min(last, self.length), 200)
-        places = np.stack(
-            (np.interp(arcs, self.arcs, self.points[:, 0]), np.interp(arcs, self.arcs, self.points[:, 1]))
-        )
-        return float(arcs[np.argmin(np.hypot(*(places - point[:, None])))])
+        x, y = (np.interp(arcs, self.arcs, self.points[:, k]) for k in (0, 1))
+        return float(arcs[np.argmin(np.hypot(x - point[0], y - point[1]))])
 
     def heading(self, arc: FloatArray | float) -> FloatArray:
         """Smoothed heading at arc lengths, clipped to the ends [rad]."""
-        return np.interp(arc, self.sample_arcs, self.sample_headings)
+        return np.asarray(np.interp(arc, self.sample_arcs, self.sample_headings), dtype=np.float64)
 
 
 def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
@@ -77,4 +75,5 @@ def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, wi
         np.clip(left, 0.0, arcs[-1]), arcs, primitive
     )
     outside = np.minimum(left, 0.0) * -headings[0] + np.maximum(right - arcs[-1], 0.0) * headings[-1]
-    return (inside + outside) / window
+    mean: FloatArray = (inside + outside) / window
+    return mean
