@@ -18,7 +18,7 @@ def _check(space: FreeSpace, corridor: Corridor) -> None:
     regions = [shapely.Polygon(region.vertices) for region in corridor.regions]
     string = shapely.LineString(corridor.route.taut)
     assert all(shapely.difference(region, free).area < 1e-9 for region in regions)
-    assert shapely.difference(string, shapely.buffer(shapely.union_all(regions), 0.5 * space.margin)).length < 1e-6
+    assert shapely.difference(string, shapely.buffer(shapely.union_all(regions), space.margin)).length < 1e-6
     for region, end in ((corridor.regions[0], string.coords[0]), (corridor.regions[-1], string.coords[-1])):
         assert np.all(region.normals @ np.array(end) <= region.offsets + 1e-9)
     assert corridor.portals.shape == (len(regions) - 1, 2, 2)
@@ -36,10 +36,12 @@ def _assert_crossed_left_to_right(string: shapely.LineString, portal: np.ndarray
     """Walking along the string, the portal's left end is on the left before or after it; portals come in order."""
     nearest = shapely.shortest_line(string, shapely.LineString(portal))
     place = string.project(shapely.Point(nearest.coords[0]))
-    before, here, after = (np.array(string.interpolate(max(place + d, 0.0)).coords[0]) for d in (-1e-4, 0.0, 1e-4))
     across = portal[0] - portal[1]
-    sides = [leg[0] * across[1] - leg[1] * across[0] for leg in (here - before, after - here)]
-    assert max(sides) > -1e-8  # zero round the tip of a sheet
+    here = np.array(string.interpolate(place).coords[0])
+    behind = [np.array(string.interpolate(max(place + d, 0.0)).coords[0]) for d in (-0.05, -1e-2, -1e-3, -1e-4)]
+    beyond = [np.array(string.interpolate(place + d).coords[0]) for d in (0.05, 1e-2, 1e-3, 1e-4)]
+    legs = [here - point for point in behind] + [point - here for point in beyond]
+    assert max(leg[0] * across[1] - leg[1] * across[0] for leg in legs) > 0.0  # reversed ends would be negative for all
     assert place >= reached - 1e-6
     return float(place)
 

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from ccm_opt.freespace.corridors import CorridorMaker
 from ccm_opt.freespace.inflation import free_set
+from ccm_opt.freespace.regions import grow
 from ccm_opt.freespace.triangulation import Triangulation, triangulate
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.geometry.polygons import chord, clip, half_planes, is_convex, signed_area
+from ccm_opt.geometry.polygons import chords, clip, half_planes, is_convex, signed_area
 from tests.freespace_scenes import clutter, divided_room, mixed_room, sheets
 
 MARGIN = 0.02
@@ -108,6 +109,15 @@ def test_grown_regions_hold_their_cells_and_are_free(
         assert region.normals == pytest.approx(half_planes(region.vertices)[0])
 
 
+def test_a_region_between_walls_in_line_is_two_sided() -> None:
+    """An edge that continues the walls at both its ends still grows to both sides, up to squares to the walls."""
+    door = np.array([[0.4, 0.5], [0.6, 0.5]])
+    walls = np.array([[[0.0, 0.5], [0.4, 0.5]], [[0.6, 0.5], [1.0, 0.5]]])
+    room = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    region = grow(door, walls, room)
+    assert shapely.Polygon(region.vertices).equals(shapely.box(0.4, 0.0, 0.6, 1.0))
+
+
 @pytest.mark.parametrize("room", [mixed_room(), divided_room()])
 @pytest.mark.parametrize("margin", [MARGIN, 1e-6])
 def test_regions_grown_from_edges_have_room_on_both_sides(room: Workspace, margin: float) -> None:
@@ -144,6 +154,6 @@ def test_clipping_divides_a_polygon(angle: float, offset: float) -> None:
     normal = np.array([np.cos(angle), np.sin(angle)])
     one, other = clip(square, normal, offset), clip(square, -normal, -offset)
     assert signed_area(one) + signed_area(other) == pytest.approx(4.0)
-    ends = chord(*half_planes(square), offset * normal, np.array([-normal[1], normal[0]]))
+    ends = chords(*half_planes(square), offset * normal[None], np.array([[-normal[1], normal[0]]]))[0]
     assert ends @ normal == pytest.approx([offset, offset])
     assert np.abs(ends).max(axis=1) == pytest.approx([1.0, 1.0])

@@ -11,9 +11,9 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.freespace.regions import TOUCHING
 from ccm_opt.freespace.taut_stations import TautString
-from ccm_opt.geometry.polygons import chord, intersection, nearest_on_segments, signed_area
+from ccm_opt.geometry.polygons import after_each, chords, intersection, nearest_on_segments, signed_area
 
-TRIALS = 7  # places tried for each portal
+TRIALS = 6  # crossings at most tried for each portal
 THICK_ENOUGH = 0.2  # least thickness of an overlap, as a share of the width that its portal should have
 UNUSABLE = -1.0  # quality of a pair of regions that have no portal
 WORTHLESS = 1e-7  # overlaps worse than this are as bad as none [m]
@@ -62,7 +62,7 @@ class Cover:
     Attributes:
         candidates: in order along the string; each one's span meets that of the next.
         taut: the string.
-        slack: how far outside the regions the string may run [m]; it passes every portal within twice that.
+        slack: how far outside the regions the string may run, and how far beside the portals pass [m].
     """
 
     candidates: Sequence[Candidate]
@@ -77,14 +77,14 @@ class Cover:
         """How two candidates overlap."""
         if (here, there) not in self._links:
             self._links[here, there] = link_between(
-                self.candidates[here], self.candidates[there], self.taut, 2.0 * self.slack
+                self.candidates[here], self.candidates[there], self.taut, self.slack
             )
         return self._links[here, there]
 
     def portals(self, sequence: Sequence[int]) -> FloatArray:
         """Portals between following candidates, left end then right end, in order; shape (n - 1, 2, 2) [m]."""
-        chords = [self.link(here, there).chords for here, there in itertools.pairwise(sequence)]
-        return np.array([choice.ends for choice in _in_order(chords)]).reshape(-1, 2, 2)
+        choices = [self.link(here, there).chords for here, there in itertools.pairwise(sequence)]
+        return np.array([choice.ends for choice in _in_order(choices)]).reshape(-1, 2, 2)
 
     def sequence(self, wanted: float) -> list[int]:
         """Candidates that cover the string with overlaps of the quality wanted [m], or nearly the best there is."""
@@ -148,29 +148,38 @@ class Link:
 def link_between(here: Candidate, there: Candidate, taut: TautString, beside: float) -> Link:
     """The overlap of two regions whose spans meet; its chords pass the string by ``beside`` at most."""
     first, last = max(here.first, there.first), min(here.last, there.last)
-    places = np.unique(np.concatenate((np.linspace(first, last, TRIALS), taut.crossings_within(first, last))))
     overlap = intersection(here.region.vertices, there.region.normals, there.region.offsets)
     normals = np.concatenate((here.region.normals, there.region.normals))
     offsets = np.concatenate((here.region.offsets, there.region.offsets))
-    chords: list[Chord] = []
-    for place in places.tolist():
-        through = _nearest_point(overlap, normals, offsets, taut.at(place))
-        if np.linalg.norm(through - taut.at(place)) > beside + TOUCHING:
-            continue
-        for direction, squareness in taut.directions_across(place):
-            ends = chord(normals, offsets, through, direction)[::-1]
-            chords.append(Chord(place, ends, squareness * float(np.linalg.norm(ends[0] - ends[1]))))
-    if not chords:
+    trials = [
+        (place, through, direction, squareness)
+        for place in _trial_places(taut, first, last)
+        for through in _within(overlap, normals, offsets, taut.at(place), beside)
+        for direction, squareness in taut.directions_across(place)
+    ]
+    if not trials:
         return Link(UNUSABLE, ())
-    return Link(min(max(c.score for c in chords), _thickness(overlap) / THICK_ENOUGH), tuple(chords))
+    places, points, directions, squareness = zip(*trials, strict=True)
+    ends = chords(normals, offsets, np.array(points), np.array(directions))[:, ::-1]
+    scores = np.array(squareness) * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    found = (Chord(place, pair, score) for place, pair, score in zip(places, ends, scores.tolist(), strict=True))
+    return Link(min(float(scores.max()), _thickness(overlap) / THICK_ENOUGH), tuple(found))
+
+
+def _trial_places(taut: TautString, first: float, last: float) -> list[float]:
+    """Arc lengths where portals are tried: the ends and the middle of a span and some of the crossings in it."""
+    crossings = taut.crossings_within(first, last)
+    some = crossings[:: 1 + len(crossings) // TRIALS]
+    places: list[float] = np.unique(np.concatenate(([first, 0.5 * (first + last), last], some))).tolist()
+    return places
 
 
 def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
     """One chord of each link, places not decreasing, with the greatest product of scores (dynamic programming)."""
     best: list[tuple[float, list[Chord]]] = [(0.0, [])]
-    for chords in links:
+    for options in links:
         longer: list[tuple[float, list[Chord]]] = []
-        for choice in chords:
+        for choice in options:
             fitting = [pair for pair in best if not pair[1] or pair[1][-1].place <= choice.place]
             if fitting:
                 total, chosen = max(fitting, key=lambda pair: pair[0])
@@ -179,17 +188,21 @@ def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
     return max(best, key=lambda pair: pair[0])[1]
 
 
-def _nearest_point(polygon: FloatArray, normals: FloatArray, offsets: FloatArray, point: FloatArray) -> FloatArray:
-    """The point (2,) itself when it lies within the half-planes, else the nearest of the polygon (m, 2)."""
-    if len(polygon) == 0 or bool(np.all(normals @ point <= offsets + TOUCHING)):
-        return point
-    feet = nearest_on_segments(point, np.stack((polygon, np.roll(polygon, -1, axis=0)), axis=1))
-    nearest: FloatArray = feet[np.argmin(np.linalg.norm(feet - point, axis=1))]
-    return nearest
+def _within(
+    polygon: FloatArray, normals: FloatArray, offsets: FloatArray, point: FloatArray, beside: float
+) -> list[FloatArray]:
+    """The point (2,) if the half-planes hold it, else the polygon's nearest if within ``beside``, else none."""
+    if bool(np.all(normals @ point <= offsets + TOUCHING)):
+        return [point]
+    if len(polygon) == 0:
+        return []
+    feet = nearest_on_segments(point, np.stack((polygon, after_each(polygon)), axis=1))
+    gaps = np.linalg.norm(feet - point, axis=1)
+    return [feet[np.argmin(gaps)]] if gaps.min() <= beside else []
 
 
 def _thickness(overlap: FloatArray) -> float:
     """Twice the area over the perimeter of a polygon (m, 2) [m]: for a long one its mean thickness."""
     if len(overlap) < 3:
         return 0.0
-    return 2.0 * signed_area(overlap) / float(np.sum(np.linalg.norm(overlap - np.roll(overlap, 1, axis=0), axis=1)))
+    return 2.0 * signed_area(overlap) / float(np.sum(np.linalg.norm(overlap - after_each(overlap), axis=1)))

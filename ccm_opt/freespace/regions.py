@@ -9,7 +9,14 @@ import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.freespace.corridor import ConvexRegion
-from ccm_opt.geometry.polygons import clip, half_planes, nearest_on_segments, signed_area, without_short_edges
+from ccm_opt.geometry.polygons import (
+    after_each,
+    clip,
+    half_planes,
+    nearest_on_segments,
+    signed_area,
+    without_short_edges,
+)
 
 TOUCHING = 1e-9  # tolerance of all contacts [m]
 NEAR = 1e-6  # a wall nearer than this is shut out by an edge line: its nearest point gives no sharp direction [m]
@@ -38,7 +45,7 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
     region = _shut_out(cell, walls[near], room)
     normals, offsets = half_planes(without_short_edges(region, SHORTEST_EDGE))
     left_over = ~np.any(np.all(walls @ normals.T >= offsets - TOUCHING, axis=1), axis=1)
-    return region_of(_shut_out(cell, walls[left_over], region))
+    return region_of(_shut_out(cell, walls[left_over], region) if np.any(left_over) else region)
 
 
 def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
@@ -75,7 +82,7 @@ def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, Flo
     Returns:
         Gaps, shape (w,) [m], nearest points of the cell, shape (w, 2) [m], and of the walls, shape (w, 2) [m].
     """
-    edges = np.stack((cell, np.roll(cell, -1, axis=0)), axis=1)
+    edges = np.stack((cell, after_each(cell)), axis=1)
     feet_on_walls = nearest_on_segments(cell[:, None], walls[None])  # (m, w, 2)
     feet_on_cell = nearest_on_segments(walls[None], edges[:, None, None])  # (m, w, 2 ends, 2)
     cell_side = np.concatenate(
@@ -93,9 +100,8 @@ def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray)
     """The half-plane between a cell and a wall that touch which leaves most of the region.
 
     Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis
-    theorem); squares to
-    the wall at its ends are tried as well. A line along a cell that is a segment would leave one side of it only:
-    the last resort.
+    theorem); squares to the wall at its ends are tried as well. A line along a cell that is a segment would leave one
+    side of it only: the last resort.
     """
     normals, offsets = _separators(cell, wall)
     overlap = np.maximum(
@@ -110,12 +116,11 @@ def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray)
 
 def _separators(cell: FloatArray, wall: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Half-planes (k, 2), (k,) worth trying between a cell (m, 2) and a wall (2, 2)."""
-    lines = np.concatenate((wall[None], wall[None, ::-1], np.stack((cell, np.roll(cell, -1, axis=0)), axis=1)))
-    along = lines[:, 1] - lines[:, 0]
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    normals = np.concatenate((np.column_stack((along[:, 1], -along[:, 0])), -along[:2]))
-    through = np.concatenate((lines[:, 0], lines[:2, 0]))
-    return normals, np.einsum("ij,ij->i", normals, through)
+    wall_normals, wall_offsets = half_planes(wall)
+    cell_normals, cell_offsets = half_planes(cell)
+    squares = wall_normals[:, ::-1] * (-1.0, 1.0)
+    normals = np.concatenate((wall_normals, cell_normals, squares))
+    return normals, np.concatenate((wall_offsets, cell_offsets, np.sum(squares * wall, axis=1)))
 
 
 def _area(vertices: FloatArray) -> float:

@@ -9,7 +9,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polygons import cross
 
 STATIONS = 200  # evenly spaced sample places, beside the vertices and crossings
-LEAST_SQUARENESS = 0.05  # of a chord that the string only touches
+LEAST_SQUARENESS = 1e-3  # of a chord that the string only touches
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class TautString:
 
         Returns:
             Unit directions from right to left, each with its squareness: the cosine of the angle by which the string
-            deviates from the chord's normal, at a vertex that of the worse leg, at least a twentieth. Tried are the
+            deviates from the chord's normal, at a vertex that of the worse leg, at least a thousandth. Tried are the
             normals of the legs there, of their mean, and the edges crossed there.
         """
         legs = np.flatnonzero((self.knots[:-1] <= place) & (place <= self.knots[1:]) & (np.diff(self.knots) > 0.0))

@@ -4,6 +4,8 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 
+PARALLEL = 1e-12  # cosine below which a line counts as parallel to an edge
+
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """The scalar cross product a × b of plane vectors, shapes (..., 2) broadcast to (...)."""
@@ -11,9 +13,15 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return product
 
 
+def after_each(vertices: FloatArray) -> FloatArray:
+    """The vertex after each vertex of a closed ring, shape (m, 2)."""
+    return np.concatenate((vertices[1:], vertices[:1]))
+
+
 def signed_area(vertices: FloatArray) -> float:
     """The area of a simple polygon [m²], positive when ``vertices`` (m, 2) run counter-clockwise."""
-    return float(0.5 * np.sum(cross(vertices, np.roll(vertices, -1, axis=0))))
+    x, y = vertices.T
+    return 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1] + x[-1] * y[0] - x[0] * y[-1])
 
 
 def counter_clockwise(vertices: FloatArray) -> FloatArray:
@@ -28,16 +36,16 @@ def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
         vertices: shape (m, 2) [m].
         tolerance: the depth of dents that count as straight [m].
     """
-    edges = np.roll(vertices, -1, axis=0) - vertices
-    following = np.roll(edges, -1, axis=0)
+    edges = after_each(vertices) - vertices
+    following = after_each(edges)
     longer = np.maximum(np.linalg.norm(edges, axis=1), np.linalg.norm(following, axis=1))
     return bool(np.all(cross(edges, following) >= -tolerance * longer))
 
 
 def without_short_edges(vertices: FloatArray, shortest: float = 1e-12) -> FloatArray:
     """Vertices (m, 2) of a closed ring without those nearer than ``shortest`` [m] to the one before."""
-    lengths = np.linalg.norm(vertices - np.roll(vertices, 1, axis=0), axis=1)
-    kept: FloatArray = vertices[lengths > shortest]
+    before = np.concatenate((vertices[-1:], vertices[:-1]))
+    kept: FloatArray = vertices[np.linalg.norm(vertices - before, axis=1) > shortest]
     return kept
 
 
@@ -51,8 +59,8 @@ def half_planes(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
         Unit outward normals, shape (m, 2), and offsets, shape (m,) [m]; row i belongs to the edge from vertex i to
         i + 1.
     """
-    edges = np.roll(vertices, -1, axis=0) - vertices
-    normals = np.column_stack((edges[:, 1], -edges[:, 0])) / np.linalg.norm(edges, axis=1)[:, None]
+    edges = after_each(vertices) - vertices
+    normals = (edges / np.hypot(edges[:, 0], edges[:, 1])[:, None])[:, ::-1] * (1.0, -1.0)
     return normals, np.einsum("ij,ij->i", normals, vertices)
 
 
@@ -67,18 +75,19 @@ def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
     Returns:
         Counter-clockwise vertices, shape (k, 2); k = 0 when nothing is left.
     """
-    excess = vertices @ normal - offset
-    if np.all(excess <= 0.0):
+    excess: list[float] = (vertices @ normal - offset).tolist()
+    if max(excess) <= 0.0:
         return vertices
-    kept: list[FloatArray] = []
+    points: list[list[float]] = vertices.tolist()
+    kept: list[list[float]] = []
     for i, here in enumerate(excess):
-        after = (i + 1) % len(vertices)
-        there = excess[after]
-        if here <= 0.0:
-            kept.append(vertices[i])
+        there = excess[i - 1]
         if (here < 0.0 < there) or (there < 0.0 < here):
-            kept.append(vertices[i] + here / (here - there) * (vertices[after] - vertices[i]))
-    return np.array(kept).reshape(-1, 2)
+            (x, y), (u, v), fraction = points[i], points[i - 1], here / (here - there)
+            kept.append([x + fraction * (u - x), y + fraction * (v - y)])
+        if here <= 0.0:
+            kept.append(points[i])
+    return np.array(kept, dtype=np.float64).reshape(-1, 2)
 
 
 def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
@@ -90,24 +99,24 @@ def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray)
     return vertices
 
 
-def chord(normals: FloatArray, offsets: FloatArray, through: FloatArray, direction: FloatArray) -> FloatArray:
-    """The part of a line inside a convex polygon that holds the point ``through``.
+def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, directions: FloatArray) -> FloatArray:
+    """The parts of lines inside a convex polygon that hold given points.
 
     Args:
         normals: of the polygon's half-planes, shape (m, 2).
         offsets: shape (m,) [m].
-        through: a point inside, shape (2,) [m].
-        direction: of the line, unit, shape (2,).
+        through: points inside, one on each line, shape (n, 2) [m].
+        directions: of the lines, unit, shape (n, 2).
 
     Returns:
-        The two ends, the one behind first, shape (2, 2) [m]; both are ``through`` when the line only touches the
-        polygon.
+        The two ends of each, the one behind first, shape (n, 2, 2) [m]; both are the point when a line only touches.
     """
-    rate = normals @ direction
-    slack = np.maximum(offsets - normals @ through, 0.0)
-    ahead = float(np.min(slack[rate > 1e-12] / rate[rate > 1e-12], initial=np.inf))
-    behind = float(np.min(slack[rate < -1e-12] / -rate[rate < -1e-12], initial=np.inf))
-    return np.array([through - behind * direction, through + ahead * direction])
+    rate = directions @ normals.T
+    slack = np.maximum(offsets - through @ normals.T, 0.0)
+    reach = slack / np.where(np.abs(rate) > PARALLEL, rate, 1.0)
+    ahead = np.min(np.where(rate > PARALLEL, reach, np.inf), axis=1)[:, None]
+    behind = np.max(np.where(rate < -PARALLEL, reach, -np.inf), axis=1)[:, None]
+    return np.stack((through + behind * directions, through + ahead * directions), axis=1)
 
 
 def path_length(points: FloatArray) -> float:
