@@ -107,6 +107,17 @@ def test_mount_may_stand_outside_its_region() -> None:
     np.testing.assert_allclose(found.tip[0], [0.8, 0.1], atol=1e-5)
 
 
+@pytest.mark.parametrize("heading", [0.5, 1.5, None])
+def test_goal_may_touch_the_wall(heading: float | None) -> None:
+    """A goal on the very edge of its region is reached, and the curve stays inside."""
+    way = corridor((box(-0.5, -0.5, 1.0, 0.3),), [(0.0, 0.0), (0.7, 0.3)])
+    found = find_configuration(
+        ConfigurationTask(np.zeros(2), ANY_HEADING, 1.0, 15.0, np.array([0.7, 0.3]), heading, way)
+    )
+    np.testing.assert_allclose(found.tip[0], [0.7, 0.3], atol=1e-5)
+    assert inside_somewhere(found, way) <= 1e-6
+
+
 def test_impossible_bend_names_the_row_in_the_way() -> None:
     """When no attempt succeeds the diagnosis names a row of the NLP, the solver's status and every attempt."""
     task = replace(s_bend_task(1.02, 1.5), curvature_limit=0.5)
@@ -208,3 +219,11 @@ def test_heading_basis_reproduces_the_curve() -> None:
     tip = [basis.weights @ np.cos(theta), basis.weights @ np.sin(theta)]
     np.testing.assert_allclose(tip, curve.tip[0], atol=1e-12)
     assert 0.2 + basis.tip @ values == pytest.approx(curve.tip[1], abs=1e-12)
+
+
+@pytest.mark.parametrize(("name", "start", "goal"), [("base", -0.25, 0.9), ("goal", 0.0, 1.3)])
+def test_end_outside_the_corridor_is_said_at_once(name: str, start: float, goal: float) -> None:
+    """A base or goal outside its region needs no solver; the message says which and by how much."""
+    task = s_bend_task(3.0)
+    with pytest.raises(ConfigurationNotFound, match=f"the {name} is .* mm outside its region"):
+        find_configuration(replace(task, base=np.array([start, 0.0]), goal=np.array([goal, 0.5])))

@@ -68,29 +68,35 @@ def test_bernstein_coefficients_bound_the_curvature(seed: int) -> None:
         assert bound[i] <= 4.0 * peak + 1e-9
 
 
-def rows_of(state: FloatArray, control: FloatArray, normals: FloatArray, offsets: FloatArray) -> tuple[FloatArray, ...]:
+def rows_of(
+    state: FloatArray,
+    control: FloatArray,
+    normals: FloatArray,
+    offsets: FloatArray,
+    ends: tuple[bool, bool] = (False, False),
+) -> tuple[FloatArray, ...]:
     """Values of the certified curvature and containment rows."""
     x, u = ca.SX.sym("x", STATES), ca.SX.sym("u", CONTROLS)
     flow = SegmentFlow(*segment_function()(x, u))
     curvature = constraints.certified_curvature(0, u, flow).expression
-    inside = constraints.certified_containment(0, u, flow, ca.SX(normals), ca.SX(offsets)).expression
+    inside = constraints.certified_containment(0, u, flow, ca.SX(normals), ca.SX(offsets), ends).expression
     values = ca.Function("rows", [x, u], [curvature, inside])(state, control)
     return tuple(np.array(value).ravel() for value in values)
 
 
-@given(seeds)
-@settings(max_examples=30, deadline=None)
-def test_certified_rows_really_bound_the_curve(seed: int) -> None:
+@given(seeds, st.booleans(), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_certified_rows_really_bound_the_curve(seed: int, base: bool, tip: bool) -> None:
     """Whenever all certified rows hold, a dense sweep of the curve is inside the region and below the bounds."""
     rng = np.random.default_rng(seed)
     state, control = random_stage(seed, bend=6.0)
     control[8:] = np.abs(evaluate(state, control)[2]).max(axis=1) + 1e-12
     angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, 3)) + np.array([0.0, 0.7, 1.4])
     normals = np.column_stack((np.cos(angles), np.sin(angles)))
-    _, slack = rows_of(state, control, normals, np.zeros(3))
+    _, slack = rows_of(state, control, normals, np.zeros(3), (base, tip))
     # The tightest half-planes that the rows accept: shift each until its worst row is exactly zero.
     offsets = -slack.reshape(-1, 3).min(axis=0)
-    curvature, inside = rows_of(state, control, normals, offsets)
+    curvature, inside = rows_of(state, control, normals, offsets, (base, tip))
     curve = as_curve(state, control)
     sweep = curve.positions_at(np.linspace(0.0, curve.length, 2_000))
     assert min(curvature.min(), inside.min()) > -1e-9

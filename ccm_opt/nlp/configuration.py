@@ -1,14 +1,14 @@
 """Find a configuration: guesses, windings and segment counts in turn, until one solves and passes the dense check."""
 
 from collections.abc import Iterator
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.nlp.check import shortfalls
-from ccm_opt.nlp.diagnosis import FailedAttempt, diagnose, too_far
+from ccm_opt.nlp.diagnosis import FailedAttempt, beyond_reach, diagnose
 from ccm_opt.nlp.initial_guess import curve_shares, initial_guess
 from ccm_opt.nlp.multiple_shooting import build_configuration_nlp
 from ccm_opt.nlp.path_profile import PathProfile, path_profile
@@ -21,7 +21,7 @@ SEGMENT_TOTALS = (4, 6, 8)
 _WINDINGS = 3
 
 
-def find_configuration(task: ConfigurationTask) -> Configuration:
+def find_configuration(task: ConfigurationTask, most_attempts: int | None = None) -> Configuration:
     """A configuration that reaches the goal inside the corridor within the curvature limit.
 
     Tries one segment a region first, then more; for each the nearest winding of the tip heading, then its
@@ -29,6 +29,7 @@ def find_configuration(task: ConfigurationTask) -> Configuration:
 
     Args:
         task: poses, length, limits and corridor.
+        most_attempts: give up after so many; all by default, at most ten. Most tasks need one.
 
     Returns:
         A checked configuration: tip within 1e-5 m, |κ| within the limit, inside the corridor.
@@ -36,10 +37,10 @@ def find_configuration(task: ConfigurationTask) -> Configuration:
     Raises:
         ConfigurationNotFound: no attempt passed; its diagnosis names the row that stood in the way.
     """
-    if np.hypot(*(task.goal - task.base)) > task.length:
-        raise ConfigurationNotFound(too_far(task))
+    if (obstacle := beyond_reach(task)) is not None:
+        raise ConfigurationNotFound(obstacle)
     failures: list[FailedAttempt] = []
-    for regions, profile, bulge in attempts(task):
+    for regions, profile, bulge in islice(attempts(task), most_attempts):
         outcome = attempt(task, regions, profile, bulge)
         if isinstance(outcome, Configuration):
             return outcome
@@ -77,8 +78,8 @@ def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathPro
     for profile in profiles[1:]:
         yield first, profile, 1
     for regions in others:
-        for bulge, profile in zip((1, -1, 1), profiles, strict=False):
-            yield regions, profile, bulge
+        yield regions, profiles[0], 1
+        yield regions, profiles[0], -1
 
 
 def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:

@@ -61,18 +61,42 @@ def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> Rows:
     return not_negative(tuple(names), ca.vertcat(*rows))
 
 
-def certified_containment(k: int, control: ca.SX, flow: SegmentFlow, normals: ca.SX, offsets: ca.SX) -> Rows:
+def certified_containment(
+    k: int, control: ca.SX, flow: SegmentFlow, normals: ca.SX, offsets: ca.SX, ends: tuple[bool, bool] = (False, False)
+) -> Rows:
     """A_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, so the whole curve stays in the region.
 
-    Between two points h apart along the curve it leaves their chord by at most max|κ| h²/8 (the bound of linear
-    interpolation, de Boor, chapter II), and the region is convex.
+    Between two points h apart along the curve it leaves their chord by at most B t(1-t) h²/2, t in [0, 1] (the error
+    of linear interpolation, de Boor, chapter II), and the region is convex. Margins α² B h²/2 and (1-α)² B h²/2 at
+    the two points cover that for every α. Everywhere α = 1/2; where the arm itself begins or ends α = 0 leaves that
+    point without margin, since a base or a goal may touch the wall.
+
+    Args:
+        k: number of the segment.
+        control: U_k.
+        flow: the segment's points.
+        normals: shape (half-planes, 2).
+        offsets: shape (half-planes, 1).
+        ends: whether the segment's start is the arm's base, and its end the arm's tip.
     """
     names, rows = [], []
+    shares = _margin_shares(ends)
     for i in range(PIECES):
-        margin = control[8 + i] * (control[4 + i] / SUBSTEPS) ** 2 / 8
-        for j in range(SUBSTEPS * i, SUBSTEPS * (i + 1) + 1):
-            rows.append(offsets - normals @ flow.points[:, j] - margin)
+        sagitta = control[8 + i] * (control[4 + i] / SUBSTEPS) ** 2 / 2
+        for j in range(SUBSTEPS + 1):
+            point = SUBSTEPS * i + j
+            rows.append(offsets - normals @ flow.points[:, point] - shares[i, j] * sagitta)
             names += [
-                f"segment {k}: piece {i} at point {j}, side {row} of its region" for row in range(normals.shape[0])
+                f"segment {k}: piece {i} at point {point}, side {row} of its region" for row in range(normals.shape[0])
             ]
     return not_negative(tuple(names), ca.vertcat(*rows))
+
+
+def _margin_shares(ends: tuple[bool, bool]) -> FloatArray:
+    """Share of B h²/2 kept as margin by each piece at each of its points, shape (PIECES, SUBSTEPS + 1)."""
+    shares = np.full((PIECES, SUBSTEPS + 1), 0.25)
+    if ends[0]:
+        shares[0, :2] = 0.0, 1.0
+    if ends[1]:
+        shares[-1, -2:] = 1.0, 0.0
+    return shares

@@ -10,7 +10,7 @@ from ccm_opt.errors import Diagnosis
 from ccm_opt.nlp.check import Shortfall
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP
 from ccm_opt.nlp.solver import NLPResult
-from ccm_opt.nlp.task import ConfigurationTask
+from ccm_opt.nlp.task import END_TOLERANCE, ConfigurationTask
 
 _ADVICE = {
     "gap": ("take a wider corridor or a smaller margin", "allow a tighter bend (joint limit) or another goal heading"),
@@ -56,14 +56,31 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
     return Diagnosis(reason, "configuration", _advice(row), evidence)
 
 
-def too_far(task: ConfigurationTask) -> Diagnosis:
-    """The diagnosis when the goal is beyond the arm's length as the crow flies."""
+def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
+    """Why no solver need start, or None: the goal too far, or an end outside the corridor."""
     distance = float(np.hypot(*(task.goal - task.base)))
+    if distance > task.length:
+        return Diagnosis(
+            f"the goal is {distance:g} m from the base, the arm is only {task.length:g} m long",
+            "configuration",
+            ("use a longer arm", "move the goal nearer"),
+            {"distance": distance, "arm_length": task.length, "worst_row": "length", "solver_status": "not started"},
+        )
+    first, last = task.corridor.regions[0], task.corridor.regions[-1]
+    ends = (("base", first, task.base, task.mount_length), ("goal", last, task.goal, 0.0))
+    for name, region, point, allowed in ends:
+        outside = float((region.normals @ point - region.offsets).max())
+        if outside > allowed + END_TOLERANCE:
+            return _end_outside(name, outside, allowed)
+    return None
+
+
+def _end_outside(name: str, outside: float, allowed: float) -> Diagnosis:
     return Diagnosis(
-        f"the goal is {distance:g} m from the base, the arm is only {task.length:g} m long",
+        f"the {name} is {1e3 * outside:.3g} mm outside its region of the corridor, allowed {1e3 * allowed:.3g} mm",
         "configuration",
-        ("use a longer arm", "move the goal nearer"),
-        {"distance": distance, "arm_length": task.length, "worst_row": "length", "solver_status": "not started"},
+        (f"move the {name} away from the wall", "reduce the clearance", "use a longer mount_length"),
+        {"outside": outside, "allowed": allowed, "worst_row": f"{name} in its region", "solver_status": "not started"},
     )
 
 

@@ -9,10 +9,9 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.nlp import constraints
-from ccm_opt.nlp.constraints import Rows
 from ccm_opt.nlp.costs import configuration_cost
 from ccm_opt.nlp.curve_ode import CONTROLS, PIECES, STATES, SegmentFlow, segment_function
-from ccm_opt.nlp.task import ConfigurationTask
+from ccm_opt.nlp.task import END_TOLERANCE, ConfigurationTask
 
 STAGE = STATES + CONTROLS
 LEAST_PIECE = 4e-3
@@ -143,7 +142,14 @@ def symbolic_program(segments: int, half_planes: int) -> Program:
     for k in range(segments):
         flow = SegmentFlow(*segment_function()(states[k], controls[k]))
         objective += configuration_cost(states[k], controls[k], flow.bending)
-        blocks += _segment_rows(k, controls[k], flow, states[k + 1], fraction, normals[k], offsets[k])
+        blocks += [
+            constraints.gap_closing(k, flow, states[k + 1]),
+            constraints.knot_spacing(k, controls[k], fraction),
+            constraints.certified_curvature(k, controls[k], flow),
+            constraints.certified_containment(
+                k, controls[k], flow, normals[k], offsets[k], (k == 0, k == segments - 1)
+            ),
+        ]
     blocks.insert(1, constraints.base_position(states[0], stub))  # after the first gap: FATROP's order of rows
     stages = [symbol for pair in zip(states[:-1], controls, strict=True) for symbol in pair]
     region_symbols = [symbol for pair in zip(normals, offsets, strict=True) for symbol in (ca.vec(pair[0]), pair[1])]
@@ -158,17 +164,6 @@ def symbolic_program(segments: int, half_planes: int) -> Program:
         np.concatenate([block.lower for block in blocks]),
         np.concatenate([block.upper for block in blocks]),
     )
-
-
-def _segment_rows(
-    k: int, control: ca.SX, flow: SegmentFlow, following: ca.SX, fraction: ca.SX, normals: ca.SX, offsets: ca.SX
-) -> list[Rows]:
-    return [
-        constraints.gap_closing(k, flow, following),
-        constraints.knot_spacing(k, control, fraction),
-        constraints.certified_curvature(k, control, flow),
-        constraints.certified_containment(k, control, flow, normals, offsets),
-    ]
 
 
 @cache
@@ -214,8 +209,9 @@ def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> F
     """Normals, column-major, then offsets of one region in the NLP's units; padded rows hold always."""
     offsets = (region.offsets - region.normals @ task.base) / task.length
     ends = np.array([[0.0, 0.0], task.goal - task.base]) / task.length
-    room = np.where(offsets - ends @ region.normals.T >= 0.0, offsets - ends @ region.normals.T, np.inf).min(axis=0)
-    offsets = offsets - np.minimum(SHRINK, 0.5 * room)
+    slack = offsets - ends @ region.normals.T
+    room = np.where(slack > -END_TOLERANCE / task.length, slack, np.inf).min(axis=0)
+    offsets = offsets - np.minimum(SHRINK, np.where(room > 0.0, 0.5 * room, room))
     padding = count - len(offsets)
     normals = np.vstack((region.normals, np.zeros((padding, 2))))
     return np.concatenate((normals.ravel(order="F"), offsets, np.ones(padding)))

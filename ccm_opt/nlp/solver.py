@@ -10,7 +10,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, Program
 
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 80
 _OPTIONS: dict[str, Any] = {
     "print_time": False,
     "error_on_fail": False,

@@ -8,6 +8,9 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.corridor import Corridor
 
+END_TOLERANCE = 1e-6
+"""A base or goal this near its region counts as inside [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationTask:
@@ -58,5 +61,5 @@ class ConfigurationTask:
     def stub(self) -> float:
         """Length of the straight stub at the base [m]: the mount when the base is outside its region, else zero."""
         region = self.corridor.regions[0]
-        outside = bool(np.any(region.normals @ self.base > region.offsets))
+        outside = bool(np.any(region.normals @ self.base > region.offsets + END_TOLERANCE))
         return self.mount_length if outside else 0.0
