@@ -8,6 +8,7 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
+import shapely
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
@@ -31,6 +32,8 @@ from ccm_opt.stages import Stages
 
 ROUTE_MARGIN = 1e-3
 """Free space for routes is inflated by this share of the arm's length beyond radius and clearance."""
+LEAST_SPARE = 1e-3
+"""Share of that inflation that is always kept, so that free space is never empty of width."""
 CORNER_DISTANCE = 0.016
 """Distance that taut paths keep from corners where there is room, as a share of the arm's length."""
 RUN_IN = (2.0, 1.0, 0.5, 0.0)
@@ -39,6 +42,8 @@ LONGEST_ROUTE = 0.985
 """Routes longer than this share of the arm's length are not looked at."""
 CONFIGURATIONS_TRIED = 2
 """Routes for which a goal configuration is asked of the NLP."""
+ATTEMPTS = 2
+"""Attempts of the NLP at one configuration: its first guess with the spare length on either side."""
 CURVATURE_SHARE = 0.9
 """Share of the tightest bend (joint limit over link length) that the curve may use."""
 PLANNING_SHARE = 0.9
@@ -65,8 +70,8 @@ class CurvePlanner:
         with self.stages("mapping"):
             ends = resolve_ends(problem)
         with self.stages("free space"):
-            room = FreeSpace.of(problem.workspace, route_margin(problem))
-            routes = find_routes(problem, ends, room)
+            room = FreeSpace.of(problem.workspace, route_margin(problem, ends))
+            routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
             tip_paths = tip_paths_along(problem, ends, routes)
         with self.stages("configuration"):
             guesses = find_guesses(problem, ends, room, routes)
@@ -84,9 +89,13 @@ class CurvePlanner:
             return joint_path(problem, find_motion(task))
 
 
-def route_margin(problem: Problem) -> float:
-    """Inflation of the walls for routes [m]."""
-    return problem.arm.radius + problem.workspace.clearance + ROUTE_MARGIN * problem.arm.length
+def route_margin(problem: Problem, ends: Ends) -> float:
+    """Inflation of the walls for routes [m]: a little more than the arm needs, but no more than the goal has."""
+    least = problem.arm.radius + problem.workspace.clearance
+    goal = shapely.Point(ends.goal.position)
+    room = min(shapely.distance(goal, wall.core) - wall.rounding for wall in problem.workspace.walls)
+    spare = ROUTE_MARGIN * problem.arm.length
+    return least + float(np.clip(room - least - LEAST_SPARE * spare, LEAST_SPARE * spare, spare))
 
 
 def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, ...]:
@@ -150,21 +159,20 @@ def tip_paths_along(problem: Problem, ends: Ends, routes: tuple[Route, ...]) -> 
         ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_headings),)
     else:
         ways = tuple(route.taut for route in routes)
-    return find_tip_paths(problem.workspace, points, ways, route_margin(problem), CORNER_DISTANCE * arm.length)
+    return find_tip_paths(problem.workspace, points, ways, route_margin(problem, ends), CORNER_DISTANCE * arm.length)
 
 
 def find_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, ...]) -> tuple[FloatArray, ...]:
-    """Link headings of goal poses: the goal itself, or configurations of the curve along the first routes."""
+    """Link headings of a goal pose: the goal itself, or a configuration of the curve along one of the first routes."""
     if ends.goal_headings is not None:
         return (ends.goal_headings,)
-    guesses = []
     for route in routes[:CONFIGURATIONS_TRIED]:
         try:
-            configuration = find_configuration(configuration_task(problem, ends, room, route))
+            configuration = find_configuration(configuration_task(problem, ends, room, route), ATTEMPTS)
         except ConfigurationNotFound:
             continue  # the motion search leads the tip to the goal by itself
-        guesses.append(map_curve(problem.arm, configuration, problem.planner.mapping))
-    return tuple(guesses)
+        return (map_curve(problem.arm, configuration, problem.planner.mapping),)
+    return ()
 
 
 def configuration_task(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> ConfigurationTask:

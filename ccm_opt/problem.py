@@ -8,9 +8,8 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.arm import Arm, MappingName
 
-MappingName = Literal["least-squares", "even-joints"]
 MethodName = Literal["nlp"]
 ControllerName = Literal["computed-torque", "pd"]
 

@@ -8,6 +8,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 
 Axes = Literal["zyx", "zyz"]
+MappingName = Literal["least-squares", "even-joints"]
 
 
 @dataclass(frozen=True)

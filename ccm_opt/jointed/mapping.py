@@ -1,17 +1,14 @@
 """From the curve to the jointed arm: the paper's even-joint mapping (section 5.3) and a smooth least-squares one."""
 
-from typing import Literal
-
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.arm import Arm, MappingName
 from ccm_opt.jointed.mapping_even_joints import even_joint_headings
 from ccm_opt.jointed.mapping_least_squares import least_squares_headings
 
-MappingName = Literal["least-squares", "even-joints"]
 LENGTH_TOLERANCE = 1e-6
 """Relative difference of length allowed between curve and arm."""
 

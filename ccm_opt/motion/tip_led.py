@@ -1,4 +1,4 @@
-"""Tip-led continuation: the tip is drawn along a taut path, the body follows."""
+"""Tip-led continuation: the tip is drawn along a taut path, the links that are on the path follow the leader."""
 
 from dataclasses import dataclass
 
@@ -11,6 +11,8 @@ from ccm_opt.motion.track import Track
 
 ADVANCE = 0.4
 """Travel of the target in one step, in nominal links (24 to the arm)."""
+FOLLOW = 0.1
+"""Weight of a link's heading against a nominal link's distance of the tip, when it lies on the track."""
 LEASH = 1.5
 """How far the tip may lag before the target waits, in nominal links."""
 
@@ -38,15 +40,27 @@ class TipLed:
         """Draw the tip to the target, its link into the track's heading, and move the rest as little as may be."""
         error = self.track.point(self.arc) - pose.points[-1]
         error = error * min(1.0, 1.0 * self.unit / max(float(np.hypot(*error)), 1e-12))
-        turn = (self.track.heading(self.arc) - pose.headings[-1] + np.pi) % (2.0 * np.pi) - np.pi
+        turn, weight = self._following(pose)
         share = 24.0 / self.space.arm.links
         body = jacobians[1:].reshape(2 * self.space.arm.links, -1) / self.unit
         return [
             Term(jacobians[-1] / self.unit, error / self.unit, 1.0),
-            Term(self.space.matrix[-1:], np.array([np.clip(turn, -0.3, 0.3)]), 0.1),
+            Term(self.space.matrix, np.clip(turn, -0.3, 0.3), FOLLOW * share * weight),
             Term(self.space.matrix, np.zeros(len(self.space.matrix)), 0.01 * share),
             Term(body, np.zeros(len(body)), 0.01 * share),
         ]
+
+    def _following(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
+        """Turn of every link onto the chord of the track where it should lie, and how much it counts, in [0, 1]."""
+        arm = self.space.arm
+        ends = self.arc - arm.link_length * np.arange(arm.links, -1, -1.0)
+        places = self.track.points_at(ends)
+        chords = np.diff(places, axis=0)
+        wanted = np.arctan2(chords[:, 1], chords[:, 0])
+        turn = (wanted - pose.headings + np.pi) % (2.0 * np.pi) - np.pi
+        middles = 0.5 * (pose.points[:-1] + pose.points[1:])
+        away = np.linalg.norm(middles - 0.5 * (places[:-1] + places[1:]), axis=1) / self.unit
+        return turn, np.where(ends[:-1] >= 0.0, np.exp(-(away**2)), 0.0)
 
     def progress(self, pose: Pose) -> bool:
         """Move the target on if the tip keeps up."""

@@ -54,13 +54,16 @@ class Track:
 
     def point(self, arc: float) -> FloatArray:
         """Position at an arc length, clipped to the ends, shape (2,) [m]."""
-        return np.array([np.interp(arc, self.arcs, self.points[:, 0]), np.interp(arc, self.arcs, self.points[:, 1])])
+        return self.points_at(np.array([arc]))[0]
+
+    def points_at(self, arcs: FloatArray) -> FloatArray:
+        """Positions at arc lengths, clipped to the ends, shape (m,) to (m, 2) [m]."""
+        return np.stack([np.interp(arcs, self.arcs, self.points[:, k]) for k in (0, 1)], axis=1)
 
     def nearest_arc(self, point: FloatArray, last: float) -> float:
         """Arc length of the place nearest to a point (2,) among those not beyond ``last`` [m]."""
         arcs = np.linspace(0.0, min(last, self.length), 200)
-        x, y = (np.interp(arcs, self.arcs, self.points[:, k]) for k in (0, 1))
-        return float(arcs[np.argmin(np.hypot(x - point[0], y - point[1]))])
+        return float(arcs[np.argmin(np.linalg.norm(self.points_at(arcs) - point, axis=1))])
 
     def heading(self, arc: FloatArray | float) -> FloatArray:
         """Smoothed heading at arc lengths, clipped to the ends [rad]."""
