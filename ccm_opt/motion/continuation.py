@@ -100,7 +100,7 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
 
 def polished(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
     """The pose moved exactly onto the goal, or None when it is too far away or would touch something."""
-    unit = stepper.space.arm.length / 24.0
+    unit = stepper.space.unit
     distance, turn = goal.errors(pose)
     if distance > 0.1 * unit or turn > 0.1:
         return None

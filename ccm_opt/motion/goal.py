@@ -40,7 +40,7 @@ class GoalPose:
 
     def terms(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, weight: float) -> list[Term]:
         """What draws the tip onto the goal."""
-        unit = space.arm.length / 24.0
+        unit = space.unit
         error = self.position - pose.points[-1]
         error = error * min(1.0, 1.5 * unit / max(float(np.hypot(*error)), 1e-12))
         terms = [Term(jacobians[-1] / unit, error / unit, weight)]

@@ -18,7 +18,6 @@ ADVANCE = 0.3
 """Travel of the fold in one step, in nominal links (24 to the arm)."""
 LEASH = 2.5
 """How far the tip may lag behind its target before the fold waits, in nominal links."""
-NOMINAL_LINKS = 24.0
 
 
 @dataclass
@@ -45,7 +44,7 @@ class Hairpin:
     @property
     def unit(self) -> float:
         """The nominal link [m]."""
-        return self.space.arm.length / NOMINAL_LINKS
+        return self.space.unit
 
     @property
     def tip_arc(self) -> float:
@@ -95,7 +94,7 @@ class Hairpin:
         error = self.target() - pose.points[-1]
         distance = float(np.hypot(*error))
         error *= min(1.0, 1.5 * unit / max(distance, 1e-12))
-        share = NOMINAL_LINKS / arm.links
+        share = self.space.share
         middle = (np.arange(arm.links) + 0.5) * arm.link_length
         ahead = np.where(middle < self.fold_at, np.minimum((self.fold_at - middle) / unit, 1.0), 0.0)
         still = np.repeat(ahead * share, 2) * 4.0 + 0.02 * share

@@ -39,7 +39,7 @@ class Interpolation:
         """Pull every link to its target heading, and the surplus coordinates with them."""
         del jacobians
         way = self.start + self.u * (self.end - self.start) - pose.v
-        share = 24.0 / self.space.arm.links
+        share = self.space.share
         return [
             Term(self.space.matrix, self.target() - pose.headings, share),
             Term(np.eye(len(way)), np.clip(way, -1.0, 1.0), 1e-4),

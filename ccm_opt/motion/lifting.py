@@ -70,7 +70,7 @@ def _mended(stepper: Stepper, coordinates: FloatArray, keyframes: FloatArray) ->
         if 0 < k < len(coordinates) - 1:
             pose = stepper.pose(coordinates[k])
             still = [
-                Term(stepper.space.matrix, np.zeros(stepper.space.arm.links), 24.0 / stepper.space.arm.links),
+                Term(stepper.space.matrix, np.zeros(stepper.space.arm.links), stepper.space.share),
                 Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), 1e-4),
             ]
             mended[k] = stepper.step(pose, stepper.space.jacobians(pose.headings), still).v

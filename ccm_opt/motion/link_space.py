@@ -18,6 +18,8 @@ from ccm_opt.jointed.arm import Arm
 
 SEGMENTS = 5
 KNOTS = 4 * SEGMENTS + 1
+FINENESS = 24.0
+"""Units to the length of an arm where passages are wide: a nominal link is a twenty-fourth of the arm."""
 _FIT_WEIGHT = 1e-6
 
 
@@ -29,26 +31,39 @@ class LinkSpace:
         arm: the arm whose links they are.
         matrix: A, shape (links, p).
         offset: φ₀, shape (links,) [rad].
+        fineness: how many units there are to the arm's length.
     """
 
     arm: Arm
     matrix: FloatArray
     offset: FloatArray
+    fineness: float = FINENESS
+
+    @property
+    def unit(self) -> float:
+        """The length in which guides measure advances, leashes and folds [m]."""
+        return self.arm.length / self.fineness
+
+    @property
+    def share(self) -> float:
+        """Units to a link; the weight of a term that is summed over all links."""
+        return self.fineness / self.arm.links
 
     @classmethod
-    def through(cls, arm: Arm, headings: FloatArray) -> tuple["LinkSpace", FloatArray]:
+    def through(cls, arm: Arm, headings: FloatArray, fineness: float = FINENESS) -> tuple["LinkSpace", FloatArray]:
         """The space that holds given link headings exactly, and their coordinates there.
 
         Args:
             arm: the arm.
             headings: link headings of the start, shape (links,) [rad].
+            fineness: units to the arm's length.
 
         Returns:
             The space and v_start, shape (p,).
         """
         matrix = mean_heading_matrix(arm.links, arm.length)
         start = fit_coordinates(matrix, headings, arm.length)
-        return cls(arm, matrix, headings - matrix @ start), start
+        return cls(arm, matrix, headings - matrix @ start, fineness), start
 
     def blended_to(self, headings: FloatArray) -> tuple["LinkSpace", FloatArray]:
         """The space with one more coordinate w, so that w = 1 holds other given link headings exactly too.

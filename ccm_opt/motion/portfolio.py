@@ -61,7 +61,7 @@ def candidates(
 
 def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> Candidate:
     """The tip drawn along the taut path."""
-    unit = stepper.space.arm.length / 24.0
+    unit = stepper.space.unit
     track = Track.along(path.taut, HEADING_WINDOW * unit, float(start.headings[-1]))
     return Candidate(f"tip-led, {_side(path)}", partial(TipLed, stepper.space, track))
 
@@ -101,7 +101,7 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
     # Both grow or fall with the joint, for the way from a joint differs from its neighbour's by at most a link.
     last = _last_true(lambda joint: new_length(joint) <= arm.length, arm.links)
     shortest = tip_way(last)
-    first = last - _last_true(lambda back: tip_way(last - back) <= shortest + arm.length / 24.0, last)
+    first = last - _last_true(lambda back: tip_way(last - back) <= shortest + stepper.space.unit, last)
     return first, path.from_joint(start.points, first)
 
 
@@ -125,8 +125,7 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
 
 
 def _fold(stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, links: float) -> Hairpin:
-    arm = stepper.space.arm
-    unit = arm.length / 24.0
+    arm, unit = stepper.space.arm, stepper.space.unit
     length = links * unit
     offset = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, length / np.pi)
     last = float(start.headings[-1])

@@ -89,7 +89,7 @@ class Stepper:
         """Ask contacts inside their margin to be mended."""
         wanted = contacts.margin - contacts.gap
         near = wanted > 0.0
-        unit = self.space.arm.length / 24.0
+        unit = self.space.unit
         return Term(rows[near] / unit, 0.5 * wanted[near] / unit, 30.0)
 
     def _constraints(
@@ -162,8 +162,8 @@ def normal_equations(terms: Sequence[Term]) -> tuple[FloatArray, FloatArray]:
 
 
 def smoothness_terms(space: LinkSpace, v: FloatArray, bending: float, jerk: float) -> list[Term]:
-    """Pull curvature towards zero and towards evenness, in units of a twenty-fourth of the length."""
-    p, unit = space.matrix.shape[1], space.arm.length / 24.0
+    """Pull curvature towards zero and towards evenness, over the space's unit of length."""
+    p, unit = space.matrix.shape[1], space.unit
     curvature = np.zeros((KNOTS, p))
     curvature[:, 1 : KNOTS + 1] = unit * np.eye(KNOTS)
     difference = np.diff(curvature, axis=0)

@@ -34,14 +34,14 @@ class TipLed:
     @property
     def unit(self) -> float:
         """The nominal link [m]."""
-        return self.space.arm.length / 24.0
+        return self.space.unit
 
     def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
         """Draw the tip to the target, its link into the track's heading, and move the rest as little as may be."""
         error = self.track.point(self.arc) - pose.points[-1]
         error = error * min(1.0, 1.0 * self.unit / max(float(np.hypot(*error)), 1e-12))
         turn, weight = self._following(pose)
-        share = 24.0 / self.space.arm.links
+        share = self.space.share
         body = jacobians[1:].reshape(2 * self.space.arm.links, -1) / self.unit
         return [
             Term(jacobians[-1] / self.unit, error / self.unit, 1.0),
