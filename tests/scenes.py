@@ -3,6 +3,7 @@
 The arm of a scene reaches 1 m with a radius of 15 mm; clutter is polygons of 3–8 vertices, 30–90 mm from their middle.
 """
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -10,14 +11,24 @@ import numpy as np
 import shapely
 from scipy.optimize import brentq
 
+from ccm_opt import curve_planner
 from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.contacts import ContactFinder
+from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.step import Pose, Stepper
+from ccm_opt.motion.task import MotionTask
+from ccm_opt.motion.walls import Walls
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal
 
 LENGTH, RADIUS = 1.0, 0.015
 KEPT_OFF = 0.01
 """Least gap between the start or goal pose and an obstacle that is placed beside it [m]."""
+MARGIN = 2.5e-3
+"""Planning margin [m]."""
 WIDE = 0.1
 """Self gaps are not told apart beyond this [m]."""
 ROOM = shapely.box(-1.3, -1.3, 1.3, 1.3)
@@ -204,6 +215,41 @@ def sweep_gaps(arm: Arm, workspace: Workspace, headings: FloatArray) -> tuple[fl
     near = tuple(o for o in workspace.obstacles if o.core.distance(hull) < reach + o.rounding)
     walls = min(WIDE, float(wall_gaps(arm, replace(workspace, obstacles=near), points).min()))
     return walls, self_gap(arm, points) if arm.self_collision else WIDE
+
+
+def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
+    """A stepper in the link space through the scene's start, and the pose there."""
+    space, v = LinkSpace.through(scene.arm, scene.start)
+    walls = Walls.of(scene.workspace)
+    stepper = Stepper(space, ContactFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04))
+    return stepper, stepper.pose(v)
+
+
+def open_scene(seed: int, links: int = 24) -> Scene:
+    """A scene without obstacles."""
+    return clutter(seed, 0, links)
+
+
+def later(seconds: float = 60.0) -> Deadline:
+    """A deadline some time from now."""
+    return Deadline(time.monotonic() + seconds)
+
+
+def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = False) -> MotionTask:
+    """What the planner asks of the search for a problem, with or without guesses of goal poses."""
+    ends = curve_planner.resolve_ends(problem)
+    room = FreeSpace.of(problem.workspace, curve_planner.route_margin(problem, ends))
+    routes = () if ends.goal_headings is not None else curve_planner.find_routes(problem, ends, room)
+    return MotionTask(
+        arm=problem.arm,
+        workspace=problem.workspace,
+        start=ends.start,
+        goal=ends.goal,
+        goal_headings=ends.goal_headings,
+        guesses=curve_planner.find_guesses(problem, ends, room, routes) if guessing else (),
+        tip_paths=curve_planner.tip_paths_along(problem, ends, routes),
+        deadline=later(seconds),
+    )
 
 
 def scenes(first: int, count: int, obstacles: int = 20) -> Iterator[Scene]:
