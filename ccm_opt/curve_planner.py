@@ -17,13 +17,12 @@ from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.polygons import path_length
 from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.continuation import Deadline
-from ccm_opt.motion.ends import Ends, resolve_ends
+from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.spline_path import certified_spline
 from ccm_opt.motion.task import Motion, MotionTask
-from ccm_opt.motion.tip_paths import TipPath, find_tip_paths
+from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by
 from ccm_opt.nlp.configuration import find_configuration
 from ccm_opt.nlp.task import ConfigurationTask
 from ccm_opt.problem import Problem
@@ -77,7 +76,7 @@ class CurvePlanner:
             guesses = find_guesses(problem, ends, room, routes)
         with self.stages("motion"):
             task = MotionTask(
-                problem.arm,
+                clamped_arm(problem.arm) if ends.clamped else problem.arm,
                 problem.workspace,
                 ends.start,
                 ends.goal,
@@ -85,8 +84,9 @@ class CurvePlanner:
                 guesses,
                 tip_paths,
                 deadline,
+                clamped=ends.clamped,
             )
-            return joint_path(problem, find_motion(task))
+            return joint_path(problem, task, find_motion(task))
 
 
 def route_margin(problem: Problem, ends: Ends) -> float:
@@ -159,7 +159,10 @@ def tip_paths_along(problem: Problem, ends: Ends, routes: tuple[Route, ...]) -> 
         ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_headings),)
     else:
         ways = tuple(route.taut for route in routes)
-    return find_tip_paths(problem.workspace, points, ways, route_margin(problem, ends), CORNER_DISTANCE * arm.length)
+    paths = find_tip_paths(problem.workspace, points, ways, route_margin(problem, ends), CORNER_DISTANCE * arm.length)
+    if ends.goal_headings is None:
+        return paths
+    return turning_by(paths, points, float(ends.goal_headings[0] - ends.start[0]))
 
 
 def find_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, ...]) -> tuple[FloatArray, ...]:
@@ -181,7 +184,7 @@ def configuration_task(problem: Problem, ends: Ends, room: FreeSpace, route: Rou
     taut = room.path_of_sleeve(route.sleeve, arm.base, ends.goal.position)
     return ConfigurationTask(
         base=arm.base,
-        base_heading_range=(arm.base_heading - arm.base_limit, arm.base_heading + arm.base_limit),
+        base_heading_range=base_heading_range(problem, ends),
         length=arm.length,
         curvature_limit=CURVATURE_SHARE * arm.joint_limit / arm.link_length,
         goal=ends.goal.position,
@@ -191,14 +194,21 @@ def configuration_task(problem: Problem, ends: Ends, room: FreeSpace, route: Rou
     )
 
 
-def joint_path(problem: Problem, motion: Motion) -> JointPath:
+def base_heading_range(problem: Problem, ends: Ends) -> tuple[float, float]:
+    """Least and greatest heading of the curve at the base [rad]."""
+    arm = problem.arm
+    if ends.clamped:
+        return float(ends.start[0]), float(ends.start[0])
+    return arm.base_heading - arm.base_limit, arm.base_heading + arm.base_limit
+
+
+def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
     """The smooth, certified path through joint space along a motion.
 
     Raises:
         MotionNotFound: when no smooth path near the motion can be certified.
     """
-    certificate = Certificate.of(problem.arm, problem.workspace)
-    spline = certified_spline(motion.headings, certificate)
+    spline = certified_spline(motion.headings, task.certificate)
     if spline is None:
         reason = "the motion leaves no room for a smooth path"
         raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))

@@ -61,14 +61,16 @@ class Certificate:
     Attributes:
         arm: the arm.
         workspace: the workspace.
+        spare: gap beyond contact that is asked for [m].
     """
 
     arm: Arm
     workspace: Workspace
+    spare: float = 0.0
 
     @classmethod
     def of(cls, arm: Arm, workspace: Workspace) -> "Certificate":
-        """The certificate for an arm in a workspace."""
+        """The certificate of contact alone."""
         return cls(arm, workspace)
 
     @cached_property
@@ -141,14 +143,14 @@ class Certificate:
         i, j = np.triu_indices(self.arm.links, self.arm.first_self_pair)
         middle = 0.25 * (spans.a[:, :-1] + spans.a[:, 1:] + spans.b[:, :-1] + spans.b[:, 1:])
         moved = 0.5 * np.linalg.norm(spans.b - spans.a, axis=2).max(axis=1) + spans.sag[:, -1]
-        reach = 2.0 * self.arm.radius + self.arm.link_length + 2.0 * moved + TOUCH
+        reach = 2.0 * self.arm.radius + self.spare + self.arm.link_length + 2.0 * moved + TOUCH
         apart = middle[:, i] - middle[:, j]
         span, pair = np.nonzero(np.einsum("spd,spd->sp", apart, apart) < reach[:, None] ** 2)
         return span, i[pair], j[pair]
 
     def _unsafe_links(self, spans: _Spans, span: IntArray, link: IntArray) -> tuple[_Links, IntArray]:
         """Of (stretch, link): those whose grown hull meets a wall, and the stretches that touch one half-way."""
-        need = self.arm.radius + self.workspace.clearance + spans.sag[span, link]
+        need = self.arm.radius + self.workspace.clearance + self.spare + spans.sag[span, link]
         corners = self._corners(spans, span, link)
         middle = 0.5 * (corners[:, :2] + corners[:, 2:])
         swing = 0.5 * np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=2).max(axis=1)
@@ -163,7 +165,7 @@ class Certificate:
         places = self.arm.joint_positions(headings)
         held = _Spans(headings, headings, spans.owner, places, places, spans.sag)
         lines = _lines(self._corners(held, span, link)[:, :2])
-        limit = np.full(len(lines), self.arm.radius + self.workspace.clearance)
+        limit = np.full(len(lines), self.arm.radius + self.workspace.clearance + self.spare)
         return span[np.unique(self._near(lines, limit)[0])]
 
     def _corners(self, spans: _Spans, span: IntArray, link: IntArray) -> FloatArray:
@@ -208,8 +210,9 @@ class Certificate:
             axis=0,
         )
         before = np.where(i > 0, spans.sag[span, np.maximum(i - 1, 0)], 0.0)
-        unsafe: BoolArray = corners <= 2.0 * self.arm.radius + spans.sag[span, j] - before + TOUCH
-        touching = unsafe & (distance <= 2.0 * self.arm.radius + TOUCH)
+        least = 2.0 * self.arm.radius + self.spare + TOUCH
+        unsafe: BoolArray = corners <= least + spans.sag[span, j] - before
+        touching = unsafe & (distance <= least)
         return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
 
 

@@ -1,16 +1,20 @@
 """The ends of a motion: resolved to link headings, and refused when they touch something or break a joint limit."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.motion.contacts import ContactFinder
+from ccm_opt.motion.contacts import WALL, ContactFinder
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.walls import Walls
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+
+FLUSH = 1e-5
+"""A mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands flush on it."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +25,13 @@ class Ends:
         start: link headings, shape (links,) [rad].
         goal: where the tip has to be.
         goal_headings: link headings of a whole-arm goal, shape (links,) [rad], or None.
+        clamped: whether the base stands flush on a wall, so that its joint cannot turn.
     """
 
     start: FloatArray
     goal: GoalPose
     goal_headings: FloatArray | None
+    clamped: bool = False
 
 
 def resolve_ends(problem: Problem) -> Ends:
@@ -35,13 +41,31 @@ def resolve_ends(problem: Problem) -> Ends:
         UnreachableGoal: naming link and obstacle with the depth, or joint and angle.
     """
     start = _headings(problem, problem.start)
-    _refuse_bad_pose(problem, start, "start")
+    clamped = stands_flush(problem, start)
+    arm = clamped_arm(problem.arm) if clamped else problem.arm
+    _refuse_bad_pose(problem, arm, start, "start")
     if isinstance(problem.goal, TipGoal):
-        return Ends(start, GoalPose(problem.goal.position, problem.goal.heading), None)
+        return Ends(start, GoalPose(problem.goal.position, problem.goal.heading), None, clamped)
     headings = _headings(problem, problem.goal)
-    _refuse_bad_pose(problem, headings, "goal")
-    tip = problem.arm.joint_positions(headings)[-1]
-    return Ends(start, GoalPose(tip, float(headings[-1])), headings)
+    _refuse_bad_pose(problem, problem.arm if headings[0] != start[0] else arm, headings, "goal")
+    tip = arm.joint_positions(headings)[-1]
+    return Ends(start, GoalPose(tip, float(headings[-1])), headings, clamped)
+
+
+def stands_flush(problem: Problem, headings: FloatArray) -> bool:
+    """Whether the arm leaves a wall so that the end of its mount just clears it, and any turn of the base would not."""
+    arm = problem.arm
+    if arm.mount_length >= arm.link_length:
+        return False
+    finder = ContactFinder(arm, Walls.of(problem.workspace), problem.workspace.clearance, 0.0, 0.02 * arm.length)
+    contacts = finder.find(arm.joint_positions(headings))
+    at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
+    return bool(np.any(np.abs(contacts.gap[at_mount & (contacts.second == WALL)]) <= FLUSH * arm.length))
+
+
+def clamped_arm(arm: Arm) -> Arm:
+    """The arm for planning when its base is clamped: the first link, which cannot move, belongs to the mount."""
+    return replace(arm, mount_length=arm.link_length)
 
 
 def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
@@ -50,8 +74,7 @@ def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
     return map_curve(problem.arm, pose.configuration, problem.planner.mapping)
 
 
-def _refuse_bad_pose(problem: Problem, headings: FloatArray, which: str) -> None:
-    arm = problem.arm
+def _refuse_bad_pose(problem: Problem, arm: Arm, headings: FloatArray, which: str) -> None:
     bends = arm.bends(headings)
     over = np.abs(bends) - arm.bend_limits
     if over.max() > 1e-9:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.step import Pose, Term, pose_in
+from ccm_opt.motion.step import RIDGE, Pose, Term, pose_in
 
 POLISH_TOLERANCE = 1e-9
 """Tip error [m] and heading error [rad] that the polish stops at."""
@@ -57,7 +57,7 @@ def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
     iterate, whose error the caller checks.
     """
     metric = space.matrix.T @ space.matrix
-    metric += 1e-6 * np.diag(np.diag(metric))
+    metric += 1e-6 * np.diag(np.diag(metric)) + RIDGE * np.eye(len(v))
     for _ in range(_POLISH_STEPS):
         pose = pose_in(space, v)
         error = np.append(goal.position - pose.points[-1], goal.turn(pose))

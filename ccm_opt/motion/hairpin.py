@@ -31,7 +31,7 @@ class Hairpin:
             track does not pass have that of the joint where it leaves.
         old: headings of the old shape, shape (links,) [rad].
         fold_length: length of the hairpin [m].
-        fold_at: arc length of the fold on the old shape [m]; runs from L to 0.
+        fold_at: arc length of the fold on the old shape [m]; runs from L to 0 and on while the fold opens at the base.
     """
 
     space: LinkSpace
@@ -54,9 +54,9 @@ class Hairpin:
         return float(beside + arm.length - self.fold_at - self.fold_length)
 
     def finished(self, pose: Pose) -> bool:
-        """Whether the tip's target has reached the end of the track, or the fold the base."""
+        """Whether the tip's target has reached the end of the track, or the fold has opened at the base."""
         del pose
-        return self.tip_arc >= self.track.length or self.fold_at <= 0.0
+        return self.tip_arc >= self.track.length or self.fold_at <= -self.fold_length
 
     def target(self) -> FloatArray:
         """The tip's target, shape (2,) [m]."""

@@ -3,7 +3,6 @@
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.goal import POLISH_TOLERANCE, polish
 from ccm_opt.motion.link_space import LinkSpace, mean_heading_matrix
@@ -29,7 +28,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
         coordinates[-1] = polish(space, task.goal, coordinates[-1])
         if max(task.goal.errors(pose_in(space, coordinates[-1]))) > 10.0 * POLISH_TOLERANCE:
             return None
-    certificate = Certificate.of(task.arm, task.workspace)
+    certificate = task.certificate
     failing = certificate.failures(space.headings(coordinates))
     stepper = _repair_stepper(space, task)
     for _ in range(REPAIRS):

@@ -32,12 +32,14 @@ class LinkSpace:
         matrix: A, shape (links, p).
         offset: φ₀, shape (links,) [rad].
         fineness: how many units there are to the arm's length.
+        clamped: whether the first link keeps its heading; θ(0) then follows from the curvature.
     """
 
     arm: Arm
     matrix: FloatArray
     offset: FloatArray
     fineness: float = FINENESS
+    clamped: bool = False
 
     @property
     def unit(self) -> float:
@@ -50,20 +52,25 @@ class LinkSpace:
         return self.fineness / self.arm.links
 
     @classmethod
-    def through(cls, arm: Arm, headings: FloatArray, fineness: float = FINENESS) -> tuple["LinkSpace", FloatArray]:
+    def through(
+        cls, arm: Arm, headings: FloatArray, fineness: float = FINENESS, *, clamped: bool = False
+    ) -> tuple["LinkSpace", FloatArray]:
         """The space that holds given link headings exactly, and their coordinates there.
 
         Args:
             arm: the arm.
             headings: link headings of the start, shape (links,) [rad].
             fineness: units to the arm's length.
+            clamped: keep the heading of the first link in all of the space.
 
         Returns:
             The space and v_start, shape (p,).
         """
         matrix = mean_heading_matrix(arm.links, arm.length)
-        start = fit_coordinates(matrix, headings, arm.length)
-        return cls(arm, matrix, headings - matrix @ start, fineness), start
+        if clamped:
+            matrix = matrix - matrix[0]
+        start = fit_coordinates(matrix, headings - (headings[0] if clamped else 0.0), arm.length)
+        return cls(arm, matrix, headings - matrix @ start, fineness, clamped), start
 
     def blended_to(self, headings: FloatArray) -> tuple["LinkSpace", FloatArray]:
         """The space with one more coordinate w, so that w = 1 holds other given link headings exactly too.
@@ -71,7 +78,8 @@ class LinkSpace:
         Returns:
             The larger space and the coordinates of ``headings`` in it, shape (p + 1,).
         """
-        goal = fit_coordinates(self.matrix, headings, self.arm.length)
+        base = self.offset[0] if self.clamped else 0.0
+        goal = fit_coordinates(self.matrix, headings - base, self.arm.length)
         column = headings - self.matrix @ goal - self.offset
         return replace(self, matrix=np.column_stack((self.matrix, column))), np.append(goal, 1.0)
 
@@ -95,7 +103,10 @@ class LinkSpace:
         """The continuous curve behind coordinates."""
         curvature = v[1 : KNOTS + 1]
         values = [curvature[4 * k : 4 * k + 5] for k in range(SEGMENTS)]
-        return Configuration.chain(self.arm.base, float(v[0]), [self.arm.length / SEGMENTS] * SEGMENTS, values)
+        heading = v[0]
+        if self.clamped:
+            heading = self.offset[0] - mean_heading_matrix(self.arm.links, self.arm.length)[0, 1:] @ curvature
+        return Configuration.chain(self.arm.base, float(heading), [self.arm.length / SEGMENTS] * SEGMENTS, values)
 
 
 def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:

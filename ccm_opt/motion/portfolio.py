@@ -40,7 +40,11 @@ class Candidate:
 
 
 def candidates(
-    stepper: Stepper, start: Pose, goal_coordinates: tuple[FloatArray, ...], tip_paths: tuple[TipPath, ...]
+    stepper: Stepper,
+    start: Pose,
+    goal_coordinates: tuple[FloatArray, ...],
+    tip_paths: tuple[TipPath, ...],
+    whole_arm: FloatArray | None = None,
 ) -> Iterator[Candidate]:
     """All candidates, most promising first.
 
@@ -49,14 +53,19 @@ def candidates(
         start: where the motion begins.
         goal_coordinates: of known goal poses, for interpolation.
         tip_paths: shortest first.
+        whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
     """
+    hairpins = partial(pulled_over, stepper, start, whole_arm)
     for k, goal in enumerate(goal_coordinates):
         yield Candidate(f"interpolation {k + 1}", partial(Interpolation, stepper.space, start.v, goal))
     for path in tip_paths:
+        if whole_arm is not None:
+            yield from hairpins(path, FOLD_LINKS[:1])
         yield tip_led(stepper, start, path)
-        yield from hairpins(stepper, start, path, FOLD_LINKS[:1])
+        if whole_arm is None:
+            yield from hairpins(path, FOLD_LINKS[:1])
     for path in tip_paths:
-        yield from hairpins(stepper, start, path, FOLD_LINKS[1:])
+        yield from hairpins(path, FOLD_LINKS[1:])
 
 
 def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> Candidate:
@@ -66,7 +75,9 @@ def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> Candidate:
     return Candidate(f"tip-led, {_side(path)}", partial(TipLed, stepper.space, track))
 
 
-def hairpins(stepper: Stepper, start: Pose, path: TipPath, folds: tuple[float, ...]) -> Iterator[Candidate]:
+def pulled_over(
+    stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath, folds: tuple[float, ...]
+) -> Iterator[Candidate]:
     """The arm pulled over as a rope, for several lengths of the fold; none when the route is too long for the arm."""
     leave = leaving_joint(stepper, start, path)
     if leave is None:
@@ -76,7 +87,7 @@ def hairpins(stepper: Stepper, start: Pose, path: TipPath, folds: tuple[float, .
         yield Candidate(
             f"hairpin of {links:g}, {_side(path)}",
             partial(_fold, stepper, start, path, joint, route, links),
-            partial(_pulled_out, stepper, path),
+            partial(_pulled_out, stepper, path) if whole_arm is None else partial(_opened, stepper, whole_arm),
         )
 
 
@@ -122,6 +133,11 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
     rest = track.points[track.arcs > track.nearest_arc(pose.points[-1], guide.tip_arc)]
     way = path.free_space.taut_path(np.vstack((pose.points[-1], rest, path.route[-1])), shrink=path.shrink)
     return TipLed(stepper.space, Track.along(way, HEADING_WINDOW * guide.unit, float(pose.headings[-1])))
+
+
+def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
+    """The fold opened onto a goal of the whole arm: all but the fold lies there already."""
+    return Interpolation(stepper.space, pose.v, goal)
 
 
 def _fold(stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, links: float) -> Hairpin:

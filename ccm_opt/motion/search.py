@@ -12,17 +12,18 @@ from ccm_opt.motion.continuation import Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
-from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.link_space import FINENESS, LinkSpace
+from ccm_opt.motion.passages import fineness_asked
 from ccm_opt.motion.portfolio import Candidate, candidates
 from ccm_opt.motion.smoothing import average, headings_of, shortcut, without_pauses
 from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.task import Motion, MotionTask, coarsened
 from ccm_opt.motion.walls import Walls
 
-MARGINS = (2.5e-3, 1e-3)
-"""Planning margins that are tried, as shares of the arm's length."""
-REACH = 0.04
-"""Contacts nearer than this share of the arm's length make rows of the step."""
+MARGINS = (0.06, 0.024)
+"""Planning margins that are tried, in units of the link space."""
+REACH = 0.96
+"""Contacts nearer than this many units make rows of the step."""
 DESIGN_LINKS = 24
 """Arms with more than half as many links again are planned with this many and lifted."""
 
@@ -38,13 +39,14 @@ def find_motion(task: MotionTask) -> Motion:
         TimeLimitReached: the deadline passed first.
     """
     failures: list[Failure] = []
-    if task.arm.links > 1.5 * DESIGN_LINKS:
+    fineness = fineness_asked(task)
+    if task.arm.links > 1.5 * DESIGN_LINKS and fineness <= FINENESS and not task.clamped:
         coarse = coarsened(task, DESIGN_LINKS)
-        motion = _try_margins(coarse, failures)
+        motion = _try_margins(coarse, failures, FINENESS)
         lifted = lift(motion, task) if motion else None
         if lifted is not None:
             return lifted
-    motion = _try_margins(task, failures)
+    motion = _try_margins(task, failures, fineness)
     if motion is None:
         raise _nothing_found(task, failures)
     return motion
@@ -60,9 +62,9 @@ class Failure:
     remaining: float
 
 
-def _try_margins(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    for share in MARGINS:
-        motion = _Attempt.of(task, share * task.arm.length).run(failures)
+def _try_margins(task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+    for margin in MARGINS:
+        motion = _Attempt.of(task, margin, fineness).run(failures)
         if motion is not None or task.deadline.passed():
             return motion
     return None
@@ -80,20 +82,21 @@ class _Attempt:
     certificate: Certificate
 
     @classmethod
-    def of(cls, task: MotionTask, margin: float) -> "_Attempt":
-        space, start = LinkSpace.through(task.arm, task.start)
+    def of(cls, task: MotionTask, units: float, fineness: float) -> "_Attempt":
+        space, start = LinkSpace.through(task.arm, task.start, fineness, clamped=task.clamped)
+        margin = units * space.unit
         goal, guesses = task.goal, tuple(_coordinates(space, guess) for guess in task.guesses)
         if task.goal_headings is not None:
             space, end = space.blended_to(task.goal_headings)
             start, goal = np.append(start, 0.0), replace(goal, coordinates=end)
             guesses = (end,)
-        reach = max(REACH * task.arm.length, 4.0 * margin)
+        reach = max(REACH * space.unit, 4.0 * margin)
         finder = ContactFinder(task.arm, Walls.of(task.workspace), task.workspace.clearance, margin, reach)
         stepper = Stepper(space, finder)
-        return cls(task, stepper, stepper.pose(start), goal, guesses, Certificate.of(task.arm, task.workspace))
+        return cls(task, stepper, stepper.pose(start), goal, guesses, task.certificate)
 
     def run(self, failures: list[Failure]) -> Motion | None:
-        for candidate in candidates(self.stepper, self.start, self.guesses, self.task.tip_paths):
+        for candidate in candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, self.goal.coordinates):
             try:
                 poses = self._attempt(candidate)
             except Stalled as stalled:

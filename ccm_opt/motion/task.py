@@ -1,16 +1,23 @@
 """What the search for a motion is given, and what it finds."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.tip_paths import TipPath
+from ccm_opt.motion.walls import Walls
+
+SPARE = 1e-4
+"""Gap beyond contact that the certificate asks for, as a share of the arm's length."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +33,7 @@ class MotionTask:
         guesses: link headings of possible goal poses to interpolate to, each of shape (links,) [rad].
         tip_paths: classes of tip motions, most promising first.
         deadline: when to stop.
+        clamped: whether the first link must keep its heading.
     """
 
     arm: Arm
@@ -36,6 +44,18 @@ class MotionTask:
     guesses: tuple[FloatArray, ...]
     tip_paths: tuple[TipPath, ...]
     deadline: Deadline
+    clamped: bool = False
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The certificate that motions must pass: a little more than contact, but no more than both ends have."""
+        ends = [self.start] if self.goal_headings is None else [self.start, self.goal_headings]
+        finder = ContactFinder(
+            self.arm, Walls.of(self.workspace), self.workspace.clearance, 0.0, 4.0 * SPARE * self.arm.length
+        )
+        gaps = [finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
+        spare = np.clip(0.5 * min(gaps), 0.0, SPARE * self.arm.length)
+        return Certificate(self.arm, self.workspace, float(spare))
 
 
 @dataclass(frozen=True)

@@ -68,6 +68,27 @@ def find_tip_paths(
     return tuple(sorted(paths, key=lambda path: path.length))
 
 
+def turning_by(paths: tuple[TipPath, ...], points: FloatArray, turn: float) -> tuple[TipPath, ...]:
+    """The paths along which the base turns by a given angle; all when there is none.
+
+    By continuity the first link turns by the angle between arm and route on the path's side, so that a whole-arm goal
+    is only met along paths that agree with its first bend; other angles differ by whole turns.
+
+    Args:
+        paths: of the tip.
+        points: joints at the start, shape (links + 1, 2) [m].
+        turn: from the first link at the start to the first link of the goal [rad].
+    """
+    agreeing = tuple(path for path in paths if abs(_base_turn(path, points) - turn) < np.pi)
+    return agreeing or paths
+
+
+def _base_turn(path: TipPath, points: FloatArray) -> float:
+    """Angle by which the first link turns on a path [rad]."""
+    first, last = (float(np.arctan2(*(p[1] - p[0])[::-1])) for p in (points, path.route))
+    return path.side * ((path.side * (last - first)) % (2.0 * np.pi))
+
+
 def taut_way(room: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float) -> FloatArray:
     """The taut path in the class of: back along joints to the base, round it, out along a route; shape (k, 2) [m]."""
     return room.taut_path(round_base(points, route, side), shrink=shrink)

@@ -1,0 +1,68 @@
+"""How wide the passages are that a tip path leads through: the walls' distance across it, on both sides together."""
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.link_space import FINENESS
+from ccm_opt.motion.task import MotionTask
+from ccm_opt.motion.walls import Walls
+
+ROOM = 1.75
+"""Units of the link space that the narrowest passage has to be wide, beyond the arm's own width."""
+SAMPLES = 96
+"""Places along a path at which its passage is measured."""
+
+
+def fineness_asked(task: MotionTask) -> float:
+    """Units to the arm's length that the first tip path asks for: more than usual where its passages are narrow.
+
+    A unit shorter than a link is of no use, so arms of few links are always planned with the usual one.
+    """
+    if not task.tip_paths or task.arm.links <= FINENESS:
+        return FINENESS
+    walls = Walls.of(task.workspace)
+    width = float(passage_widths(walls, task.tip_paths[0].taut, task.arm.length).min()) - 2.0 * task.arm.radius
+    return float(np.clip(ROOM * task.arm.length / max(width, 1e-9), FINENESS, task.arm.links))
+
+
+def passage_widths(walls: Walls, path: FloatArray, widest: float, samples: int = SAMPLES) -> FloatArray:
+    """Width of the passage at places evenly spread along a path, shape (samples,) [m].
+
+    Across the path, to the first wall on the left and on the right; a side without a wall counts ``widest``.
+
+    Args:
+        walls: the walls.
+        path: shape (k, 2) [m].
+        widest: what is not looked beyond [m].
+        samples: number of places.
+    """
+    legs = np.diff(path, axis=0)
+    lengths = np.linalg.norm(legs, axis=1)
+    legs, lengths, starts = legs[lengths > 0.0], lengths[lengths > 0.0], path[:-1][lengths > 0.0]
+    arcs = np.concatenate(([0.0], np.cumsum(lengths)))
+    at = np.linspace(0.0, arcs[-1], samples + 2)[1:-1]
+    leg = np.searchsorted(arcs, at, side="right") - 1
+    tangent = legs[leg] / lengths[leg, None]
+    places = starts[leg] + (at - arcs[leg])[:, None] * tangent
+    across = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
+    along = _crossings(walls, places, across)
+    left = np.min(np.where(along >= 0.0, along, widest), axis=1, initial=widest)
+    right = np.min(np.where(along <= 0.0, -along, widest), axis=1, initial=widest)
+    return np.minimum(left + right, widest)
+
+
+def _crossings(walls: Walls, places: FloatArray, directions: FloatArray) -> FloatArray:
+    """Signed distance along lines through places to every edge less its rounding, inf when missed, shape (m, E) [m]."""
+    a, b = (walls.edges[None, :, k] - places[:, None] for k in (0, 1))
+    side_a, side_b = (_cross(directions[:, None], p) for p in (a, b))
+    hit = side_a * side_b <= 0.0
+    share = side_a / np.where(np.abs(side_a - side_b) > 0.0, side_a - side_b, 1.0)
+    along = np.einsum("med,md->me", a + share[..., None] * (b - a), directions)
+    rounding = walls.rounding[walls.edge_wall]
+    nearer = np.sign(along) * np.maximum(np.abs(along) - rounding, 0.0)
+    return np.where(hit, nearer, np.inf)
+
+
+def _cross(u: FloatArray, v: FloatArray) -> FloatArray:
+    product: FloatArray = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    return product
