@@ -1,0 +1,151 @@
+"""Curves to polylines with a guaranteed distance.
+
+A curve p(t), replaced by chords over equal steps h of its parameter, is nowhere farther from the chord at the same
+parameter than h² max|p''| / 8 (the error of linear interpolation). The number of steps follows from a bound on p''.
+"""
+
+import math
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+
+MAX_STEPS = 20_000
+"""A single curve of more chords than this is taken for a mistake in scale."""
+
+
+def flatten_bezier(control: FloatArray, distance: float) -> FloatArray:
+    """A Bézier curve of any degree as a polyline.
+
+    Of degree d its second derivative is at most d (d - 1) max|P_i - 2 P_(i+1) + P_(i+2)| (Farin, Curves and Surfaces
+    for CAGD, section 4.4).
+
+    Args:
+        control: control points, shape (d + 1, 2).
+        distance: greatest distance between curve and polyline.
+
+    Returns:
+        Points on the curve, both ends included, shape (k, 2).
+
+    Raises:
+        ProblemError: the curve would need more than ``MAX_STEPS`` chords.
+    """
+    degree = len(control) - 1
+    bend = np.linalg.norm(np.diff(control, n=2, axis=0), axis=1).max(initial=0.0)
+    t = np.linspace(0.0, 1.0, _steps(degree * (degree - 1) * float(bend), distance) + 1)[:, None]
+    points = np.repeat(control[None, :, :], len(t), axis=0)
+    for _ in range(degree):  # de Casteljau
+        points = (1.0 - t[..., None]) * points[:, :-1] + t[..., None] * points[:, 1:]
+    return _pinned(points[:, 0], control[0], control[-1])
+
+
+def flatten_ellipse(
+    center: FloatArray, major: FloatArray, minor: FloatArray, start: float, sweep: float, distance: float
+) -> FloatArray:
+    """The arc center + major cos t + minor sin t of an ellipse as a polyline.
+
+    Its second derivative is at most the longer of the two perpendicular half axes.
+
+    Args:
+        center: shape (2,).
+        major: a half axis, shape (2,).
+        minor: the half axis perpendicular to it, shape (2,).
+        start: first parameter [rad].
+        sweep: parameter passed, negative for clockwise [rad].
+        distance: greatest distance between arc and polyline.
+
+    Returns:
+        Points on the arc, both ends included, shape (k, 2).
+
+    Raises:
+        ProblemError: the arc would need more than ``MAX_STEPS`` chords.
+    """
+    longest = max(float(np.hypot(*major)), float(np.hypot(*minor)))
+    quarters = math.ceil(abs(sweep) / (0.5 * math.pi))
+    t = start + sweep * np.linspace(0.0, 1.0, max(_steps(longest * sweep**2, distance), quarters, 1) + 1)
+    points: FloatArray = center + np.outer(np.cos(t), major) + np.outer(np.sin(t), minor)
+    return points
+
+
+def flatten_arc(center: FloatArray, radius: float, start: float, sweep: float, distance: float) -> FloatArray:
+    """A circular arc as a polyline; arguments and result as in ``flatten_ellipse``."""
+    return flatten_ellipse(center, np.array([radius, 0.0]), np.array([0.0, radius]), start, sweep, distance)
+
+
+def flatten_bulges(points: FloatArray, bulges: FloatArray, distance: float) -> FloatArray:
+    """A polyline whose legs may be arcs, given by bulges as in DXF.
+
+    A bulge is tan(φ/4), φ the angle of the arc, positive counter-clockwise; the radius is c (1 + b²) / (4 |b|) over
+    a chord of length c.
+
+    Args:
+        points: shape (k, 2).
+        bulges: of the leg after each point but the last, shape (k - 1,).
+        distance: greatest distance between arc and polyline.
+
+    Returns:
+        Shape (m, 2), all of ``points`` included.
+    """
+    pieces = [points[:1]]
+    for tail, head, bulge in zip(points[:-1], points[1:], bulges, strict=True):
+        straight = bulge == 0.0 or bool(np.all(tail == head))
+        pieces.append(head[None] if straight else _bulge(tail, head, float(bulge), distance)[1:])
+    return np.concatenate(pieces)
+
+
+def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) -> FloatArray:
+    chord = head - tail
+    center = 0.5 * (tail + head) + (1.0 - bulge**2) / (4.0 * bulge) * np.array([-chord[1], chord[0]])
+    start = math.atan2(*(tail - center)[::-1])
+    arc = flatten_arc(center, float(np.hypot(*(tail - center))), start, 4.0 * math.atan(bulge), distance)
+    return _pinned(arc, tail, head)
+
+
+def _pinned(points: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
+    """The same points with their ends free of rounding."""
+    points[0], points[-1] = first, last
+    return points
+
+
+def _steps(second_derivative: float, distance: float) -> int:
+    """Chords needed over a parameter interval of length 1."""
+    if not math.isfinite(second_derivative):
+        raise ProblemError("a curve has a point that is not finite; expected finite coordinates")
+    steps = math.ceil(math.sqrt(second_derivative / (8.0 * distance)))
+    if steps > MAX_STEPS:
+        raise ProblemError(
+            f"a curve needs {steps} chords to stay within {distance:.3g} drawing units; check the scale, or allow "
+            "a larger curve_tolerance"
+        )
+    return max(steps, 1)
+
+
+def flatten_spline(knots: FloatArray, control: FloatArray, degree: int, distance: float) -> FloatArray:
+    """A B-spline curve as a polyline.
+
+    Its second derivative is a B-spline too, and no larger than the largest of that one's control points.
+
+    Args:
+        knots: shape (k + degree + 1,), not decreasing.
+        control: control points, shape (k, 2).
+        degree: at least 1.
+        distance: greatest distance between curve and polyline.
+
+    Returns:
+        Points on the curve, both ends included, shape (m, 2).
+
+    Raises:
+        ProblemError: the curve would need more than ``MAX_STEPS`` chords.
+    """
+    from scipy.interpolate import BSpline  # noqa: PLC0415 - slow to load and seldom needed
+
+    spline = BSpline(knots, control, degree)
+    bend = np.linalg.norm(spline.derivative(2).c, axis=1).max(initial=0.0) if degree > 1 else 0.0
+    spans = np.unique(knots[degree : len(knots) - degree])
+    counts = [_steps(float(bend) * width**2, distance) for width in np.diff(spans)]
+    if sum(counts) > MAX_STEPS:
+        raise ProblemError(f"a curve needs {sum(counts)} chords; check the scale, or allow a larger curve_tolerance")
+    edges = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(spans[:-1], spans[1:], counts, strict=True)]
+    points: FloatArray = spline(np.append(np.concatenate(edges), spans[-1]))
+    return points

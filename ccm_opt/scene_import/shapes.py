@@ -1,0 +1,66 @@
+"""What a reader finds in a drawing: discs, regions bounded by rings, and lines, in the drawing's own coordinates."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from ccm_opt.arrays import FloatArray
+
+FillRule = Literal["polygon", "evenodd", "nonzero"]
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A true circle.
+
+    Attributes:
+        name: what the drawing calls it.
+        center: shape (2,).
+        radius: positive.
+    """
+
+    name: str
+    center: FloatArray
+    radius: float
+
+
+@dataclass(frozen=True)
+class Region:
+    """What closed rings enclose.
+
+    Attributes:
+        name: what the drawing calls it.
+        rings: each of shape (k, 2), the first point not repeated.
+        rule: ``polygon``: the first ring is the outline, the others are holes; ``evenodd`` and ``nonzero``: rings
+            within rings are holes by the fill rules of SVG.
+        curved: whether some ring is a flattened curve.
+        half_width: by which the drawn line is wider than the ring on each side.
+    """
+
+    name: str
+    rings: tuple[FloatArray, ...]
+    rule: FillRule = "polygon"
+    curved: bool = False
+    half_width: float = 0.0
+
+
+@dataclass(frozen=True)
+class Line:
+    """An open line.
+
+    Attributes:
+        name: what the drawing calls it.
+        points: shape (k, 2).
+        curved: whether it is a flattened curve.
+        half_width: half the width with which it is drawn, where the width belongs to the drawing's geometry.
+    """
+
+    name: str
+    points: FloatArray
+    curved: bool = False
+    half_width: float = 0.0
+
+
+Shape: TypeAlias = Disc | Region | Line
+Reader: TypeAlias = Callable[[bytes, float], list[Shape]]
+"""Makes shapes of a file's bytes; curves are flattened to the given distance, in the drawing's own unit."""
