@@ -65,10 +65,12 @@ def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patie
     while not guide.finished(pose):
         jacobians = stepper.space.jacobians(pose.headings)
         smooth = smoothness_terms(stepper.space, pose.v, BENDING, JERK)
-        pose = stepper.step(pose, jacobians, guide.terms(pose, jacobians) + smooth)
+        before, pose = pose, stepper.step(pose, jacobians, guide.terms(pose, jacobians) + smooth)
         poses.append(pose)
-        waiting = 0 if guide.progress(pose) else waiting + 1
-        if waiting > patience or deadline.passed():
+        moved = guide.progress(pose)
+        waiting = 0 if moved else waiting + 1
+        fixed = pose is before and not moved  # the next step would be the same again
+        if fixed or waiting > patience or deadline.passed():
             raise Stalled(guide.describe(pose), poses)
     return poses
 

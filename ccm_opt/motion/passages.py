@@ -7,7 +7,7 @@ from ccm_opt.motion.link_space import FINENESS
 from ccm_opt.motion.task import MotionTask
 from ccm_opt.motion.walls import Walls
 
-ROOM = 1.75
+ROOM = 3.2
 """Units of the link space that the narrowest passage has to be wide, beyond the arm's own width."""
 SAMPLES = 96
 """Places along a path at which its passage is measured."""

@@ -11,6 +11,7 @@ from ccm_opt.geometry.polygons import path_length
 from ccm_opt.motion.continuation import Guide
 from ccm_opt.motion.hairpin import Hairpin, fold_track
 from ccm_opt.motion.interpolation import Interpolation
+from ccm_opt.motion.passages import passage_widths
 from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.tip_led import TipLed
 from ccm_opt.motion.tip_paths import TipPath
@@ -18,6 +19,8 @@ from ccm_opt.motion.track import Track
 
 FOLD_LINKS = (5.0, 7.0, 4.0, 9.0)
 """Lengths of the hairpin that are tried, in nominal links (24 to the arm)."""
+FOLD_SHARE = 1.18
+"""Length of the hairpin that fits a passage, as a share of its width."""
 LONGEST_SHAPE = 1.1
 """A taut way from the base may be this share of the arm's length; it cuts no corner, so the arm itself may fit."""
 HEADING_WINDOW = 2.0
@@ -60,12 +63,12 @@ def candidates(
         yield Candidate(f"interpolation {k + 1}", partial(Interpolation, stepper.space, start.v, goal))
     for path in tip_paths:
         if whole_arm is not None:
-            yield from hairpins(path, FOLD_LINKS[:1])
+            yield from hairpins(path, fitting_folds(stepper, path)[:1])
         yield tip_led(stepper, start, path)
         if whole_arm is None:
             yield from hairpins(path, FOLD_LINKS[:1])
     for path in tip_paths:
-        yield from hairpins(path, FOLD_LINKS[1:])
+        yield from hairpins(path, FOLD_LINKS[1:] if whole_arm is None else fitting_folds(stepper, path)[1:])
 
 
 def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> Candidate:
@@ -73,6 +76,15 @@ def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> Candidate:
     unit = stepper.space.unit
     track = Track.along(path.taut, HEADING_WINDOW * unit, float(start.headings[-1]))
     return Candidate(f"tip-led, {_side(path)}", partial(TipLed, stepper.space, track))
+
+
+def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
+    """Lengths of the hairpin, the one that fits the passage first: a turn in width w takes ``FOLD_SHARE`` w."""
+    finder, unit = stepper.finder, stepper.space.unit
+    widths = passage_widths(finder.walls, path.taut, stepper.space.arm.length)
+    width = float(np.quantile(widths, 0.25)) - 2.0 * stepper.space.arm.radius
+    fitting = float(np.clip(FOLD_SHARE * width / unit, min(FOLD_LINKS), max(FOLD_LINKS)))
+    return fitting, *(links for links in FOLD_LINKS if abs(links - fitting) > 0.5)
 
 
 def pulled_over(
@@ -85,7 +97,7 @@ def pulled_over(
     joint, route = leave
     for links in folds:
         yield Candidate(
-            f"hairpin of {links:g}, {_side(path)}",
+            f"hairpin of {links:.2g}, {_side(path)}",
             partial(_fold, stepper, start, path, joint, route, links),
             partial(_pulled_out, stepper, path) if whole_arm is None else partial(_opened, stepper, whole_arm),
         )
