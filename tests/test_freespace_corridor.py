@@ -22,13 +22,15 @@ def _check(space: FreeSpace, corridor: Corridor) -> None:
     for region, end in ((corridor.regions[0], string.coords[0]), (corridor.regions[-1], string.coords[-1])):
         assert np.all(region.normals @ np.array(end) <= region.offsets + 1e-9)
     assert corridor.portals.shape == (len(regions) - 1, 2, 2)
+    edges = space.triangulation.portals(corridor.route.sleeve)
+    narrowest = np.min(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1), initial=1.0)
     reached = -1e-9
     for before, after, portal in zip(regions[:-1], regions[1:], corridor.portals, strict=True):
         overlap = shapely.intersection(before, after)
-        assert overlap.area > 1e-8
+        assert overlap.area > 1e-3 * narrowest**2
         assert shapely.covers(shapely.buffer(overlap, 1e-8), shapely.LineString(portal))
         assert shapely.distance(shapely.LineString(portal), string) < space.margin + 1e-9
-        assert np.linalg.norm(portal[0] - portal[1]) > 1e-3
+        assert np.linalg.norm(portal[0] - portal[1]) > 0.1 * narrowest
         reached = _assert_crossed_left_to_right(string, portal, reached)
 
 
@@ -53,6 +55,15 @@ def test_corridors_keep_their_contract(seed: int, count: int, shrink: float) -> 
     space = FreeSpace.of(clutter(count, seed), 0.02)
     ends = space.snapped(np.array([[0.15, 0.15], [2.2, 2.2]]))
     for route in space.routes(ends[0], ends[1], 3, shrink=shrink):
+        _check(space, space.corridor(route))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_corridors_in_dense_clutter(seed: int) -> None:
+    """The contract holds, and a corridor comes at all, among three hundred polygons that leave narrow gaps only."""
+    space = FreeSpace.of(clutter(300, seed), 0.02)
+    ends = space.snapped(np.array([[0.1, 0.1], [2.3, 2.3]]))
+    for route in space.routes(ends[0], ends[1], 2):
         _check(space, space.corridor(route))
 
 

@@ -15,7 +15,7 @@ from ccm_opt.geometry.polygons import after_each, chords, intersection, nearest_
 
 TRIALS = 6  # crossings at most tried for each portal
 THICK_ENOUGH = 0.2  # least thickness of an overlap, as a share of the width that its portal should have
-UNUSABLE = -1.0  # quality of a pair of regions that have no portal
+UNUSABLE = -1.0  # quality of a pair of regions whose overlap is away from the string: taken where nothing else leads on
 WORTHLESS = 1e-7  # overlaps worse than this are as bad as none [m]
 
 
@@ -87,12 +87,20 @@ class Cover:
         return np.array([choice.ends for choice in _in_order(choices)]).reshape(-1, 2, 2)
 
     def sequence(self, wanted: float) -> list[int]:
-        """Candidates that cover the string with overlaps of the quality wanted [m], or nearly the best there is."""
+        """Candidates that cover the string with overlaps of the quality wanted [m], or nearly the best there is.
+
+        Raises:
+            ValueError: when the spans of following candidates do not meet.
+        """
         wanted = min(wanted, self.taut.length)
-        found = self._search(wanted)
-        while not found:
-            wanted = 0.5 * wanted if wanted > WORTHLESS else 0.0
+        while wanted > WORTHLESS:
             found = self._search(wanted)
+            if found:
+                return found
+            wanted *= 0.5
+        found = self._search(0.0) or self._search(UNUSABLE)
+        if not found:
+            raise ValueError(f"got {len(self.candidates)} regions that leave gaps on a route, expected spans that meet")
         return found
 
     def _search(self, wanted: float) -> list[int]:
@@ -151,19 +159,27 @@ def link_between(here: Candidate, there: Candidate, taut: TautString, beside: fl
     overlap = intersection(here.region.vertices, there.region.normals, there.region.offsets)
     normals = np.concatenate((here.region.normals, there.region.normals))
     offsets = np.concatenate((here.region.offsets, there.region.offsets))
+    places = _trial_places(taut, first, last)
+    points = [_nearest_within(overlap, normals, offsets, taut.at(place)) for place in places]
+    near = [k for k, place in enumerate(places) if np.linalg.norm(points[k] - taut.at(place)) <= beside + TOUCHING]
     trials = [
-        (place, through, direction, squareness)
-        for place in _trial_places(taut, first, last)
-        for through in _within(overlap, normals, offsets, taut.at(place), beside)
-        for direction, squareness in taut.directions_across(place)
+        (places[k], points[k], direction, squareness)
+        for k in near or range(len(places))
+        for direction, squareness in taut.directions_across(places[k])
     ]
-    if not trials:
-        return Link(UNUSABLE, ())
+    found = _chords(trials, normals, offsets)
+    best = min(max(choice.score for choice in found), _thickness(overlap) / THICK_ENOUGH)
+    return Link(best if near else UNUSABLE, found)
+
+
+def _chords(
+    trials: Sequence[tuple[float, FloatArray, FloatArray, float]], normals: FloatArray, offsets: FloatArray
+) -> tuple[Chord, ...]:
+    """Chords within half-planes, one for each place, point, direction and squareness tried."""
     places, points, directions, squareness = zip(*trials, strict=True)
     ends = chords(normals, offsets, np.array(points), np.array(directions))[:, ::-1]
     scores = np.array(squareness) * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    found = (Chord(place, pair, score) for place, pair, score in zip(places, ends, scores.tolist(), strict=True))
-    return Link(min(float(scores.max()), _thickness(overlap) / THICK_ENOUGH), tuple(found))
+    return tuple(Chord(place, pair, score) for place, pair, score in zip(places, ends, scores.tolist(), strict=True))
 
 
 def _trial_places(taut: TautString, first: float, last: float) -> list[float]:
@@ -178,27 +194,23 @@ def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
     """One chord of each link, places not decreasing, with the greatest product of scores (dynamic programming)."""
     best: list[tuple[float, list[Chord]]] = [(0.0, [])]
     for options in links:
+        reached = min((chosen[-1].place for _, chosen in best if chosen), default=0.0)
         longer: list[tuple[float, list[Chord]]] = []
-        for choice in options:
-            fitting = [pair for pair in best if not pair[1] or pair[1][-1].place <= choice.place]
-            if fitting:
-                total, chosen = max(fitting, key=lambda pair: pair[0])
-                longer.append((total + float(np.log(choice.score + WORTHLESS)), [*chosen, choice]))
+        for choice in [c for c in options if c.place >= reached] or options[-1:]:
+            fitting = [pair for pair in best if not pair[1] or pair[1][-1].place <= choice.place] or best
+            total, chosen = max(fitting, key=lambda pair: pair[0])
+            longer.append((total + float(np.log(choice.score + WORTHLESS)), [*chosen, choice]))
         best = longer
     return max(best, key=lambda pair: pair[0])[1]
 
 
-def _within(
-    polygon: FloatArray, normals: FloatArray, offsets: FloatArray, point: FloatArray, beside: float
-) -> list[FloatArray]:
-    """The point (2,) if the half-planes hold it, else the polygon's nearest if within ``beside``, else none."""
-    if bool(np.all(normals @ point <= offsets + TOUCHING)):
-        return [point]
-    if len(polygon) == 0:
-        return []
+def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArray, point: FloatArray) -> FloatArray:
+    """The point (2,) if the half-planes hold it or the polygon (m, 2) is empty, else the nearest of the polygon."""
+    if len(polygon) == 0 or bool(np.all(normals @ point <= offsets + TOUCHING)):
+        return point
     feet = nearest_on_segments(point, np.stack((polygon, after_each(polygon)), axis=1))
-    gaps = np.linalg.norm(feet - point, axis=1)
-    return [feet[np.argmin(gaps)]] if gaps.min() <= beside else []
+    nearest: FloatArray = feet[np.argmin(np.linalg.norm(feet - point, axis=1))]
+    return nearest
 
 
 def _thickness(overlap: FloatArray) -> float:

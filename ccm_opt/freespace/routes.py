@@ -17,7 +17,10 @@ from ccm_opt.freespace.triangulation import Triangulation
 from ccm_opt.geometry.polygons import path_length
 
 SURPLUS = 6  # at most so many classes are drawn taut for each one wanted
-METRIC_EXCESS = 1.03  # the sampled length of a class is at most this multiple of its taut length (measured in clutter)
+LEAST_CANDIDATES = 20  # but so many in any case: in near-empty rooms the sampled length is at its coarsest
+METRIC_EXCESS = (
+    1.25  # the sampled length of a class is at most this multiple of its taut length (mostly 1.01 in clutter)
+)
 EFFORT = 400  # partial walks looked at for each class wanted
 
 
@@ -41,8 +44,8 @@ def shortest_routes(
     if mesh.components[ends[0]] != mesh.components[ends[1]]:
         return ()
     best: list[tuple[float, Route]] = []
-    candidates = homotopy_classes(metric, ends, points, METRIC_EXCESS * longest, EFFORT * count)
-    for sampled, sleeve in itertools.islice(candidates, SURPLUS * count):
+    candidates = homotopy_classes(metric, ends, points, METRIC_EXCESS * longest, EFFORT * max(count, 4))
+    for sampled, sleeve in itertools.islice(candidates, max(SURPLUS * count, LEAST_CANDIDATES)):
         if len(best) >= count and sampled > METRIC_EXCESS * best[count - 1][0]:
             break
         route = route_of_sleeve(mesh, sleeve, points[0], points[1], shrink)
