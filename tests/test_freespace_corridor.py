@@ -27,10 +27,12 @@ def _check(space: FreeSpace, corridor: Corridor) -> None:
     reached = -1e-9
     for before, after, portal in zip(regions[:-1], regions[1:], corridor.portals, strict=True):
         overlap = shapely.intersection(before, after)
-        assert overlap.area > 1e-3 * narrowest**2
+        assert overlap.area > 1e-6 * narrowest**2
         assert shapely.covers(shapely.buffer(overlap, 1e-8), shapely.LineString(portal))
         assert shapely.distance(shapely.LineString(portal), string) < space.margin + 1e-9
-        assert np.linalg.norm(portal[0] - portal[1]) > 0.1 * narrowest
+        assert (
+            np.linalg.norm(portal[0] - portal[1]) > 1e-3 * narrowest
+        )  # an edge may be long where a corner opposite leaves little room
         reached = _assert_crossed_left_to_right(string, portal, reached)
 
 
