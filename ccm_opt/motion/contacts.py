@@ -150,13 +150,17 @@ class ContactFinder:
         free = np.arange(self._mount_link, self.arm.links)
         to_edge = _distances(middles[free], self._edge_mid) - half - self._edge_half - self._edge_gap
         to_vertex = _distances(middles[free], self.walls.vertices) - half - self._vertex_gap
-        i, e = np.nonzero(to_edge < reach)
+        near_edge = to_edge < reach
+        i, e = np.nonzero(near_edge)
         a, v = np.nonzero(to_vertex < reach)
         i, a = free[i], free[a]
-        joints = np.unique(np.stack((np.concatenate((i, i + 1)), np.concatenate((e, e)))), axis=1)
+        near_joint = np.zeros((self.arm.links + 1, near_edge.shape[1]), dtype=bool)
+        near_joint[free] = near_edge
+        near_joint[free + 1] |= near_edge
+        joint, edge = np.nonzero(near_joint)
         p, q = self._pairs
         close = np.linalg.norm(middles[p] - middles[q], axis=1) < 2.0 * (self.arm.radius + half) + reach
-        return _NeighbourList(points.copy(), (a, v), (joints[0], joints[1]), (i, e), (p[close], q[close]))
+        return _NeighbourList(points.copy(), (a, v), (joint, edge), (i, e), (p[close], q[close]))
 
     def _link_ends(self, points: FloatArray, link: IntArray) -> tuple[FloatArray, FloatArray]:
         """End points of links, the mount cut off."""

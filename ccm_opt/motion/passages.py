@@ -7,8 +7,10 @@ from ccm_opt.motion.link_space import FINENESS
 from ccm_opt.motion.task import MotionTask
 from ccm_opt.motion.walls import Walls
 
+NARROW = 2.5
+"""Passages less wide than this many units ask for a shorter unit, so that ..."""
 ROOM = 3.2
-"""Units of the link space that the narrowest passage has to be wide, beyond the arm's own width."""
+"""... they are this many units wide: a fold in a passage is about a third of its width high."""
 SAMPLES = 96
 """Places along a path at which its passage is measured."""
 
@@ -20,9 +22,11 @@ def fineness_asked(task: MotionTask) -> float:
     """
     if not task.tip_paths or task.arm.links <= FINENESS:
         return FINENESS
-    walls = Walls.of(task.workspace)
-    width = float(passage_widths(walls, task.tip_paths[0].taut, task.arm.length).min()) - 2.0 * task.arm.radius
-    return float(np.clip(ROOM * task.arm.length / max(width, 1e-9), FINENESS, task.arm.links))
+    widths = passage_widths(Walls.of(task.workspace), task.tip_paths[0].taut, task.arm.length)
+    share = float(widths.min()) / task.arm.length
+    if share * FINENESS >= NARROW:
+        return FINENESS
+    return min(ROOM / max(share, 1e-9), float(task.arm.links))
 
 
 def passage_widths(walls: Walls, path: FloatArray, widest: float, samples: int = SAMPLES) -> FloatArray:
@@ -48,7 +52,8 @@ def passage_widths(walls: Walls, path: FloatArray, widest: float, samples: int =
     along = _crossings(walls, places, across)
     left = np.min(np.where(along >= 0.0, along, widest), axis=1, initial=widest)
     right = np.min(np.where(along <= 0.0, -along, widest), axis=1, initial=widest)
-    return np.minimum(left + right, widest)
+    widths: FloatArray = np.minimum(left + right, widest)
+    return widths
 
 
 def _crossings(walls: Walls, places: FloatArray, directions: FloatArray) -> FloatArray:

@@ -1,11 +1,14 @@
 """The search for a motion: every candidate in turn until one is certified, then smoothing."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
+from ccm_opt.motion.backward import backward_task, reversed_motion
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import Stalled, follow, settle
@@ -14,7 +17,7 @@ from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import FINENESS, LinkSpace
 from ccm_opt.motion.passages import fineness_asked
-from ccm_opt.motion.portfolio import Candidate, candidates
+from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
 from ccm_opt.motion.smoothing import average, headings_of, shortcut, without_pauses
 from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.task import Motion, MotionTask, coarsened
@@ -25,7 +28,7 @@ MARGINS = (0.06, 0.024)
 REACH = 0.96
 """Contacts nearer than this many units make rows of the step."""
 DESIGN_LINKS = 24
-"""Arms with more than half as many links again are planned with this many and lifted."""
+"""Arms with more than twice as many links are planned with this many and lifted, where passages are wide."""
 
 
 def find_motion(task: MotionTask) -> Motion:
@@ -40,7 +43,7 @@ def find_motion(task: MotionTask) -> Motion:
     """
     failures: list[Failure] = []
     fineness = fineness_asked(task)
-    if task.arm.links > 1.5 * DESIGN_LINKS and fineness <= FINENESS and not task.clamped:
+    if task.arm.links > 2 * DESIGN_LINKS and fineness <= FINENESS and not task.clamped:
         coarse = coarsened(task, DESIGN_LINKS)
         motion = _try_margins(coarse, failures, FINENESS)
         lifted = lift(motion, task) if motion else None
@@ -64,10 +67,23 @@ class Failure:
 
 def _try_margins(task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
     for margin in MARGINS:
-        motion = _Attempt.of(task, margin, fineness).run(failures)
-        if motion is not None or task.deadline.passed():
-            return motion
+        for motion in _motions(task, margin, fineness, failures):
+            if motion is not None or task.deadline.passed():
+                return motion
     return None
+
+
+def _motions(task: MotionTask, margin: float, fineness: float, failures: list[Failure]) -> Iterator[Motion | None]:
+    """Forwards, then backwards from every guess, then forwards with all that is left; None for what failed."""
+    forward = _Attempt.of(task, margin, fineness)
+    yield forward.run(forward.first(), failures)
+    for guess in chain(task.guesses, task.further_guesses()) if task.goal_headings is None else ():
+        turned = backward_task(task, forward.stepper, guess)
+        if turned is not None:
+            backward = _Attempt.of(turned, margin, fineness)
+            motion = backward.run(backward.first(), failures)
+            yield reversed_motion(motion) if motion is not None else None
+    yield forward.run(forward.further(), failures)
 
 
 @dataclass(frozen=True)
@@ -95,15 +111,21 @@ class _Attempt:
         stepper = Stepper(space, finder)
         return cls(task, stepper, stepper.pose(start), goal, guesses, task.certificate)
 
-    def run(self, failures: list[Failure]) -> Motion | None:
-        for candidate in candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, self.goal.coordinates):
+    def first(self) -> Iterator[Candidate]:
+        """The candidates that solve most problems."""
+        return first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, self.goal.coordinates)
+
+    def further(self) -> Iterator[Candidate]:
+        """All other candidates."""
+        return further_candidates(self.stepper, self.start, self.task.tip_paths, self.goal.coordinates)
+
+    def run(self, tried: Iterator[Candidate], failures: list[Failure]) -> Motion | None:
+        """The finished motion of the first candidate that arrives and is certified, or None."""
+        for candidate in tried:
             try:
-                poses = self._attempt(candidate)
+                return self._finished(candidate, self._attempt(candidate))
             except Stalled as stalled:
                 failures.append(self._failure(candidate, stalled))
-                poses = None
-            if poses is not None:
-                return self._finished(candidate, poses)
             if self.task.deadline.passed():
                 return None
         return None
