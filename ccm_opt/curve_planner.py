@@ -5,7 +5,9 @@ certified motion on the links, and a smooth path through joint space.
 """
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import shapely
@@ -43,6 +45,8 @@ CONFIGURATIONS_TRIED = 2
 """Routes for which a goal configuration is asked of the NLP."""
 ATTEMPTS = 2
 """Attempts of the NLP at one configuration: its first guess with the spare length on either side."""
+FURTHER_ATTEMPTS = 4
+"""Attempts when the search asks for more configurations."""
 CURVATURE_SHARE = 0.9
 """Share of the tightest bend (joint limit over link length) that the curve may use."""
 PLANNING_SHARE = 0.9
@@ -74,6 +78,7 @@ class CurvePlanner:
             tip_paths = tip_paths_along(problem, ends, routes)
         with self.stages("configuration"):
             guesses = find_guesses(problem, ends, room, routes)
+            further = partial(further_guesses, problem, ends, room, routes)
         with self.stages("motion"):
             task = MotionTask(
                 clamped_arm(problem.arm) if ends.clamped else problem.arm,
@@ -85,6 +90,7 @@ class CurvePlanner:
                 tip_paths,
                 deadline,
                 clamped=ends.clamped,
+                further_guesses=further,
             )
             return joint_path(problem, task, find_motion(task))
 
@@ -170,12 +176,30 @@ def find_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Ro
     if ends.goal_headings is not None:
         return (ends.goal_headings,)
     for route in routes[:CONFIGURATIONS_TRIED]:
-        try:
-            configuration = find_configuration(configuration_task(problem, ends, room, route), ATTEMPTS)
-        except ConfigurationNotFound:
-            continue  # the motion search leads the tip to the goal by itself
-        return (map_curve(problem.arm, configuration, problem.planner.mapping),)
+        guess = guess_along(problem, ends, room, route, ATTEMPTS)
+        if guess is not None:
+            return (guess,)
     return ()
+
+
+def further_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, ...]) -> Iterator[FloatArray]:
+    """Link headings of goal poses along every route, with more patience."""
+    for route in routes:
+        guess = guess_along(problem, ends, room, route, FURTHER_ATTEMPTS)
+        if guess is not None:
+            yield guess
+
+
+def guess_along(problem: Problem, ends: Ends, room: FreeSpace, route: Route, attempts: int) -> FloatArray | None:
+    """Link headings of a configuration at the goal along a route; None when the NLP finds none.
+
+    That is no failure: the motion search can lead the tip to the goal by itself.
+    """
+    try:
+        configuration = find_configuration(configuration_task(problem, ends, room, route), attempts)
+    except ConfigurationNotFound:
+        return None
+    return map_curve(problem.arm, configuration, problem.planner.mapping)
 
 
 def configuration_task(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> ConfigurationTask:

@@ -157,10 +157,10 @@ class ContactFinder:
         near_joint = np.zeros((self.arm.links + 1, near_edge.shape[1]), dtype=bool)
         near_joint[free] = near_edge
         near_joint[free + 1] |= near_edge
-        joint, edge = np.nonzero(near_joint)
+        joint_edge = np.nonzero(near_joint)
         p, q = self._pairs
         close = np.linalg.norm(middles[p] - middles[q], axis=1) < 2.0 * (self.arm.radius + half) + reach
-        return _NeighbourList(points.copy(), (a, v), (joint, edge), (i, e), (p[close], q[close]))
+        return _NeighbourList(points.copy(), (a, v), (joint_edge[0], joint_edge[1]), (i, e), (p[close], q[close]))
 
     def _link_ends(self, points: FloatArray, link: IntArray) -> tuple[FloatArray, FloatArray]:
         """End points of links, the mount cut off."""

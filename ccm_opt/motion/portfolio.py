@@ -42,14 +42,14 @@ class Candidate:
     resume: Callable[[Guide, Pose], Guide] | None = None
 
 
-def candidates(
+def first_candidates(
     stepper: Stepper,
     start: Pose,
     goal_coordinates: tuple[FloatArray, ...],
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
 ) -> Iterator[Candidate]:
-    """All candidates, most promising first.
+    """The candidates that solve most problems, most promising first.
 
     Args:
         stepper: of the link space they are to run in.
@@ -67,8 +67,15 @@ def candidates(
         yield tip_led(stepper, start, path)
         if whole_arm is None:
             yield from hairpins(path, FOLD_LINKS[:1])
+
+
+def further_candidates(
+    stepper: Stepper, start: Pose, tip_paths: tuple[TipPath, ...], whole_arm: FloatArray | None = None
+) -> Iterator[Candidate]:
+    """Hairpins of other lengths; arguments as for ``first_candidates``."""
     for path in tip_paths:
-        yield from hairpins(path, FOLD_LINKS[1:] if whole_arm is None else fitting_folds(stepper, path)[1:])
+        folds = FOLD_LINKS if whole_arm is None else fitting_folds(stepper, path)
+        yield from pulled_over(stepper, start, whole_arm, path, folds[1:])
 
 
 def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> Candidate:

@@ -1,6 +1,7 @@
 """What the search for a motion is given, and what it finds."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +35,7 @@ class MotionTask:
         tip_paths: classes of tip motions, most promising first.
         deadline: when to stop.
         clamped: whether the first link must keep its heading.
+        further_guesses: makes more such poses, when the first do not help.
     """
 
     arm: Arm
@@ -45,6 +47,7 @@ class MotionTask:
     tip_paths: tuple[TipPath, ...]
     deadline: Deadline
     clamped: bool = False
+    further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -98,4 +101,5 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
         start=resampled(task.start),
         goal_headings=None if task.goal_headings is None else resampled(task.goal_headings),
         guesses=tuple(resampled(guess) for guess in task.guesses),
+        further_guesses=lambda: (resampled(guess) for guess in task.further_guesses()),
     )

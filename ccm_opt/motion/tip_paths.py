@@ -16,6 +16,8 @@ from ccm_opt.geometry.polygons import path_length
 
 ARC_STEP = 0.3
 """Angle between points on an arc round the base [rad]."""
+STRAIGHT = 1e-6
+"""A corner nearer than this to the line between its neighbours is left out [m]."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,13 @@ def find_tip_paths(
     """
     puncture = Obstacle("base", shapely.Point(points[0]))
     room = FreeSpace.of(replace(workspace, obstacles=(*workspace.obstacles, puncture)), margin)
+    return tip_paths_in(room, points, routes, shrink)
+
+
+def tip_paths_in(
+    room: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
+) -> tuple[TipPath, ...]:
+    """Both sides of every route in a free space that is punctured at the base, shortest tip path first."""
     paths = [
         TipPath(side, route, taut_way(room, points, route, side, shrink), room, shrink)
         for route in routes
@@ -91,14 +100,24 @@ def _base_turn(path: TipPath, points: FloatArray) -> float:
 
 def taut_way(room: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float) -> FloatArray:
     """The taut path in the class of: back along joints to the base, round it, out along a route; shape (k, 2) [m]."""
+    if len(points) < 2:
+        return _taut_route(room, route, shrink)
     return room.taut_path(round_base(points, route, side), shrink=shrink)
+
+
+def _taut_route(room: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
+    """The taut path along a route; the puncture at its own base is no obstacle to it, so the first bit stays."""
+    reach = float(np.linalg.norm(route - route[0], axis=1).max())
+    outside = _beyond(route, min(room.margin + 2.0 * shrink, 0.5 * reach))
+    way = np.vstack((route[: len(route) - len(outside) + 1], room.taut_path(outside, shrink=shrink)))
+    return shapely.get_coordinates(shapely.LineString(way).simplify(STRAIGHT))
 
 
 def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
     """Back along the arm, round its base on one side, out along a route.
 
     Args:
-        points: joints from the base outwards, shape (m, 2) [m].
+        points: joints from the base outwards, shape (m ≥ 2, 2) [m].
         route: from the base outwards, shape (k, 2) [m].
         side: +1 turns counter-clockwise from the arm to the route, -1 clockwise.
 
@@ -106,8 +125,6 @@ def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
         Shape (·, 2) [m].
     """
     base = points[0]
-    if len(points) < 2:
-        return route
     radius = 1e-3 * min(np.linalg.norm(path - base, axis=1).max() for path in (points, route))
     inwards, outwards = _beyond(points, radius)[::-1], _beyond(route, radius)
     first, last = (float(np.arctan2(*(p - base)[::-1])) for p in (inwards[-1], outwards[0]))
