@@ -215,7 +215,7 @@ DEFECTS = {
     "unsafe name": ('name = "small"', 'name = "../small"', "name", "name for a folder"),
     "future schema": ("schema = 1", "schema = 2", "schema", "expected 1"),
     "feed": ("links = 4", "links = 4\nfeed = { range = [0, 1] }", "arm.feed", "not supported yet"),
-    "scene file": ("[workspace]", '[workspace]\nfile = "scene.svg"', "workspace.file", "not supported yet"),
+    "scene file": ("[workspace]", '[workspace]\nfile = "scene.svg"', "workspace.file", "was not read from a file"),
     "base in an obstacle": ("base = [0.0, 0.0]", "base = [0.0, 0.25]", "arm.base", "0.05 m inside 'post'"),
     "base outside": ("base = [0.0, 0.0]", "base = [-1.25, 0]", "arm.base", "0.25 m outside the workspace boundary"),
     "goal in an obstacle": ("position = [0.3, 0.1]", "position = [0.0, 0.21]", "goal.position", "0.01 m inside 'post'"),

@@ -89,7 +89,7 @@ def build_obstacle(table: ObstacleTable, name: str) -> Obstacle:
         return Obstacle(name, shapely.Point(table.circle.center), table.circle.radius)
     if table.wall is not None:
         return Obstacle(name, shapely.LineString(table.wall.points), table.wall.thickness / 2.0)
-    return Obstacle(name, _box(table.box) if table.box is not None else shapely.Polygon(table.polygon))
+    return Obstacle(name, _box(table.box) if table.box is not None else shapely.Polygon(table.polygon, table.holes))
 
 
 def _box(corners: Sequence[float]) -> shapely.Polygon:

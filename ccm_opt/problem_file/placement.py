@@ -19,7 +19,7 @@ def depth_inside(obstacle: Obstacle, point: Sequence[float]) -> float:
     """How far a point is inside an obstacle [m]; negative outside, minus the distance to it."""
     place = shapely.Point(point)
     inside_core = isinstance(obstacle.core, shapely.Polygon) and shapely.contains_properly(obstacle.core, place)
-    edge = obstacle.core.exterior if isinstance(obstacle.core, shapely.Polygon) else obstacle.core
+    edge = obstacle.core.boundary if isinstance(obstacle.core, shapely.Polygon) else obstacle.core
     distance = float(shapely.distance(edge, place))
     return obstacle.rounding + (distance if inside_core else -distance)
 

@@ -27,15 +27,16 @@ def load_problem(path: str | Path) -> Problem:
     Raises:
         ProblemFileError: with every defect of the file, its key path and its line.
     """
-    return parse_problem(_read_text(Path(path)), str(path))
+    return parse_problem(_read_text(Path(path)), str(path), Path(path).parent)
 
 
-def parse_problem(text: str, path_name: str = "problem") -> Problem:
+def parse_problem(text: str, path_name: str = "problem", folder: Path | None = None) -> Problem:
     """Read a problem from TOML text.
 
     Args:
         text: the text of a problem file.
         path_name: what messages call it.
+        folder: where the path of ``workspace.file`` begins; None refuses that key.
 
     Returns:
         The problem, in SI units and radians.
@@ -45,7 +46,7 @@ def parse_problem(text: str, path_name: str = "problem") -> Problem:
     """
     data = _parse_toml(text, path_name)
     issues = Issues()
-    problem = check_data(data, issues, text)
+    problem = check_data(data, issues, text, folder)
     if problem is None:
         raise ProblemFileError(path_name, issues.located(locate_keys(text)))
     return problem

@@ -6,9 +6,6 @@ from ccm_opt.problem_file.issues import Issues, closest
 from ccm_opt.problem_file.keypath import KeyPath, lookup, without
 
 UNSUPPORTED: Mapping[KeyPath, str] = {
-    ("workspace", "file"): "reading obstacles from a file is not supported yet; list them as [[workspace.obstacles]]",
-    ("workspace", "scale"): "it belongs to workspace.file, which is not supported yet",
-    ("workspace", "offset"): "it belongs to workspace.file, which is not supported yet",
     ("arm", "feed"): "a feed axis is not supported yet; leave it out for a fixed base",
     ("start", "feed"): "a feed axis is not supported yet; leave it out for a fixed base",
     ("limits", "feed_velocity"): "a feed axis is not supported yet; leave it out for a fixed base",

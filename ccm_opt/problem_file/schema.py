@@ -8,10 +8,11 @@ import math
 import re
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+import shapely
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
-from ccm_opt.jointed.arm import Arm, Axes
-from ccm_opt.problem import ControllerName, MappingName, MethodName, PlannerOptions, SimulationOptions, Tolerances
+from ccm_opt.jointed.arm import Arm, Axes, MappingName
+from ccm_opt.problem import ControllerName, MethodName, PlannerOptions, SimulationOptions, Tolerances
 from ccm_opt.problem_file.quantities import (
     BendLimitDegrees,
     Box,
@@ -52,16 +53,37 @@ class WallTable(Table):
 
 
 class ObstacleTable(Table):
-    """One obstacle: exactly one of polygon, box, circle, wall."""
+    """One obstacle: exactly one of polygon, box, circle, wall; a polygon may have holes."""
 
     name: Annotated[str, Field(min_length=1)] | None = None
     polygon: Ring | None = None
+    holes: Annotated[list[Ring], Field(min_length=1)] | None = None
     box: Box | None = None
     circle: CircleTable | None = None
     wall: WallTable | None = None
 
+    @field_validator("holes")
+    @classmethod
+    def _inside(cls, holes: list[list[list[float]]] | None, info: ValidationInfo) -> list[list[list[float]]] | None:
+        outline = info.data.get("polygon", ())
+        if holes is not None and outline is None:
+            raise ValueError("only allowed together with polygon")
+        if holes is not None and outline and not shapely.Polygon(outline, holes).is_valid:
+            raise ValueError("expected holes inside the polygon and apart from each other")
+        return holes
 
-class WorkspaceTable(Table):
+
+class SceneTable(Table):
+    """A drawing of obstacles, and how it is placed; lengths stay in the problem file's unit."""
+
+    file: Annotated[str, Field(min_length=1)] | None = None
+    scale: Positive = 1.0
+    offset: Point = Field(default=[0.0, 0.0])
+    curve_tolerance: PositiveLength | None = None
+    wall_thickness: NonNegativeLength = 0.0
+
+
+class WorkspaceTable(SceneTable):
     """The room, without its obstacles: those are validated one by one."""
 
     bounds: Box | None = None

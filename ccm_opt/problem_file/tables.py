@@ -2,8 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import TypeVar
 
+import tomlkit
 from pydantic import BaseModel
 
 from ccm_opt.errors import ProblemError
@@ -14,6 +16,7 @@ from ccm_opt.problem_file.issues import Issues
 from ccm_opt.problem_file.placement import check_base, check_goal
 from ccm_opt.problem_file.quantities import METRES
 from ccm_opt.problem_file.rules import check_alternatives, refuse_unsupported
+from ccm_opt.problem_file.scene_file import with_scene
 from ccm_opt.problem_file.schema import (
     ArmTable,
     GoalTable,
@@ -44,23 +47,27 @@ class _Draft:
     simulation: SimulationTable | None
 
 
-def check_data(data: Mapping[str, object], issues: Issues, source: str) -> Problem | None:
+def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: Path | None = None) -> Problem | None:
     """Check parsed data and build the problem.
 
     Args:
         data: the parsed TOML.
         issues: takes every defect found.
-        source: the text of the file, kept in the problem.
+        source: the text of the file, kept in the problem; obstacles from a drawing are written out in it.
+        folder: of the problem file, where the path to a drawing begins; None when there is no file.
 
     Returns:
         The problem, or None when there are issues.
     """
-    data = refuse_unsupported(data, issues)
+    given = refuse_unsupported(data, issues)
+    data = with_scene(given, folder, issues)
     check_alternatives(data, issues)
     draft = _validate(data, issues)
     _check_between(draft, str(data.get("units", "m")), issues)
     tables = _complete(draft)
-    return build_problem(tables, source) if tables is not None and not issues.found else None
+    if tables is None or issues.found:
+        return None
+    return build_problem(tables, source if data is given else tomlkit.dumps(data))
 
 
 def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:

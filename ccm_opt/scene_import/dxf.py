@@ -88,6 +88,7 @@ def read(content: bytes, distance: float) -> list[Shape]:
 
 def _parsed(content: bytes) -> "Drawing":
     from ezdxf import recover  # noqa: PLC0415 - loaded only when a DXF file is read
+    from ezdxf.audit import AuditError  # noqa: PLC0415 - likewise
 
     if b"EOF" not in content[-64:]:
         raise ProblemError("the DXF file has no end: it was cut short, or it is no DXF; save it again")
@@ -95,9 +96,9 @@ def _parsed(content: bytes) -> "Drawing":
         drawing, auditor = recover.read(io.BytesIO(content))
     except Exception as error:  # whatever the parser stumbles over
         raise ProblemError(f"not readable as DXF: {error}") from error
-    if auditor.has_errors:
-        first = auditor.errors[0]
-        raise ProblemError(f"the DXF file is damaged: {first.message}; save it again from a CAD program")
+    lost = [fix for fix in auditor.fixes if fix.code == AuditError.UNDEFINED_BLOCK]
+    for defect in [*auditor.errors, *lost]:
+        raise ProblemError(f"the DXF file is damaged: {defect.message} Save it again from a CAD program.")
     return drawing
 
 

@@ -16,8 +16,8 @@ from ccm_opt.scene_import.shapes import Disc, Line, Shape
 
 MAX_COORDINATE = 1e9
 """Largest coordinate; beyond it double precision no longer tells a millionth."""
-_MITRE_LIMIT = 2.0
-"""Sharp corners of a grown polygon are cut at this many times the growth from the corner."""
+_CORNER_SHARE = 1.9
+"""Sharp corners of a grown polygon are cut at this many times the growth from the corner, less than the tolerance."""
 
 
 def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obstacle]:
@@ -44,9 +44,7 @@ def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obs
     grow = shape.half_width + (growth if shape.curved else 0.0)
     polygons = filled(shape.rings, shape.rule)
     if grow > 0.0:
-        polygons = polygons_of(
-            shapely.MultiPolygon(polygons).buffer(grow, join_style="mitre", mitre_limit=_MITRE_LIMIT)
-        )
+        polygons = _grown(shapely.MultiPolygon(polygons), grow)
     return [Obstacle(shape.name, polygon) for polygon in polygons]
 
 
@@ -60,6 +58,12 @@ def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()
         used.add(name)
         result.append(replace(obstacle, name=name))
     return tuple(result)
+
+
+def _grown(polygons: shapely.MultiPolygon, growth: float) -> list[shapely.Polygon]:
+    """Polygons that hold every point within ``growth``; corners stay corners, but for very sharp ones."""
+    mitred = polygons.buffer(growth, join_style="mitre")
+    return polygons_of(shapely.intersection(mitred, polygons.buffer(_CORNER_SHARE * growth)))
 
 
 def _wall(line: Line, growth: float, thickness: float) -> Obstacle:
