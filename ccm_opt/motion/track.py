@@ -58,7 +58,8 @@ class Track:
 
     def points_at(self, arcs: FloatArray) -> FloatArray:
         """Positions at arc lengths, clipped to the ends, shape (m,) to (m, 2) [m]."""
-        return np.column_stack([np.interp(arcs, self.arcs, self.points[:, k]) for k in (0, 1)])
+        x, y = (np.interp(arcs, self.arcs, self.points[:, k]) for k in (0, 1))
+        return np.stack((x, y), axis=1)
 
     def nearest_arc(self, point: FloatArray, last: float) -> float:
         """Arc length of the place nearest to a point (2,) among those not beyond ``last`` [m]."""
