@@ -78,6 +78,7 @@ class PlannerOptions:
         time_limit: wall time [s] after which the search stops.
         routes: corridors tried, shortest first.
         seed: of every random choice.
+        optimise: whether the motion that is found is optimised over all its keyframes; else it is long and crooked.
     """
 
     method: MethodName = "nlp"
@@ -85,6 +86,7 @@ class PlannerOptions:
     time_limit: float = 60.0
     routes: int = 5
     seed: int = 0
+    optimise: bool = True
 
 
 @dataclass(frozen=True)

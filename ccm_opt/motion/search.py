@@ -1,4 +1,4 @@
-"""The search for a motion: every candidate in turn until one is certified, then smoothing."""
+"""The search for a motion: every candidate in turn until one is certified, then the optimisation of the whole."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import FINENESS, LinkSpace
 from ccm_opt.motion.passages import fineness_asked
 from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
-from ccm_opt.motion.smoothing import average, headings_of, shortcut, without_pauses
+from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.task import Motion, MotionTask, coarsened
 from ccm_opt.motion.walls import Walls
@@ -68,8 +68,10 @@ class Failure:
 def _try_margins(task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
     for margin in MARGINS:
         for motion in _motions(task, margin, fineness, failures):
-            if motion is not None or task.deadline.passed():
-                return motion
+            if motion is not None:
+                return optimise(motion, task) if task.optimise else motion
+            if task.deadline.passed():
+                return None
     return None
 
 
@@ -123,7 +125,7 @@ class _Attempt:
         """The finished motion of the first candidate that arrives and is certified, or None."""
         for candidate in tried:
             try:
-                return self._finished(candidate, self._attempt(candidate))
+                return self._motion(candidate, self._attempt(candidate))
             except Stalled as stalled:
                 failures.append(self._failure(candidate, stalled))
             if self.task.deadline.passed():
@@ -161,11 +163,7 @@ class _Attempt:
     def _certified(self, headings: FloatArray) -> bool:
         return len(self.certificate.failures(headings)) == 0
 
-    def _finished(self, candidate: Candidate, poses: list[Pose]) -> Motion:
-        poses = shortcut(self.stepper, poses, self._certified, self.task.deadline)
-        thinned = without_pauses(poses)
-        poses = thinned if self._certified(headings_of(thinned)) else poses
-        poses = average(self.stepper, poses, self._certified, self.task.deadline)
+    def _motion(self, candidate: Candidate, poses: list[Pose]) -> Motion:
         return Motion(self.stepper.space, np.array([p.v for p in poses]), headings_of(poses), candidate.name)
 
     def _failure(self, candidate: Candidate, stalled: Stalled) -> Failure:

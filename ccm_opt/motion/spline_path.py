@@ -6,7 +6,10 @@ from scipy.interpolate import BSpline
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.certificate import Certificate
 
-SAMPLES_A_SPAN = 4
+LEAST_SAMPLES, MOST_SAMPLES = 4, 24
+"""Samples of a span between which the certificate takes the headings to be linear."""
+_LEAST_SPARE = 2e-6
+"""Share of the arm's length that linear interpolation between samples may err by, whatever the certificate spares."""
 _REFINEMENTS = 5
 DEGREE = 3
 
@@ -24,9 +27,9 @@ def certified_spline(keyframes: FloatArray, certificate: Certificate) -> BSpline
     control = _at_least_four(keyframes)
     for _ in range(_REFINEMENTS):
         spline = clamped_spline(control)
-        spans = len(control) - DEGREE
-        samples = np.linspace(0.0, 1.0, SAMPLES_A_SPAN * spans + 1)
-        failing = np.unique(certificate.failures(spline(samples)) // SAMPLES_A_SPAN)
+        count = _samples_a_span(spline, certificate)
+        samples = np.linspace(0.0, 1.0, count * (len(control) - DEGREE) + 1)
+        failing = np.unique(certificate.failures(spline(samples)) // count)
         if len(failing) == 0:
             return spline
         control = _halve_legs(control, failing)
@@ -38,6 +41,17 @@ def clamped_spline(control: FloatArray) -> BSpline:
     spans = len(control) - DEGREE
     knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
     return BSpline(knots, control, DEGREE)
+
+
+def _samples_a_span(spline: BSpline, certificate: Certificate) -> int:
+    """Samples that bring linear interpolation within the gap that the certificate spares.
+
+    It errs by ⅛ h² max|φ''| in a heading, so by Σ l of that in a position; the control points of φ'' bound φ''.
+    """
+    arm, spans = certificate.arm, len(spline.c) - DEGREE
+    bound = arm.link_length * float(np.abs(spline.derivative(2).c).sum(axis=1).max()) / (8.0 * spans**2)
+    allowed = max(certificate.spare, _LEAST_SPARE * arm.length)
+    return int(np.clip(np.ceil(np.sqrt(bound / allowed)), LEAST_SAMPLES, MOST_SAMPLES))
 
 
 def _at_least_four(control: FloatArray) -> FloatArray:

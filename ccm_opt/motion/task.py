@@ -36,6 +36,7 @@ class MotionTask:
         deadline: when to stop.
         clamped: whether the first link must keep its heading.
         further_guesses: makes more such poses, when the first do not help.
+        optimise: whether the motion that is found is optimised.
     """
 
     arm: Arm
@@ -48,6 +49,7 @@ class MotionTask:
     deadline: Deadline
     clamped: bool = False
     further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
+    optimise: bool = True
 
     @cached_property
     def certificate(self) -> Certificate:

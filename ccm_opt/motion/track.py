@@ -54,7 +54,8 @@ class Track:
 
     def point(self, arc: float) -> FloatArray:
         """Position at an arc length, clipped to the ends, shape (2,) [m]."""
-        return self.points_at(np.array([arc]))[0]
+        place: FloatArray = self.points_at(np.array([arc]))[0]
+        return place
 
     def points_at(self, arcs: FloatArray) -> FloatArray:
         """Positions at arc lengths, clipped to the ends, shape (m,) to (m, 2) [m]."""
