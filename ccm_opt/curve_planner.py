@@ -91,6 +91,7 @@ class CurvePlanner:
                 deadline,
                 clamped=ends.clamped,
                 further_guesses=further,
+                optimise=problem.planner.optimise,
             )
             return joint_path(problem, task, find_motion(task))
 

@@ -16,9 +16,9 @@ from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import FINENESS, LinkSpace
+from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.passages import fineness_asked
 from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
-from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.task import Motion, MotionTask, coarsened
 from ccm_opt.motion.walls import Walls
@@ -170,6 +170,11 @@ class _Attempt:
         finder = self.stepper.finder
         obstacle = finder.describe(finder.find(stalled.poses[-1].points))
         return Failure(candidate.name, str(stalled), obstacle, self.goal.errors(stalled.poses[-1])[0])
+
+
+def headings_of(poses: list[Pose]) -> FloatArray:
+    """Link headings of a motion, shape (K, links) [rad]."""
+    return np.array([pose.headings for pose in poses])
 
 
 def _coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:

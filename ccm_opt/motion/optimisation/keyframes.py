@@ -1,0 +1,52 @@
+"""Keyframes for the optimisation: as few certified straight legs as will do, then evenly subdivided."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray, IntArray
+
+Failures = Callable[[FloatArray], IntArray]
+"""Intervals of a piecewise-linear motion in coordinates, shape (K, p), that are not certified."""
+
+FIRST_STRIDE = 16
+"""Keyframes that a leg skips at first."""
+
+
+def decimated(coordinates: FloatArray, failures: Failures) -> FloatArray:
+    """Fewer keyframes of a certified motion, every leg between them certified: legs that fail are halved.
+
+    Args:
+        coordinates: at the keyframes, shape (K, p).
+        failures: judges the legs.
+
+    Returns:
+        A subset of the rows, both ends included; no leg cuts a corner, since every one is certified.
+    """
+    last = len(coordinates) - 1
+    kept = np.unique(np.append(np.arange(0, last, FIRST_STRIDE), last))
+    while True:
+        legs = failures(coordinates[kept])
+        splittable = legs[np.diff(kept)[legs] > 1]
+        if len(splittable) == 0:
+            thinned: FloatArray = coordinates[kept]
+            return thinned
+        kept = np.union1d(kept, (kept[splittable] + kept[splittable + 1]) // 2)
+
+
+def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> FloatArray:
+    """The same path with more keyframes: legs are cut into equal parts so that the longest part is shortest.
+
+    Args:
+        coordinates: at the keyframes, shape (K, p).
+        sizes: how long each leg is, in any measure, shape (K - 1,).
+        intervals: number of intervals wanted; a path that has more already stays as it is.
+    """
+    parts = np.ones(len(sizes), dtype=np.intp)
+    while parts.sum() < intervals:
+        parts[np.argmax(sizes / parts)] += 1
+    pieces = [
+        a + np.arange(count)[:, None] / count * (b - a)
+        for a, b, count in zip(coordinates[:-1], coordinates[1:], parts, strict=True)
+    ]
+    return np.vstack((*pieces, coordinates[-1:]))

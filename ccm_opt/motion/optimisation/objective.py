@@ -1,0 +1,110 @@
+"""What the optimisation makes small: the joint path's length, its unevenness in time, and the curve's bending.
+
+With K intervals of equal parameter length the squared length of a path q(u) is ∫|q'|² ≈ K Σ|q_{k+1} − q_k|², whose
+least value has evenly spaced keyframes, and ∫|q''|² ≈ K³ Σ|q_{k+1} − 2 q_k + q_{k−1}|². Bends q count, not headings:
+the joints' speed and acceleration limits decide the duration.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.link_space import KNOTS, LinkSpace
+
+HEADING = 1e-3
+"""Weight of the turns of the links beside the turns of the joints."""
+UNEVENNESS = 4e-3
+"""Weight of ∫|q''|²; its root is the share of the motion over which corners are rounded."""
+SHAPE = 1e-3
+"""Weight of the curve's curvature and of its differences, in nominal links (24 to the arm)."""
+RIDGE = 1e-8
+BLEND = 1e-3
+"""Weight on changes of the coordinate that blends a whole-arm goal in."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """½ Σ over coordinates of all keyframes; quadratic and convex.
+
+    Attributes:
+        space: the link space; p coordinates.
+        intervals: K.
+    """
+
+    space: LinkSpace
+    intervals: int
+
+    @cached_property
+    def bend_rows(self) -> FloatArray:
+        """Derivative of the joint bends by the coordinates, shape (n, p)."""
+        return np.diff(self.space.matrix, axis=0, prepend=0.0)
+
+    @cached_property
+    def first(self) -> FloatArray:
+        """Metric of first differences between keyframes, shape (p, p)."""
+        headings = HEADING * self._share * self.space.matrix.T @ self.space.matrix
+        curvature, unevenness = self._curvature_rows
+        shape = 0.1 * SHAPE * curvature.T @ curvature + SHAPE * unevenness.T @ unevenness
+        return self.intervals * (self._bends + headings + shape + self._ridge)
+
+    @cached_property
+    def second(self) -> FloatArray:
+        """Metric of second differences, shape (p, p)."""
+        headings = 0.1 * self._share * self.space.matrix.T @ self.space.matrix
+        return UNEVENNESS * self.intervals**3 * (self._bends + headings + 0.1 * SHAPE * np.eye(len(self._ridge)))
+
+    @cached_property
+    def shape(self) -> FloatArray:
+        """Metric of the coordinates themselves, shape (p, p)."""
+        curvature, unevenness = self._curvature_rows
+        return SHAPE * (curvature.T @ curvature + unevenness.T @ unevenness) / self.intervals
+
+    @cached_property
+    def _share(self) -> float:
+        return 24.0 / self.space.arm.links
+
+    @cached_property
+    def _bends(self) -> FloatArray:
+        return self._share * self.bend_rows.T @ self.bend_rows
+
+    @cached_property
+    def _ridge(self) -> FloatArray:
+        p = self.space.matrix.shape[1]
+        return np.diag(np.where(np.arange(p) <= KNOTS, RIDGE, BLEND))
+
+    @cached_property
+    def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
+        """Curvature values of the curve and their differences, in nominal links."""
+        curvature = np.zeros((KNOTS, self.space.matrix.shape[1]))
+        curvature[:, 1 : KNOTS + 1] = self.space.arm.length / 24.0 * np.eye(KNOTS)
+        return curvature, np.diff(curvature, axis=0)
+
+    def value(self, coordinates: FloatArray) -> float:
+        """Value at coordinates, shape (K + 1, p)."""
+        return 0.5 * float(np.vdot(coordinates, self.gradient(coordinates)))
+
+    def gradient(self, coordinates: FloatArray) -> FloatArray:
+        """Gradient by the coordinates, shape (K + 1, p)."""
+        gradient = coordinates @ self.shape
+        for order, metric in ((1, self.first), (2, self.second)):
+            gradient += _differences(self.intervals, order).T @ np.diff(coordinates, order, axis=0) @ metric
+        return gradient
+
+    def block(self, k: int, m: int) -> FloatArray:
+        """Second derivative by the coordinates of keyframes k and m, shape (p, p); zero where |k − m| > 2."""
+        block = (k == m) * self.shape
+        for order, metric in ((1, self.first), (2, self.second)):
+            block = block + _normal(self.intervals, order)[k, m] * metric
+        return block
+
+
+def _differences(intervals: int, order: int) -> FloatArray:
+    """Matrix of differences between keyframes, shape (K + 1 − order, K + 1)."""
+    return np.diff(np.eye(intervals + 1), order, axis=0)
+
+
+def _normal(intervals: int, order: int) -> FloatArray:
+    differences = _differences(intervals, order)
+    return differences.T @ differences

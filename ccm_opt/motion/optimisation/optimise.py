@@ -1,0 +1,80 @@
+"""The driver: thin a certified motion to few keyframes, optimise them all at once, keep what is certified."""
+
+from functools import partial
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
+from ccm_opt.motion.optimisation.rows import motion_rows
+from ccm_opt.motion.optimisation.sequential_convex import Program, sequential_convex
+from ccm_opt.motion.optimisation.sweep_regions import WallSegments
+from ccm_opt.motion.task import Motion, MotionTask
+
+INTERVALS = 20
+"""Least number of intervals; a motion that needs more legs to be certified keeps them."""
+LEG_DEPTH = 2
+"""Bisections that a leg of the thinned motion may need for its certificate."""
+MARGIN = 1e-3
+"""Gap that rows ask for beyond contact, as a share of the arm's length."""
+REACH = 0.1
+"""Walls and links farther apart than this share of the arm's length make no rows."""
+
+
+def optimise(motion: Motion, task: MotionTask) -> Motion:
+    """Shorten a certified motion in its homotopy class.
+
+    Args:
+        motion: piecewise linear in its link space, certified.
+        task: arm, room, goal and deadline.
+
+    Returns:
+        A certified motion with a shorter joint path and few keyframes, with the same start; the given one when
+        nothing shorter was found.
+    """
+    certificate = task.certificate
+    if len(motion.coordinates) < 2 or task.deadline.passed():
+        return motion
+    coordinates = thinned(motion, certificate)
+    optimised = sequential_convex(_program(motion, task, certificate), coordinates)
+    return _shorter(motion, optimised)
+
+
+def thinned(motion: Motion, certificate: Certificate, intervals: int = INTERVALS) -> FloatArray:
+    """Coordinates at few keyframes on certified legs, at least ``intervals`` of them, shape (K + 1, p)."""
+    space = motion.space
+    few = decimated(motion.coordinates, lambda v: certificate.failures(space.headings(v), LEG_DEPTH))
+    turns = np.diff(space.arm.bends(space.headings(few)), axis=0)
+    return subdivided(few, np.linalg.norm(turns, axis=1), intervals)
+
+
+def travel(motion: Motion) -> float:
+    """Length of the joint path, Σ |Δq| [rad]."""
+    bends = motion.space.arm.bends(motion.headings)
+    return float(np.linalg.norm(np.diff(bends, axis=0), axis=1).sum())
+
+
+def _program(motion: Motion, task: MotionTask, certificate: Certificate) -> Program:
+    length = task.arm.length
+    make_rows = partial(
+        motion_rows,
+        workspace=task.workspace,
+        segments=WallSegments.of(task.workspace),
+        margin=MARGIN * length,
+        reach=REACH * length,
+    )
+    return Program(
+        motion.space,
+        task.goal,
+        task.goal_headings is not None,
+        make_rows,
+        lambda headings: len(certificate.failures(headings)) == 0,
+        task.deadline,
+    )
+
+
+def _shorter(motion: Motion, coordinates: FloatArray) -> Motion:
+    """The optimised motion if it is shorter, else the given one."""
+    optimised = Motion(motion.space, coordinates, motion.space.headings(coordinates), motion.candidate)
+    return optimised if travel(optimised) < travel(motion) else motion

@@ -1,0 +1,173 @@
+"""Sequential convex programming over all keyframes: linearised rows, sweep regions renewed at every step.
+
+Every iterate is certified: a step that the certificate refuses is shortened, then damped. So the motion stays in its
+homotopy class, and the last iterate is always fit for use.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.optimisation.objective import Objective
+from ccm_opt.motion.optimisation.quadratic_step import PENALTY, Curvature, Step, StepProblem
+from ccm_opt.motion.optimisation.rows import Rows
+from ccm_opt.motion.step import LIMIT_SHARE, pose_in
+
+ROUNDS = 14
+TRIES = 5
+"""QPs of one round before it is given up."""
+WORTH = 3e-3
+"""Share of the objective that a round has to gain."""
+PATIENCE = 2
+"""Rounds in a row that may gain less."""
+ACTIVE = 0.03
+"""Rows nearer to their bound than this share of the arm's length enter the QP."""
+FIRST_DAMPING = 0.3
+LEAST_DAMPING = 1e-4
+SHORTENINGS = (1.0, 0.5, 0.25)
+_SUFFICIENT, _GOOD = 0.1, 0.6
+
+Certified = Callable[[FloatArray], bool]
+"""Whether a piecewise-linear motion of link headings, shape (K + 1, n), is certified."""
+MakeRows = Callable[[Sweep], Rows]
+"""Rows from the sweep regions of a motion."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """A motion to be optimised.
+
+    Attributes:
+        space: the link space.
+        goal: where the tip has to stay.
+        end_fixed: whether the last keyframe is fixed.
+        make_rows: builds the rows about a motion.
+        certified: the certificate.
+        deadline: when to stop.
+    """
+
+    space: LinkSpace
+    goal: GoalPose
+    end_fixed: bool
+    make_rows: MakeRows
+    certified: Certified
+    deadline: Deadline
+
+    def ended(self, coordinates: FloatArray) -> FloatArray:
+        """The coordinates with the last keyframe polished onto the goal."""
+        if not self.end_fixed:
+            coordinates[-1] = polish(self.space, self.goal, coordinates[-1])
+        return coordinates
+
+    def acceptable(self, sweep: Sweep, before: Sweep) -> bool:
+        """Whether a motion is certified, keeps the joint limits and ends on the goal."""
+        arm = self.space.arm
+        allowed = np.maximum(0.5 * (1.0 + LIMIT_SHARE) * arm.bend_limits, np.abs(arm.bends(before.headings)))
+        if np.any(np.abs(arm.bends(sweep.headings)) > np.minimum(allowed, arm.bend_limits)):
+            return False
+        if not self.end_fixed and max(self.goal.errors(pose_in(self.space, sweep.coordinates[-1]))) > _GOAL_ERROR:
+            return False
+        return self.certified(sweep.headings)
+
+
+_GOAL_ERROR = 10.0 * POLISH_TOLERANCE
+
+
+@dataclass(frozen=True)
+class _Iterate:
+    """Where the iteration is.
+
+    Attributes:
+        sweep: the motion, certified.
+        curvature: of the rows, by the last multipliers.
+        damping: weight on the squared turns of the next step.
+    """
+
+    sweep: Sweep
+    curvature: Curvature
+    damping: float
+
+
+def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = ROUNDS) -> FloatArray:
+    """Optimise a certified motion.
+
+    Args:
+        program: what to keep.
+        coordinates: at the keyframes, shape (K + 1, p).
+        rounds: most steps taken.
+
+    Returns:
+        The last iterate's coordinates, shape (K + 1, p); certified.
+    """
+    objective = Objective(program.space, len(coordinates) - 1)
+    sweep = Sweep(program.space, coordinates)
+    iterate, idle = _Iterate(sweep, Curvature.none(sweep), FIRST_DAMPING), 0
+    for _ in range(rounds):
+        before = objective.value(iterate.sweep.coordinates)
+        following = _round(program, objective, iterate)
+        if following is None:
+            break
+        iterate = following
+        gained = before - objective.value(iterate.sweep.coordinates)
+        idle = idle + 1 if gained < WORTH * before else 0
+        if idle >= PATIENCE or program.deadline.passed():
+            break
+    return iterate.sweep.coordinates
+
+
+def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterate | None:
+    """One accepted step, or None when none is."""
+    rows = program.make_rows(iterate.sweep)
+    active = rows.take(rows.values(iterate.sweep) > -ACTIVE * program.space.arm.length)
+    for _ in range(TRIES):
+        problem = StepProblem(
+            iterate.sweep,
+            objective,
+            active,
+            iterate.curvature,
+            iterate.damping,
+            program.goal,
+            program.end_fixed,
+        )
+        step = problem.solve()
+        following = _accepted(program, objective, rows, problem, step) if step.solved else None
+        if following is not None:
+            return following
+        if program.deadline.passed():
+            return None
+        iterate = replace(iterate, damping=6.0 * max(iterate.damping, 0.05))
+    return None
+
+
+def _accepted(program: Program, objective: Objective, rows: Rows, problem: StepProblem, step: Step) -> _Iterate | None:
+    """The longest part of a step that lowers the merit as foreseen and is certified."""
+    start = problem.sweep
+    before = merit(objective, rows, start)
+    foreseen = before - objective.value(start.coordinates + step.change) - PENALTY * float(step.slack.sum())
+    for share in SHORTENINGS:
+        sweep = Sweep(program.space, program.ended(start.coordinates + share * step.change))
+        gain = (before - merit(objective, rows, sweep)) / max(share * foreseen, 1e-12)
+        if gain > _SUFFICIENT and program.acceptable(sweep, start):
+            curvature = Curvature(*problem.rows.curvature(sweep, step.multipliers, step.pull))
+            return _Iterate(sweep, curvature, _damping(problem.damping, share, gain))
+    return None
+
+
+def merit(objective: Objective, rows: Rows, sweep: Sweep) -> float:
+    """Objective plus the price of the worst row of every interval."""
+    worst = np.zeros(len(sweep.turns))
+    np.maximum.at(worst, rows.interval, 24.0 / sweep.space.arm.length * rows.values(sweep))
+    return objective.value(sweep.coordinates) + PENALTY * float(worst.sum())
+
+
+def _damping(damping: float, share: float, gain: float) -> float:
+    """More damping after a shortened step, less after a good one."""
+    if share < 1.0:
+        return max(damping, 0.05) * (2.0 if share >= 0.5 else 3.0)
+    return max(damping / 3.0, LEAST_DAMPING) if gain > _GOOD else damping

@@ -1,0 +1,144 @@
+"""Sweep regions: convex free surroundings of what each link sweeps in each interval, as half-planes.
+
+The link at the start, half-way and at the end of the interval spans a convex hull Q. Walls are taken nearest first:
+the half-plane across the shortest line from Q to the wall leaves Q inside and the wall outside; walls already behind
+a chosen half-plane are skipped (the inflation of Deits and Tedrake 2014, with a polygon for the ellipsoid).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.walls import Walls
+
+_TOUCHING = 1e-6
+"""Hulls nearer to a wall than this have no shortest line to speak of [m]."""
+
+
+@dataclass(frozen=True)
+class WallSegments:
+    """The edges of all walls, and the points of those that have no edge.
+
+    Attributes:
+        ends: shape (E, 2, 2) [m].
+        rounding: radius of the disc that sweeps each, shape (E,) [m].
+    """
+
+    ends: FloatArray
+    rounding: FloatArray
+
+    @classmethod
+    def of(cls, workspace: Workspace) -> "WallSegments":
+        """The segments of a workspace's walls."""
+        walls = Walls.of(workspace)
+        lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
+        points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)
+        owner = np.concatenate((walls.edge_wall, walls.vertex_wall[lone]))
+        return cls(np.concatenate((walls.edges, points)), walls.rounding[owner])
+
+    @cached_property
+    def tree(self) -> shapely.STRtree:
+        """Spatial index of the segments."""
+        lone = np.all(self.ends[:, 0] == self.ends[:, 1], axis=1)
+        lines: Any = shapely.linestrings(self.ends)
+        lines[lone] = shapely.points(self.ends[lone, 0])
+        return shapely.STRtree(lines)
+
+
+@dataclass(frozen=True)
+class HalfPlanes:
+    """Half-planes n·x ≤ b that one link has to keep within over one interval.
+
+    Attributes:
+        interval: shape (m,).
+        link: shape (m,).
+        normal: n, unit, shape (m, 2).
+        bound: b, at the wall's surface, shape (m,) [m].
+    """
+
+    interval: IntArray
+    link: IntArray
+    normal: FloatArray
+    bound: FloatArray
+
+    def take(self, mask: BoolArray) -> "HalfPlanes":
+        """Those selected by a mask."""
+        return HalfPlanes(self.interval[mask], self.link[mask], self.normal[mask], self.bound[mask])
+
+
+def sweep_regions(sweep: Sweep, walls: WallSegments, first_link: int, reach: float) -> HalfPlanes:
+    """Half-planes round the sweep of every link in every interval.
+
+    Args:
+        sweep: the motion.
+        walls: what to keep away from.
+        first_link: links before this one may touch walls.
+        reach: walls farther away than this are left out [m].
+    """
+    intervals, links = sweep.turns.shape
+    free = np.arange(first_link, links)
+    interval, link = (grid.ravel() for grid in np.meshgrid(np.arange(intervals), free, indexing="ij"))
+    hulls = _hulls(sweep, interval, link)
+    q, wall = walls.tree.query(hulls, predicate="dwithin", distance=reach + walls.rounding.max())
+    normal, gap = _directions(sweep, hulls, walls, q, wall, interval, link)
+    least = np.einsum("mid,md->mi", walls.ends[wall], normal).min(axis=1) - walls.rounding[wall]
+    order = np.lexsort((gap, q))
+    chosen = _nearest_first(q[order], normal[order], walls.ends[wall[order]], walls.rounding[wall[order]], least[order])
+    kept = order[chosen]
+    return HalfPlanes(interval[q[kept]], link[q[kept]], normal[kept], least[kept])
+
+
+def _hulls(sweep: Sweep, interval: IntArray, link: IntArray) -> Any:
+    """Hulls of the links at the start, half-way and at the end of the intervals."""
+    corners = [
+        positions[at, link + end]
+        for positions, at in ((sweep.points, interval), (sweep.middles, interval), (sweep.points, interval + 1))
+        for end in (0, 1)
+    ]
+    return shapely.convex_hull(shapely.multipoints(np.stack(corners, axis=1)))
+
+
+def _directions(
+    sweep: Sweep,
+    hulls: FloatArray,
+    walls: WallSegments,
+    q: IntArray,
+    wall: IntArray,
+    interval: IntArray,
+    link: IntArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Unit directions from hulls to walls along their shortest lines, and their lengths less the rounding.
+
+    A hull that meets a wall gives way to the link half-way through the interval.
+    """
+    lines: Any = shapely.shortest_line(hulls[q], walls.tree.geometries[wall])
+    touching = shapely.length(lines) < _TOUCHING
+    at, of = interval[q[touching]], link[q[touching]]
+    halfway = shapely.linestrings(np.stack((sweep.middles[at, of], sweep.middles[at, of + 1]), axis=1))
+    lines[touching] = shapely.shortest_line(halfway, walls.tree.geometries[wall[touching]])
+    ends = shapely.get_coordinates(lines).reshape(-1, 2, 2)
+    along = ends[:, 1] - ends[:, 0]
+    length = np.hypot(along[:, 0], along[:, 1])
+    gap = np.where(touching, 0.0, length) - walls.rounding[wall]
+    return along / np.maximum(length, 1e-12)[:, None], gap
+
+
+def _nearest_first(
+    q: IntArray, normal: FloatArray, ends: FloatArray, rounding: FloatArray, bound: FloatArray
+) -> IntArray:
+    """Indices of the half-planes that are kept, all hulls at once; the pairs come sorted by hull and distance."""
+    waiting = np.arange(len(q))
+    kept: list[IntArray] = []
+    while len(waiting):
+        _, first, group = np.unique(q[waiting], return_index=True, return_inverse=True)
+        kept.append(waiting[first])
+        chosen = waiting[first][group]
+        beyond = np.einsum("mid,md->mi", ends[waiting], normal[chosen]).min(axis=1) - rounding[waiting]
+        waiting = waiting[(beyond < bound[chosen] - 1e-9) & (waiting != chosen)]
+    return np.concatenate(kept) if kept else np.zeros(0, dtype=np.intp)
