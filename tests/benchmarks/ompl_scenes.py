@@ -117,7 +117,7 @@ def _arm(links: int, base: FloatArray, mount: float) -> Arm:
 
 def _problem(name: str, arm: Arm, workspace: Workspace, start: FloatArray, goal: TipGoal | JointPose) -> Problem:
     """Limits are generous: the comparison is of paths."""
-    limits = Limits(np.full(3 * arm.links, 100.0), np.full(3 * arm.links, 1e4))
+    limits = Limits(np.full(3 * arm.links, 5.0), np.full(3 * arm.links, 50.0))
     return Problem(
         name,
         workspace,
