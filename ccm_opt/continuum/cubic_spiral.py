@@ -1,0 +1,187 @@
+"""Cubic spirals: turns whose curvature is a parabola that vanishes at both ends (section 4.1, reference [6]).
+
+Kanayama and Hartman, "Smooth local path planning for autonomous vehicles", 1989. With turn α and length ℓ
+
+    κ(s) = (6 α / ℓ³) s (ℓ - s),    θ(s) = θ₀ + α (3 u² - 2 u³),  u = s / ℓ,
+
+so the peak curvature is 1.5 α / ℓ, and ∫ κ'² ds = 12 α² / ℓ³ is the least of all curves of that turn, length and
+end curvature. The chord is ℓ D(α) long and bisects the headings at its ends, which are -α/2 and α/2 to it. Two poses
+that are symmetric to each other, that is, whose headings are bisected by the chord, therefore have exactly one such
+turn between them.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.continuum.kinematics import integrate_positions
+from ccm_opt.continuum.segment_types import wrap
+from ccm_opt.errors import ProblemError
+
+LARGEST_TURN = 4.0
+"""Turns beyond this are refused [rad]: the chord of a cubic spiral shrinks to nothing a little later."""
+_LARGEST_SUM = 6.28
+"""A whole turn in all leaves no place for a mean pose: it would be infinitely far [rad]."""
+_SYMMETRY = 1e-9
+"""Poses whose headings the chord bisects to this angle are symmetric [rad]."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
+
+
+def chord_ratio(turn: float) -> float:
+    """D(α) = 2 ∫₀^½ cos(α (3/2 - 2x²) x) dx: chord over length of a cubic spiral (Kanayama and Hartman, table 1).
+
+    Args:
+        turn: α, at most 20 either way [rad]; the quadrature then errs by less than 1e-14.
+    """
+    x = 0.25 * (_NODES + 1.0)
+    return float(0.5 * _WEIGHTS @ np.cos(turn * (1.5 - 2.0 * x * x) * x))
+
+
+@dataclass(frozen=True)
+class CubicSpiral:
+    """One turn.
+
+    Attributes:
+        start: shape (2,) [m].
+        heading: at the start [rad].
+        turn: α, positive to the left [rad].
+        length: ℓ, positive [m].
+    """
+
+    start: FloatArray
+    heading: float
+    turn: float
+    length: float
+
+    @classmethod
+    def to_point(cls, start: FloatArray, heading: float, end: FloatArray) -> "CubicSpiral":
+        """The turn from a pose to a point; it ends in the pose there that is symmetric to the first.
+
+        Args:
+            start: shape (2,) [m].
+            heading: at the start [rad].
+            end: another point, shape (2,) [m].
+
+        Raises:
+            ProblemError: start and end are one, or the turn would be more than ``LARGEST_TURN``.
+        """
+        chord = np.asarray(end, dtype=np.float64) - np.asarray(start, dtype=np.float64)
+        distance = float(np.hypot(*chord))
+        turn = 2.0 * wrap(float(np.arctan2(chord[1], chord[0])) - heading)
+        if distance == 0.0 or abs(turn) > LARGEST_TURN:
+            raise ProblemError(
+                f"no cubic spiral turns by {turn:.4g} rad over a chord of {distance:.4g} m; expected a chord, and at "
+                f"most {LARGEST_TURN} rad; divide the turn"
+            )
+        return cls(np.asarray(start, dtype=np.float64), heading, turn, distance / chord_ratio(turn))
+
+    @property
+    def peak_curvature(self) -> float:
+        """The curvature in the middle, with its sign [1/m]."""
+        return 1.5 * self.turn / self.length
+
+    @property
+    def end_heading(self) -> float:
+        """Heading at the end [rad]."""
+        return self.heading + self.turn
+
+    @cached_property
+    def end(self) -> FloatArray:
+        """The end point, shape (2,) [m]: a chord of ℓ D(α) at half the turn."""
+        middle, chord = self.heading + 0.5 * self.turn, self.length * chord_ratio(self.turn)
+        return self.start + chord * np.array([np.cos(middle), np.sin(middle)])
+
+    @property
+    def jerk(self) -> float:
+        """∫ κ'² ds = 12 α² / ℓ³ [1/m³]: what Kanayama and Hartman minimise."""
+        return 12.0 * self.turn**2 / self.length**3
+
+    def curvature_at(self, arc: FloatArray) -> FloatArray:
+        """κ at arc lengths in [0, ℓ], any shape [1/m]."""
+        s = np.asarray(arc, dtype=np.float64)
+        curvature: FloatArray = 6.0 * self.turn / self.length**3 * s * (self.length - s)
+        return curvature
+
+    def heading_at(self, arc: FloatArray) -> FloatArray:
+        """θ at arc lengths in [0, ℓ], any shape [rad]."""
+        u = np.asarray(arc, dtype=np.float64) / self.length
+        heading: FloatArray = self.heading + self.turn * u * u * (3.0 - 2.0 * u)
+        return heading
+
+    def positions_at(self, arc: FloatArray) -> FloatArray:
+        """Positions at increasing arc lengths in [0, ℓ], shape (len(arc), 2) [m]."""
+        arc = np.asarray(arc, dtype=np.float64)
+        return self.start + integrate_positions(self.heading_at, arc, np.array([0.0, self.length]))
+
+
+def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: float) -> tuple[CubicSpiral, ...]:
+    """One cubic spiral between symmetric poses, two between others.
+
+    A mean pose that is symmetric to both ends lies on an arc through them (on their chord when the headings are
+    parallel). With A the turn from the first heading to the chord, B that from the chord to the last heading and
+    h = (A + B)/2, its places are p₁ + d sin((1 - t) h)/sin h · e(δ - t h), 0 < t < 1, for a chord of length d and
+    heading δ. The one with the least ∫ κ'² ds is taken, as Kanayama and Hartman do: the middle of the chord for
+    parallel headings.
+
+    Args:
+        start: shape (2,) [m].
+        heading: at the start [rad].
+        end: another point, shape (2,) [m].
+        end_heading: at the end, up to whole turns [rad].
+
+    Returns:
+        One or two turns, end to end.
+
+    Raises:
+        ProblemError: the points are one, or no mean pose keeps both turns within ``LARGEST_TURN``.
+    """
+    start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    chord = end - start
+    direction = float(np.arctan2(chord[1], chord[0]))
+    before, after = wrap(direction - heading), wrap(end_heading - direction)
+    if abs(before - after) <= _SYMMETRY and 2.0 * abs(before) <= LARGEST_TURN:
+        return (CubicSpiral.to_point(start, heading, end),)
+    low, high = _mean_range(before, after)
+
+    def cost(t: float) -> float:
+        return sum(half.jerk for half in _halves(start, heading, chord, (before, after), t))
+
+    if not (low < high and np.any(chord) and abs(before + after) < _LARGEST_SUM):
+        raise ProblemError(
+            f"no two cubic spirals of at most {LARGEST_TURN} rad join the poses ({start[0]:.4g}, {start[1]:.4g}), "
+            f"{heading:.4g} rad and ({end[0]:.4g}, {end[1]:.4g}), {end_heading:.4g} rad; go through a pose between them"
+        )
+    best = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
+    return _halves(start, heading, chord, (before, after), float(best.x))
+
+
+def _mean_range(before: float, after: float) -> tuple[float, float]:
+    """Places t of the mean pose at which both turns, 2A - t (A + B) and 2B - (1 - t)(A + B), are small enough."""
+    total, low, high = before + after, 0.0, 1.0
+    for constant, slope in ((2.0 * before, -total), (2.0 * after - total, total)):
+        if abs(slope) < 1e-12:
+            low, high = (low, high) if abs(constant) <= LARGEST_TURN else (1.0, 0.0)
+        else:
+            ends = sorted(((-LARGEST_TURN - constant) / slope, (LARGEST_TURN - constant) / slope))
+            low, high = max(low, ends[0]), min(high, ends[1])
+    margin = 1e-6
+    return low + margin, high - margin
+
+
+def _halves(
+    start: FloatArray, heading: float, chord: FloatArray, bends: tuple[float, float], t: float
+) -> tuple[CubicSpiral, CubicSpiral]:
+    """The two turns through the mean pose at place t."""
+    half, distance = 0.5 * (bends[0] + bends[1]), float(np.hypot(*chord))
+    direction = float(np.arctan2(chord[1], chord[0])) - t * half
+    share = (1.0 - t) * np.sinc((1.0 - t) * half / np.pi) / np.sinc(half / np.pi)
+    middle = start + distance * share * np.array([np.cos(direction), np.sin(direction)])
+    first = _between(start, heading, middle, 2.0 * (bends[0] - t * half))
+    return first, _between(middle, first.end_heading, start + chord, 2.0 * (bends[1] - (1.0 - t) * half))
+
+
+def _between(start: FloatArray, heading: float, end: FloatArray, turn: float) -> CubicSpiral:
+    return CubicSpiral(start, heading, turn, float(np.hypot(*(end - start))) / chord_ratio(turn))

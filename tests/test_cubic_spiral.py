@@ -1,0 +1,205 @@
+"""Cubic spirals against their closed forms, and the centre path of corridors (section 4.1)."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad, solve_ivp
+
+from ccm_opt.continuum.cubic_spiral import LARGEST_TURN, CubicSpiral, chord_ratio, join_poses
+from ccm_opt.continuum.segment_types import wrap
+from ccm_opt.errors import ProblemError
+from ccm_opt.nlp.centre_path import CentrePath, centre_path
+
+from .nlp_corridors import box, corridor, s_bend
+
+COORDINATE = st.floats(-2.0, 2.0)
+POINT = st.tuples(COORDINATE, COORDINATE).map(np.array)
+HEADING = st.floats(-3.1, 3.1)
+TURN = st.floats(0.01, 3.9) | st.floats(-3.9, -0.01)
+
+
+def direction(heading: float) -> np.ndarray:
+    """The unit vector of a heading."""
+    return np.array([np.cos(heading), np.sin(heading)])
+
+
+@pytest.mark.parametrize(("turn", "ratio"), [(0.0, 1.0), (np.pi / 2, 0.855802), (np.pi, 0.486076)])
+def test_chord_ratios_are_those_of_kanayama_and_hartman(turn: float, ratio: float) -> None:
+    """D(π/2) and D(π) to the six digits of their table."""
+    assert chord_ratio(turn) == pytest.approx(ratio, abs=5e-7)
+
+
+@given(turn=st.floats(-20.0, 20.0))
+def test_the_chord_ratio_is_an_integral_to_twelve_digits(turn: float) -> None:
+    """D agrees with adaptive quadrature of its definition."""
+    value, _ = quad(lambda x: 2.0 * np.cos(turn * (1.5 - 2.0 * x**2) * x), 0.0, 0.5, epsabs=1e-13, epsrel=1e-13)
+    assert chord_ratio(turn) == pytest.approx(value, abs=1e-12)
+    assert chord_ratio(-turn) == chord_ratio(turn)
+
+
+@settings(max_examples=40, deadline=None)
+@given(start=POINT, heading=HEADING, turn=TURN, length=st.floats(0.1, 3.0))
+def test_a_cubic_spiral_solves_the_equations_of_its_curvature(
+    start: np.ndarray, heading: float, turn: float, length: float
+) -> None:
+    """Integrating κ(s) = 6 α s (ℓ - s)/ℓ³ twice leads to the same end; chord and tangents are those of the law."""
+    spiral = CubicSpiral(start, heading, turn, length)
+    path = solve_ivp(
+        lambda s, y: [np.cos(y[2]), np.sin(y[2]), 6.0 * turn / length**3 * s * (length - s)],
+        (0.0, length),
+        [*start, heading],
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(path.y[:2, -1], spiral.end, atol=1e-8)
+    assert path.y[2, -1] == pytest.approx(spiral.end_heading)
+    np.testing.assert_allclose(spiral.positions_at(np.array([0.0, length]))[1], spiral.end, atol=1e-11)
+    np.testing.assert_array_equal(spiral.curvature_at(np.array([0.0, length])), 0.0)
+    assert spiral.curvature_at(np.array(0.5 * length)) == pytest.approx(spiral.peak_curvature)
+    assert spiral.peak_curvature == pytest.approx(1.5 * turn / length)
+    chord = spiral.end - start
+    assert np.hypot(*chord) == pytest.approx(length * chord_ratio(turn))
+    for tangent, angle in ((heading, -0.5 * turn), (spiral.end_heading, 0.5 * turn)):
+        assert wrap(tangent - float(np.arctan2(chord[1], chord[0])) - angle) == pytest.approx(0.0, abs=1e-9)
+
+
+@given(turn=TURN, length=st.floats(0.1, 3.0), share=st.floats(0.0, 1.0))
+def test_a_turn_is_its_own_mirror_image(turn: float, length: float, share: float) -> None:
+    """Seen from the middle, heading is odd and curvature even; travelled backwards it is the same turn."""
+    spiral = CubicSpiral(np.zeros(2), 0.3, turn, length)
+    there, back = share * length, (1.0 - share) * length
+    headings = spiral.heading_at(np.array([there, back]))
+    assert headings.sum() == pytest.approx(spiral.heading + spiral.end_heading)
+    curvatures = spiral.curvature_at(np.array([there, back]))
+    assert curvatures[0] == pytest.approx(curvatures[1], abs=1e-9)
+    reverse = CubicSpiral(spiral.end, spiral.end_heading + np.pi, -turn, length)
+    np.testing.assert_allclose(reverse.end, spiral.start, atol=1e-12)
+
+
+def test_jerk_is_the_integral_of_the_squared_slope_of_curvature() -> None:
+    """12 α²/ℓ³, and a curve of the same turn with a bump has more."""
+    spiral, s = CubicSpiral(np.zeros(2), 0.0, 1.2, 0.7), np.linspace(0.0, 0.7, 20_001)
+    slope = np.gradient(spiral.curvature_at(s), s)
+    assert np.trapezoid(slope**2, s) == pytest.approx(spiral.jerk, rel=1e-6)
+    bumped = spiral.curvature_at(s) + 0.1 * np.sin(2.0 * np.pi * s / 0.7)
+    assert np.trapezoid(np.gradient(bumped, s) ** 2, s) > spiral.jerk
+
+
+@settings(max_examples=60, deadline=None)
+@given(start=POINT, heading=HEADING, end=POINT, end_heading=HEADING)
+def test_joined_poses_are_met_with_continuous_heading_and_no_curvature_at_the_joints(
+    start: np.ndarray, heading: float, end: np.ndarray, end_heading: float
+) -> None:
+    """One or two turns lead from pose to pose, end to end, and each pair of poses is symmetric."""
+    assume(np.hypot(*(end - start)) > 0.05)
+    try:
+        turns = join_poses(start, heading, end, end_heading)
+    except ProblemError:
+        chord = end - start
+        angle = float(np.arctan2(chord[1], chord[0]))
+        assert abs(wrap(angle - heading)) + abs(wrap(end_heading - angle)) > 0.5 * LARGEST_TURN
+        return
+    place, tangent = start, heading
+    for turn in turns:
+        np.testing.assert_allclose(turn.start, place, atol=1e-9)
+        assert turn.heading == pytest.approx(tangent)
+        assert 0.0 < turn.length < np.inf
+        assert abs(turn.turn) <= LARGEST_TURN
+        place, tangent = turn.end, turn.end_heading
+    np.testing.assert_allclose(place, end, atol=1e-8)
+    assert wrap(tangent - end_heading) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_symmetric_poses_need_one_turn_and_parallel_ones_two_equal_turns() -> None:
+    """A quarter circle's poses are symmetric; a lane change goes through the middle of its chord."""
+    (turn,) = join_poses(np.zeros(2), 0.0, np.array([1.0, 1.0]), np.pi / 2)
+    assert turn.turn == pytest.approx(np.pi / 2)
+    assert turn.length == pytest.approx(np.sqrt(2.0) / 0.855802, abs=1e-5)
+    first, second = join_poses(np.zeros(2), 0.0, np.array([2.0, 1.0]), 0.0)
+    np.testing.assert_allclose(first.end, [1.0, 0.5], atol=1e-6)
+    assert first.turn == pytest.approx(-second.turn)
+
+
+@settings(max_examples=30, deadline=None)
+@given(heading=st.floats(-0.9, 0.9), end_heading=st.floats(-0.9, 0.9), place=st.floats(0.05, 0.95))
+def test_the_mean_pose_is_the_best_of_all(heading: float, end_heading: float, place: float) -> None:
+    """No other symmetric split of the poses, on the arc of mean poses, has less jerk."""
+    end = np.array([1.0, 0.0])
+    turns = join_poses(np.zeros(2), heading, end, end_heading)
+    assume(len(turns) == 2)
+    half = 0.5 * (end_heading - heading)
+    middle = direction(-place * half) * np.sin((1.0 - place) * half) / np.sin(half) if abs(half) > 1e-6 else None
+    assume(middle is not None)
+    first = CubicSpiral.to_point(np.zeros(2), heading, middle)
+    second = CubicSpiral.to_point(middle, first.end_heading, end)
+    assert wrap(second.end_heading - end_heading) == pytest.approx(0.0, abs=1e-6)
+    assert sum(turn.jerk for turn in turns) <= (first.jerk + second.jerk) * (1 + 1e-6)
+
+
+def test_turns_that_no_cubic_spiral_makes_are_refused() -> None:
+    """A point straight behind, and a point without distance, are refused with the turn."""
+    with pytest.raises(ProblemError, match=r"turns by 6\.283 rad"):
+        CubicSpiral.to_point(np.zeros(2), np.pi, np.array([1.0, 0.0]))
+    with pytest.raises(ProblemError, match="over a chord of 0 m"):
+        CubicSpiral.to_point(np.zeros(2), 0.0, np.zeros(2))
+    with pytest.raises(ProblemError, match="no two cubic spirals"):
+        join_poses(np.zeros(2), np.pi, np.array([1.0, 0.0]), np.pi)
+    with pytest.raises(ProblemError, match="no two cubic spirals"):
+        join_poses(np.zeros(2), 0.0, np.zeros(2), 1.0)
+
+
+def dense(path: CentrePath) -> np.ndarray:
+    """Points all along a centre path."""
+    points = path.points()
+    t = np.linspace(0.0, 1.0, 20)[:, None]
+    return np.concatenate([a + t * (b - a) for a, b in pairwise(points)])
+
+
+def test_the_centre_path_of_the_s_bend_is_smooth_and_inside() -> None:
+    """It joins the ends, stays in the regions, keeps to the middle of the passages and turns with bounded curvature."""
+    way = s_bend()
+    path = centre_path(way, np.zeros(2), np.array([0.9, 0.5]))
+    assert path.smooth
+    points = dense(path)
+    inside = [np.all(points @ r.normals.T <= r.offsets + 1e-9, axis=1) for r in way.regions]
+    assert np.any(inside, axis=0).all()
+    np.testing.assert_allclose(path.points()[[0, -1]], [[0.0, 0.0], [0.9, 0.5]])
+    np.testing.assert_allclose(path.corners[1:3], [[0.4, 0.0], [0.4, 0.5]], atol=1e-12)
+    legs = np.diff(path.points(), axis=0)
+    bends = np.abs(np.diff(np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))))
+    assert bends.max() < 0.15
+    assert 0.0 < path.peak_curvature < 10.0
+
+
+def test_a_path_that_must_be_short_moves_to_the_taut_one() -> None:
+    """With little length to spare the crossings leave the middle of the overlaps."""
+    way = s_bend()
+    free = centre_path(way, np.zeros(2), np.array([0.9, 0.5]))
+    short = centre_path(way, np.zeros(2), np.array([0.9, 0.5]), longest=1.02 * way.route.length)
+    lengths = [float(np.hypot(*np.diff(path.corners, axis=0).T).sum()) for path in (free, short)]
+    assert lengths[1] < lengths[0]
+
+
+@settings(max_examples=25, deadline=None)
+@given(width=st.floats(0.05, 0.4), rise=st.floats(0.3, 1.0), start=st.floats(0.0, 1.0))
+def test_turns_of_an_elbow_never_leave_it(width: float, rise: float, start: float) -> None:
+    """Whatever the width, the turn round the inner corner stays inside; narrower passages turn tighter."""
+    regions = (box(-1.0, 0.0, width, width), box(0.0, 0.0, width, rise + width))
+    way = corridor(regions, [(-0.9, start * width), (0.0, width), (0.5 * width, rise)])
+    path = centre_path(way, np.array([-0.9, start * width]), np.array([0.5 * width, rise]))
+    assert path.smooth
+    points = dense(path)
+    inside = [np.all(points @ r.normals.T <= r.offsets + 1e-9, axis=1) for r in regions]
+    assert np.any(inside, axis=0).all()
+
+
+def test_a_single_region_is_crossed_straight() -> None:
+    """Without a region to turn into the path is the straight line."""
+    path = centre_path(
+        corridor((box(0, 0, 1, 1),), [(0.1, 0.1), (0.9, 0.8)]), np.array([0.1, 0.1]), np.array([0.9, 0.8])
+    )
+    np.testing.assert_array_equal(path.points(), [[0.1, 0.1], [0.9, 0.8]])
+    assert path.peak_curvature == 0.0
