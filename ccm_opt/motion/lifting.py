@@ -44,14 +44,28 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
 
 
 def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
-    """Link space of the task's arm in which the motion's first coordinates give the task's start."""
+    """Link space of the task's arm in which the motion's first coordinates give the task's start.
+
+    A motion with a blended end has one coordinate more, w: 1 at the end that is given for the whole arm (the goal, or
+    for a motion planned backwards the start) and 0 at the other.
+    """
     matrix = mean_heading_matrix(task.arm.links, task.arm.length)
     p = matrix.shape[1]
     first, last = motion.coordinates[0], motion.coordinates[-1]
     offset = task.start - matrix @ first[:p]
     if task.goal_headings is not None:
         matrix = np.column_stack((matrix, task.goal_headings - offset - matrix @ last[:p]))
+    elif len(first) > p:
+        blended = offset
+        offset = _resampled(motion.space.offset, task.arm.links)
+        matrix = np.column_stack((matrix, blended - offset))
     return LinkSpace(task.arm, matrix, offset)
+
+
+def _resampled(offset: FloatArray, links: int) -> FloatArray:
+    """An offset of link headings at another number of links, shape (links,) [rad]."""
+    middles, wanted = ((np.arange(count) + 0.5) / count for count in (len(offset), links))
+    return np.interp(wanted, middles, offset)
 
 
 def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
