@@ -75,11 +75,17 @@ class Certificate:
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
-        return shapely.STRtree([wall.core for wall in self.workspace.walls])
+        return shapely.STRtree(np.concatenate(self._parts))
 
     @cached_property
     def _rounding(self) -> FloatArray:
-        return np.array([wall.rounding for wall in self.workspace.walls])
+        counts = [len(parts) for parts in self._parts]
+        return np.repeat([wall.rounding for wall in self.workspace.walls], counts)
+
+    @cached_property
+    def _parts(self) -> list[npt.NDArray[np.object_]]:
+        """Every wall's core, lines taken apart into edges so that a query meets few of them."""
+        return [_edges(wall.core) for wall in self.workspace.walls]
 
     @cached_property
     def _mount(self) -> tuple[int, float]:
@@ -140,21 +146,26 @@ class Certificate:
         """Every stretch with every pair of distant links that come anywhere near each other."""
         if not self.arm.self_collision:
             return (np.zeros(0, int),) * 3
-        i, j = np.triu_indices(self.arm.links, self.arm.first_self_pair)
         middle = 0.25 * (spans.a[:, :-1] + spans.a[:, 1:] + spans.b[:, :-1] + spans.b[:, 1:])
+        x, y = np.ascontiguousarray(middle[..., 0]), np.ascontiguousarray(middle[..., 1])
         moved = 0.5 * np.linalg.norm(spans.b - spans.a, axis=2).max(axis=1) + spans.sag[:, -1]
         reach = 2.0 * self.arm.radius + self.spare + self.arm.link_length + 2.0 * moved + TOUCH
-        apart = middle[:, i] - middle[:, j]
-        span, pair = np.nonzero(np.einsum("spd,spd->sp", apart, apart) < reach[:, None] ** 2)
-        return span, i[pair], j[pair]
+        limit = (reach**2)[:, None]
+        found = [(np.zeros(0, int),) * 3]
+        for apart in range(self.arm.first_self_pair, self.arm.links):
+            dx, dy = x[:, apart:] - x[:, :-apart], y[:, apart:] - y[:, :-apart]
+            span, i = np.nonzero(dx * dx + dy * dy < limit)
+            found.append((span, i, i + apart))
+        span, i, j = (np.concatenate(column) for column in zip(*found, strict=True))
+        return span, i, j
 
     def _unsafe_links(self, spans: _Spans, span: IntArray, link: IntArray) -> tuple[_Links, IntArray]:
         """Of (stretch, link): those whose grown hull meets a wall, and the stretches that touch one half-way."""
         need = self.arm.radius + self.workspace.clearance + self.spare + spans.sag[span, link]
         corners = self._corners(spans, span, link)
-        middle = 0.5 * (corners[:, :2] + corners[:, 2:])
-        swing = 0.5 * np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=2).max(axis=1)
-        near = np.unique(self._near(_lines(middle), need + swing)[0])
+        centre = corners.mean(axis=1)
+        extent = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+        near = np.unique(self._near(np.asarray(shapely.points(centre)), need + extent)[0])
         hulls: Any = shapely.convex_hull(_lines(corners[near]))
         hit = near[np.unique(self._near(hulls, need[near])[0])]
         return (span[hit], link[hit]), self._touching(spans, span[hit], link[hit])
@@ -214,6 +225,14 @@ class Certificate:
         unsafe: BoolArray = corners <= least + spans.sag[span, j] - before
         touching = unsafe & (distance <= least)
         return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
+
+
+def _edges(core: shapely.Geometry) -> npt.NDArray[np.object_]:
+    """The edges of a line, or what is no line itself."""
+    if not isinstance(core, shapely.LineString):
+        return np.array([core], dtype=np.object_)
+    points = shapely.get_coordinates(core)
+    return _lines(np.stack((points[:-1], points[1:]), axis=1))
 
 
 def _lines(points: FloatArray) -> npt.NDArray[np.object_]:
