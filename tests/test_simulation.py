@@ -244,10 +244,19 @@ def test_a_state_that_is_not_finite_is_named(monkeypatch: pytest.MonkeyPatch) ->
     assert 0.0 < float(str(caught.value.diagnosis.evidence["time"])) < 1.0
 
 
-def test_zyz_is_refused() -> None:
-    """Forward dynamics of zyz are singular when straight; the error says to use zyx."""
+def test_zyz_is_refused_out_of_the_plane() -> None:
+    """Forward dynamics of zyz are singular when straight; where the arm leaves its plane the error says to use zyx."""
+    sideways = SimulationOptions(gravity=np.array([0.0, 1.0, -9.81]))
     with pytest.raises(SimulationError, match=r"(?s)'zyz' is singular.*try: arm\.axes = \"zyx\""):
-        run(make_arm(12, "zyz"), smooth_trajectory(BENDS), SimulationOptions())
+        run(make_arm(12, "zyz"), smooth_trajectory(BENDS), sideways)
+
+
+def test_zyz_in_the_plane_is_simulated_as_zyx() -> None:
+    """In the plane both orders of axes give the same motion and the same torques of the bends."""
+    options = SimulationOptions()
+    one, other = (run(make_arm(12, axes), smooth_trajectory(BENDS), options) for axes in ("zyz", "zyx"))
+    np.testing.assert_array_equal(one.angles[:, 1::3], other.angles[:, 1::3])
+    np.testing.assert_allclose(one.torques[:, 1::3], other.torques[:, 1::3], atol=1e-9)
 
 
 def test_large_bends_out_of_the_plane_are_refused() -> None:

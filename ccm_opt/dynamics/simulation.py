@@ -5,7 +5,7 @@ A planar motion under gravity in its plane stays exactly planar: every term out 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -49,6 +49,8 @@ def simulate(
     if trajectory.duration <= 0.0:
         return SimulatedMotion(joints.angles, joints.torques, tracking_error=0.0, saturated=False)
     planar = _is_planar(joints, options)
+    if planar:
+        arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
     _check_axes(arm, joints, planar=planar)
     check_stability(arm, joints.angles, options, planar=planar)
     reference = step_reference(trajectory.time, joints.angles, joints.velocities, options.step)
