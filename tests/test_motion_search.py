@@ -1,0 +1,249 @@
+"""The search for a motion: safe, exact at both ends, smoothed and lifted; its failures say why."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.curve_planner import CurvePlanner
+from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose
+from ccm_opt.motion.lifting import lift
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.optimisation.optimise import optimise, travel
+from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.task import Motion, MotionTask, coarsened
+from ccm_opt.problem import JointPose, TipGoal
+
+from .scenes import (
+    Scene,
+    clutter,
+    corridor,
+    later,
+    make_arm,
+    motion_task,
+    open_scene,
+    self_gap,
+    swept,
+    wall_gaps,
+)
+
+EXACT = 100.0 * POLISH_TOLERANCE
+SCENES = {"clutter 1": clutter(1), "clutter 4": clutter(4), "clutter of 40": clutter(6, 40), "corridor": corridor(1)}
+
+
+def certified(scene: Scene, headings: FloatArray) -> bool:
+    """Whether the certificate passes a motion."""
+    return len(Certificate.of(scene.arm, scene.workspace).failures(headings)) == 0
+
+
+@cache
+def planned(name: str) -> tuple[MotionTask, Motion]:
+    """A scene's task and the motion found."""
+    task = motion_task(SCENES[name].problem())
+    return task, find_motion(task)
+
+
+def least_gap(arm: Arm, workspace: Workspace, headings: FloatArray) -> float:
+    """Least gap over a motion swept between its keyframes [m]."""
+    fine = np.vstack([swept(a, b, 3) for a, b in pairwise(headings)])
+    points = arm.joint_positions(fine)
+    return min(float(wall_gaps(arm, workspace, points).min()), self_gap(arm, points))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_motion_leads_from_start_to_goal(name: str) -> None:
+    """It starts at the start, ends on the goal pose to nanometres, keeps all joint limits and touches nothing."""
+    task, motion = planned(name)
+    headings, arm = motion.headings, task.arm
+    np.testing.assert_allclose(headings[0], task.start, atol=1e-12)
+    assert np.hypot(*(arm.joint_positions(headings[-1])[-1] - task.goal.position)) < EXACT
+    assert task.goal.heading is not None
+    assert abs(np.sin(0.5 * (headings[-1, -1] - task.goal.heading))) < EXACT
+    assert (np.abs(arm.bends(headings)) <= arm.bend_limits).all()
+    assert least_gap(arm, task.workspace, headings) > 0.0
+    assert motion.candidate
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_coordinates_are_those_of_the_headings(name: str) -> None:
+    """Every keyframe's coordinates give its headings in the motion's own space."""
+    _, motion = planned(name)
+    np.testing.assert_allclose(motion.space.headings(motion.coordinates), motion.headings, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_same_task_gives_the_same_motion(name: str) -> None:
+    """The search draws no lots."""
+    task, motion = planned(name)
+    np.testing.assert_array_equal(find_motion(replace(task, deadline=later())).headings, motion.headings)
+
+
+@pytest.mark.parametrize("seed", [1, 6])
+def test_whole_arm_goals_are_met_by_every_link(seed: int) -> None:
+    """A goal for the whole arm is met by all link headings, not by the tip alone."""
+    scene = clutter(seed, 10)
+    task = motion_task(scene.problem(JointPose(scene.arm.bends(scene.goal))))
+    motion = find_motion(task)
+    np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
+    np.testing.assert_allclose(motion.headings[-1], scene.goal, atol=1e-9)
+    assert least_gap(scene.arm, scene.workspace, motion.headings) > 0.0
+
+
+def test_a_goal_without_heading_is_met_by_the_tip() -> None:
+    """Any heading will do when none is asked for."""
+    scene = clutter(4)
+    motion = find_motion(motion_task(scene.problem(TipGoal(scene.goal_tip.position))))
+    tip = scene.arm.joint_positions(motion.headings[-1])[-1]
+    assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
+    assert certified(scene, motion.headings)
+
+
+@pytest.mark.parametrize("name", ["clutter 4", "corridor"])
+def test_optimising_shortens_and_stays_safe(name: str) -> None:
+    """The optimised motion travels less than the one first found, with the same ends, certified and within limits."""
+    scene, (task, optimised) = SCENES[name], planned(name)
+    found = find_motion(replace(task, deadline=later(), optimise=False))
+    assert travel(optimised) < travel(found)
+    for motion in (found, optimised):
+        np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
+        tip = scene.arm.joint_positions(motion.headings[-1])[-1]
+        assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
+        assert certified(scene, motion.headings)
+        assert (np.abs(scene.arm.bends(motion.headings)) <= scene.arm.bend_limits).all()
+
+
+def test_a_detour_is_cut_short() -> None:
+    """In the open a motion that goes astray and comes back becomes not much longer than the straight one."""
+    scene = open_scene(2)
+    task = motion_task(scene.problem())
+    space, v = LinkSpace.through(scene.arm, scene.start)
+    turn, bend = np.eye(len(v))[0], np.eye(len(v))[5]
+    way = np.vstack((np.linspace(v, v + 0.8 * turn, 12), np.linspace(v + 0.8 * turn, v + 0.3 * turn + bend, 12)[1:]))
+    astray = Motion(space, way, space.headings(way), "astray")
+    points = scene.arm.joint_positions(astray.headings[-1])
+    task = replace(task, goal=GoalPose(points[-1], float(astray.headings[-1, -1])), deadline=later())
+    straight = Motion(space, way[[0, -1]], astray.headings[[0, -1]], "straight")
+    assert travel(astray) > 2.0 * travel(straight)
+    assert travel(optimise(astray, task)) < 1.2 * travel(straight)
+
+
+def test_without_time_the_motion_stays_as_it_is() -> None:
+    """Past the deadline optimising returns the motion it was given."""
+    task, motion = planned("clutter 4")
+    assert optimise(motion, replace(task, deadline=Deadline(0.0))) is motion
+
+
+@pytest.mark.parametrize("name", ["clutter 1", "clutter 4"])
+@pytest.mark.parametrize("links", [36, 60])
+def test_a_motion_is_lifted_to_more_links(name: str, links: int) -> None:
+    """A motion planned at 24 links becomes one of many links that meets their own start and goal and is certified."""
+    coarse = SCENES[name]
+    _, motion = planned(name)
+    arm = make_arm(links)
+    start = _refined(coarse.start, links)
+    scene = Scene(arm, coarse.workspace, start, start)
+    task = motion_task(scene.problem(coarse.goal_tip))
+    lifted = lift(motion, task)
+    assert lifted is not None
+    assert lifted.headings.shape[1] == links
+    np.testing.assert_allclose(lifted.headings[0], start, atol=1e-12)
+    assert np.hypot(*(arm.joint_positions(lifted.headings[-1])[-1] - coarse.goal_tip.position)) < EXACT
+    assert least_gap(arm, scene.workspace, lifted.headings) > 0.0
+    assert (np.abs(arm.bends(lifted.headings)) <= arm.bend_limits).all()
+
+
+def _refined(headings: FloatArray, links: int) -> FloatArray:
+    """Headings of an arm with more links of the same shape, smoothed over a link."""
+    middles = (np.arange(links) + 0.5) / links
+    return np.interp(middles, (np.arange(len(headings)) + 0.5) / len(headings), headings)
+
+
+def test_arms_of_many_links_are_planned_and_certified_on_their_own_links() -> None:
+    """At 72 links the motion found has 72 headings, meets start and goal, and touches nothing."""
+    scene = clutter(4, 10, 72)
+    motion = find_motion(motion_task(scene.problem()))
+    assert motion.headings.shape[1] == 72
+    np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
+    tip = scene.arm.joint_positions(motion.headings[-1])[-1]
+    assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
+    assert least_gap(scene.arm, scene.workspace, motion.headings) > 0.0
+
+
+def test_a_coarser_arm_has_the_same_shape() -> None:
+    """A task with fewer links keeps the length, the base, and the arm's shape to a fraction of a link."""
+    fine = motion_task(clutter(4, 5, 96).problem())
+    coarse = coarsened(fine, 24)
+    assert coarse.arm.links == 24
+    assert coarse.arm.length == pytest.approx(fine.arm.length)
+    here, there = fine.arm.joint_positions(fine.start)[::4], coarse.arm.joint_positions(coarse.start)
+    assert np.linalg.norm(here - there, axis=1).max() < 0.25 * coarse.arm.link_length
+
+
+def boxed_goal(opening: float) -> Scene:
+    """A goal inside a box; its left wall has a slot of some width, or none."""
+    corners = [(0.5, 0.5 * opening), (0.5, 0.2), (0.9, 0.2), (0.9, -0.2), (0.5, -0.2), (0.5, -0.5 * opening)]
+    box = shapely.LineString(corners) if opening else shapely.LineString([*corners, corners[0]])
+    goal = np.concatenate((np.full(8, 0.5), np.full(8, -0.5), np.zeros(8)))
+    return Scene(
+        make_arm(), Workspace(open_scene(0).workspace.boundary, (Obstacle("box", box),)), np.full(24, 2.0), goal
+    )
+
+
+def test_a_closed_box_round_the_goal_is_unreachable() -> None:
+    """The planner says before any search that no route leads to the goal, and gives advice."""
+    with pytest.raises(UnreachableGoal, match="no route from the base to the goal") as caught:
+        CurvePlanner().plan(boxed_goal(0.0).problem(TipGoal(np.array([0.7, 0.0]))))
+    assert caught.value.diagnosis.stage == "free space"
+    assert caught.value.diagnosis.advice
+
+
+def test_a_slot_that_is_too_narrow_is_no_way() -> None:
+    """A slot narrower than the arm is as good as none; one four times as wide lets the arm in."""
+    goal = TipGoal(np.array([0.7, 0.0]), 0.0)
+    with pytest.raises(UnreachableGoal, match=r"diameter 30\.0 mm"):
+        CurvePlanner().plan(boxed_goal(0.028).problem(goal))
+    scene = boxed_goal(0.12)
+    motion = find_motion(motion_task(scene.problem(goal)))
+    assert least_gap(scene.arm, scene.workspace, motion.headings) > 0.0
+
+
+def test_a_search_without_candidates_says_so() -> None:
+    """Without any path of the tip and without a guess there is nothing to try, and that is the reason given."""
+    task = motion_task(clutter(4).problem())
+    with pytest.raises(MotionNotFound, match="no path of the tip") as caught:
+        find_motion(replace(task, tip_paths=(), guesses=()))
+    assert caught.value.diagnosis.stage == "motion"
+
+
+def test_a_failed_search_tells_how_far_it_came_and_what_was_tightest() -> None:
+    """When interpolation to the only guess runs into a wall, the diagnosis names candidate, wall and rest."""
+    wall = Obstacle("the long wall", shapely.LineString([(0.12, 0.12), (1.2, 1.2)]), 0.01)
+    room = Workspace(open_scene(0).workspace.boundary, (wall,))
+    scene = Scene(make_arm(), room, np.full(24, 0.3), np.linspace(1.2, 1.8, 24))
+    task = replace(motion_task(scene.problem(), 20.0), tip_paths=(), guesses=(scene.goal,))
+    with pytest.raises(MotionNotFound) as caught:
+        find_motion(task)
+    reason = caught.value.diagnosis.reason
+    assert "'the long wall'" in reason
+    assert "mm from the goal" in reason
+    assert any("interpolation 1" in line for line in caught.value.diagnosis.evidence["tried"])
+    assert caught.value.diagnosis.advice
+
+
+def test_the_time_limit_ends_the_search() -> None:
+    """A deadline that has passed, or a time limit too short to plan in, ends in TimeLimitReached with that advice."""
+    task = motion_task(clutter(5, 40).problem())
+    with pytest.raises(TimeLimitReached, match="time limit") as caught:
+        find_motion(replace(task, deadline=Deadline(0.0)))
+    assert "raise planner.time_limit" in caught.value.diagnosis.advice
+    with pytest.raises(TimeLimitReached):
+        CurvePlanner().plan(clutter(5, 40).problem(time_limit=1e-6))
