@@ -21,6 +21,7 @@ from ccm_opt.geometry.polygons import path_length
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
+from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.spline_path import certified_spline
 from ccm_opt.motion.task import Motion, MotionTask
@@ -238,5 +239,5 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
         reason = "the motion leaves no room for a smooth path"
         raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))
     control = problem.arm.bends(spline.c)
-    curves = tuple(motion.space.curve(v) for v in motion.coordinates)
+    curves = tuple(nearest_curve(problem.arm, headings) for headings in motion.headings)
     return JointPath(BSpline(spline.t, control, spline.k), problem.arm.bends(motion.headings), curves, motion.candidate)

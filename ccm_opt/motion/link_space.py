@@ -109,6 +109,12 @@ class LinkSpace:
         return Configuration.chain(self.arm.base, float(heading), [self.arm.length / SEGMENTS] * SEGMENTS, values)
 
 
+def nearest_curve(arm: Arm, headings: FloatArray) -> Configuration:
+    """The continuous curve whose mean headings on the links come nearest to given ones, shape (links,) [rad]."""
+    space, v = LinkSpace.through(arm, headings)
+    return space.curve(v)
+
+
 def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:
     """Coordinates whose mean headings come nearest to given ones; curvature differences break ties."""
     p = matrix.shape[1]
