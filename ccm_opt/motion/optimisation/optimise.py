@@ -18,7 +18,7 @@ LEG_DEPTH = 2
 """Bisections that a leg of the thinned motion may need for its certificate."""
 MARGIN = 1e-3
 """Gap that rows ask for beyond contact, as a share of the arm's length."""
-REACH = 0.1
+REACH = 0.07
 """Walls and links farther apart than this share of the arm's length make no rows."""
 
 
@@ -69,7 +69,7 @@ def _program(motion: Motion, task: MotionTask, certificate: Certificate) -> Prog
         task.goal,
         task.goal_headings is not None,
         make_rows,
-        lambda headings: len(certificate.failures(headings)) == 0,
+        certificate.failures,
         task.deadline,
     )
 

@@ -19,8 +19,6 @@ from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.rows import Rows
 from ccm_opt.motion.step import LIMIT_SHARE
 
-PENALTY = 30.0
-"""Price of one nominal link (24 to the arm) of slack."""
 _FREE = 1e30
 _SMALLEST_SLACK_CURVATURE = 1e-6
 _NEAR_LIMIT = 0.25
@@ -72,6 +70,7 @@ class StepProblem:
         sweep: the motion to step from.
         objective: what to make small.
         rows: what to keep.
+        prices: of one nominal link (24 to the arm) of slack in each interval, shape (K,).
         curvature: of the rows.
         damping: weight on the squared turns of the links.
         goal: where the tip has to stay.
@@ -81,6 +80,7 @@ class StepProblem:
     sweep: Sweep
     objective: Objective
     rows: Rows
+    prices: FloatArray
     curvature: Curvature
     damping: float
     goal: GoalPose
@@ -138,9 +138,7 @@ class StepProblem:
 
     def gradient(self) -> FloatArray:
         """Gradient, shape (K width,)."""
-        gradient = np.full((len(self.sweep.turns), self.width), PENALTY)
-        gradient[:, :-1] = self.objective.gradient(self.sweep.coordinates)[1:]
-        return gradient.ravel()
+        return np.column_stack((self.objective.gradient(self.sweep.coordinates)[1:], self.prices)).ravel()
 
     def lower_bounds(self) -> FloatArray:
         """Slack is at least 0, shape (K width,)."""

@@ -19,6 +19,9 @@ from ccm_opt.motion.contacts import closest_on_segments
 from ccm_opt.motion.optimisation.kinematics import Sweep, mount_end
 from ccm_opt.motion.optimisation.sweep_regions import HalfPlanes, WallSegments, sweep_regions
 
+SECTORS = 12
+"""Directions that count as different when rows are thinned."""
+
 
 @dataclass(frozen=True)
 class Rows:
@@ -91,6 +94,24 @@ class Rows:
         np.add.at(sag, (self.interval, self.low), multipliers)
         np.add.at(sag, (self.interval, self.high), -multipliers)
         return bend, 0.25 * l * np.cumsum(sag, axis=1)[:, :links]
+
+
+def representatives(rows: Rows, values: FloatArray, group: int) -> IntArray:
+    """Indices of the tightest row for each interval side, group of neighbouring joints and direction.
+
+    Args:
+        rows: the rows.
+        values: of the rows, shape (m,).
+        group: number of joints in a group.
+    """
+    sector = np.floor(np.arctan2(rows.normal[:, 1], rows.normal[:, 0]) * SECTORS / (2.0 * np.pi)).astype(np.intp)
+    against_wall = rows.minus == 0
+    keys = (2 * rows.interval + rows.side, rows.plus // group, rows.minus // group, against_wall, sector % SECTORS)
+    order = np.lexsort((-values, *keys))
+    changes = [np.diff(key[order].astype(np.intp)) != 0 for key in keys]
+    first = np.concatenate(([True], np.any(changes, axis=0)))[: len(order)]
+    chosen: IntArray = order[first]
+    return chosen
 
 
 def join(parts: list[Rows]) -> Rows:

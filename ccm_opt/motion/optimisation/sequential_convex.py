@@ -9,16 +9,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.optimisation.kinematics import Sweep
 from ccm_opt.motion.optimisation.objective import Objective
-from ccm_opt.motion.optimisation.quadratic_step import PENALTY, Curvature, Step, StepProblem
-from ccm_opt.motion.optimisation.rows import Rows
+from ccm_opt.motion.optimisation.quadratic_step import Curvature, Step, StepProblem
+from ccm_opt.motion.optimisation.rows import Rows, representatives
 from ccm_opt.motion.step import LIMIT_SHARE, pose_in
 
+PRICE, RISE = 30.0, 4.0
+"""First price of one nominal link (24 to the arm) of slack, and its rise where the certificate fails."""
+GROUPS = 36
+"""Arms with more links than this have rows for groups of neighbouring joints."""
 ROUNDS = 14
 TRIES = 5
 """QPs of one round before it is given up."""
@@ -33,8 +37,8 @@ LEAST_DAMPING = 1e-4
 SHORTENINGS = (1.0, 0.5, 0.25)
 _SUFFICIENT, _GOOD = 0.1, 0.6
 
-Certified = Callable[[FloatArray], bool]
-"""Whether a piecewise-linear motion of link headings, shape (K + 1, n), is certified."""
+Failures = Callable[[FloatArray], IntArray]
+"""Intervals of a piecewise-linear motion of link headings, shape (K + 1, n), that are not certified."""
 MakeRows = Callable[[Sweep], Rows]
 """Rows from the sweep regions of a motion."""
 
@@ -48,7 +52,7 @@ class Program:
         goal: where the tip has to stay.
         end_fixed: whether the last keyframe is fixed.
         make_rows: builds the rows about a motion.
-        certified: the certificate.
+        failures: the certificate.
         deadline: when to stop.
     """
 
@@ -56,7 +60,7 @@ class Program:
     goal: GoalPose
     end_fixed: bool
     make_rows: MakeRows
-    certified: Certified
+    failures: Failures
     deadline: Deadline
 
     def ended(self, coordinates: FloatArray) -> FloatArray:
@@ -65,15 +69,14 @@ class Program:
             coordinates[-1] = polish(self.space, self.goal, coordinates[-1])
         return coordinates
 
-    def acceptable(self, sweep: Sweep, before: Sweep) -> bool:
-        """Whether a motion is certified, keeps the joint limits and ends on the goal."""
+    def feasible(self, sweep: Sweep, before: Sweep) -> bool:
+        """Whether a motion keeps the joint limits and ends on the goal."""
         arm = self.space.arm
         allowed = np.maximum(0.5 * (1.0 + LIMIT_SHARE) * arm.bend_limits, np.abs(arm.bends(before.headings)))
         if np.any(np.abs(arm.bends(sweep.headings)) > np.minimum(allowed, arm.bend_limits)):
             return False
-        if not self.end_fixed and max(self.goal.errors(pose_in(self.space, sweep.coordinates[-1]))) > _GOAL_ERROR:
-            return False
-        return self.certified(sweep.headings)
+        end = pose_in(self.space, sweep.coordinates[-1])
+        return self.end_fixed or max(self.goal.errors(end)) <= _GOAL_ERROR
 
 
 _GOAL_ERROR = 10.0 * POLISH_TOLERANCE
@@ -87,11 +90,13 @@ class _Iterate:
         sweep: the motion, certified.
         curvature: of the rows, by the last multipliers.
         damping: weight on the squared turns of the next step.
+        prices: of slack in each interval, shape (K,).
     """
 
     sweep: Sweep
     curvature: Curvature
     damping: float
+    prices: FloatArray
 
 
 def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = ROUNDS) -> FloatArray:
@@ -107,7 +112,7 @@ def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = R
     """
     objective = Objective(program.space, len(coordinates) - 1)
     sweep = Sweep(program.space, coordinates)
-    iterate, idle = _Iterate(sweep, Curvature.none(sweep), FIRST_DAMPING), 0
+    iterate, idle = _Iterate(sweep, Curvature.none(sweep), FIRST_DAMPING, np.full(len(sweep.turns), PRICE)), 0
     for _ in range(rounds):
         before = objective.value(iterate.sweep.coordinates)
         following = _round(program, objective, iterate)
@@ -124,46 +129,66 @@ def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = R
 def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterate | None:
     """One accepted step, or None when none is."""
     rows = program.make_rows(iterate.sweep)
-    active = rows.take(rows.values(iterate.sweep) > -ACTIVE * program.space.arm.length)
+    active = _active(rows, iterate.sweep)
     for _ in range(TRIES):
         problem = StepProblem(
             iterate.sweep,
             objective,
             active,
+            iterate.prices,
             iterate.curvature,
             iterate.damping,
             program.goal,
             program.end_fixed,
         )
         step = problem.solve()
-        following = _accepted(program, objective, rows, problem, step) if step.solved else None
+        following, failing = _part_taken(program, rows, problem, step) if step.solved else (None, _NONE)
         if following is not None:
             return following
         if program.deadline.passed():
             return None
-        iterate = replace(iterate, damping=6.0 * max(iterate.damping, 0.05))
+        prices = iterate.prices.copy()
+        prices[failing] *= RISE
+        iterate = replace(iterate, damping=6.0 * max(iterate.damping, 0.05), prices=prices)
     return None
 
 
-def _accepted(program: Program, objective: Objective, rows: Rows, problem: StepProblem, step: Step) -> _Iterate | None:
-    """The longest part of a step that lowers the merit as foreseen and is certified."""
-    start = problem.sweep
-    before = merit(objective, rows, start)
-    foreseen = before - objective.value(start.coordinates + step.change) - PENALTY * float(step.slack.sum())
+_NONE = np.zeros(0, dtype=np.intp)
+
+
+def _active(rows: Rows, sweep: Sweep) -> Rows:
+    """The rows that a step may meet, thinned to one for each joint, or group of joints, and direction."""
+    arm, values = sweep.space.arm, rows.values(sweep)
+    near = np.flatnonzero(values > -ACTIVE * arm.length)
+    near_rows = rows.take(near)
+    return near_rows.take(representatives(near_rows, values[near], -(-arm.links // GROUPS)))
+
+
+def _part_taken(program: Program, rows: Rows, problem: StepProblem, step: Step) -> tuple[_Iterate | None, IntArray]:
+    """The longest part of a step that lowers the merit as foreseen and is certified, and where longer ones failed."""
+    start, failed = problem.sweep, _NONE
+    before = merit(problem, rows, start)
+    foreseen = before - problem.objective.value(start.coordinates + step.change) - float(problem.prices @ step.slack)
     for share in SHORTENINGS:
         sweep = Sweep(program.space, program.ended(start.coordinates + share * step.change))
-        gain = (before - merit(objective, rows, sweep)) / max(share * foreseen, 1e-12)
-        if gain > _SUFFICIENT and program.acceptable(sweep, start):
+        gain = (before - merit(problem, rows, sweep)) / max(share * foreseen, 1e-12)
+        if gain <= _SUFFICIENT or not program.feasible(sweep, start):
+            continue
+        failing = program.failures(sweep.headings)
+        if len(failing) == 0:
             curvature = Curvature(*problem.rows.curvature(sweep, step.multipliers, step.pull))
-            return _Iterate(sweep, curvature, _damping(problem.damping, share, gain))
-    return None
+            prices = problem.prices.copy()
+            prices[failed] *= RISE
+            return _Iterate(sweep, curvature, _damping(problem.damping, share, gain), prices), failed
+        failed = failing
+    return None, failed
 
 
-def merit(objective: Objective, rows: Rows, sweep: Sweep) -> float:
+def merit(problem: StepProblem, rows: Rows, sweep: Sweep) -> float:
     """Objective plus the price of the worst row of every interval."""
     worst = np.zeros(len(sweep.turns))
-    np.maximum.at(worst, rows.interval, 24.0 / sweep.space.arm.length * rows.values(sweep))
-    return objective.value(sweep.coordinates) + PENALTY * float(worst.sum())
+    np.maximum.at(worst, rows.interval, rows.values(sweep) / problem.unit)
+    return problem.objective.value(sweep.coordinates) + float(problem.prices @ worst)
 
 
 def _damping(damping: float, share: float, gain: float) -> float:
