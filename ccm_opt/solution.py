@@ -2,17 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.errors import Diagnosis
 from ccm_opt.problem import Problem
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
-
-Status = Literal["solved", "infeasible", "timed-out", "cancelled"]
 
 
 @dataclass(frozen=True)
@@ -105,7 +102,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Solution:
-    """A verified plan, with everything that was computed on the way."""
+    """A verified plan with everything computed on the way. What is not solved is an exception, never a solution."""
 
     problem: Problem
     path: JointPath
@@ -115,8 +112,6 @@ class Solution:
     checks: tuple[Check, ...]
     metrics: Mapping[str, float]
     timings: Mapping[str, float]
-    status: Status = "solved"
-    diagnosis: Diagnosis | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
 
     @property

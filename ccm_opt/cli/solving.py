@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ccm_opt.cli.outcome import NO_PLAN, SOLVED, complain, run_all
+from ccm_opt.cli.outcome import SOLVED, run_all
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import print_solution
 from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, UnreachableGoal, VerificationError
@@ -51,8 +51,6 @@ def _solve(problem: Problem, out: Path, *, pictures: bool) -> int:
     check_target(out / problem.name)
     with stage_display(problem.name) as clock:
         solution = _plan(problem, out, clock)
-        if solution.status != "solved":
-            return _report_unsolved(solution, out, clock)
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
@@ -80,13 +78,6 @@ def _plan(problem: Problem, out: Path, clock: StageClock) -> Solution:
         diagnosis = Diagnosis("cancelled by the user", clock.current or "planning")
         write_failure(problem, "cancelled", diagnosis, out, clock.timings)
         raise
-
-
-def _report_unsolved(solution: Solution, out: Path, clock: StageClock) -> int:
-    diagnosis = solution.diagnosis or Diagnosis(f"the search ended as '{solution.status}'", "planning")
-    write_failure(solution.problem, solution.status, diagnosis, out, clock.timings)
-    complain(str(diagnosis))
-    return NO_PLAN
 
 
 def _pictures(solution: Solution) -> Mapping[str, bytes]:

@@ -42,9 +42,9 @@ class StageClock:
 
     @property
     def timings(self) -> Mapping[str, float]:
-        """Wall time of the stages so far, the present one included [s]."""
-        present = {self.current: _now()[0] - self._since[0]} if self.current else {}
-        return {**self.wall, **present}
+        """CPU time of the stages so far, the present one included [s]."""
+        present = {self.current: _now()[1] - self._since[1]} if self.current else {}
+        return {**self.cpu, **present}
 
 
 @contextmanager

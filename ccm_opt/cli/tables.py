@@ -16,7 +16,7 @@ PIPED_WIDTH = 200
 
 def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     """Print what came out of a solved problem, on stdout."""
-    table = checks_table(f"{solution.problem.name}: {solution.status}", solution.checks)
+    table = checks_table(f"{solution.problem.name}: solved", solution.checks)
     table.add_row("duration", f"{solution.trajectory.duration:.4g}", "", "s", "", "")
     *torque, where = _peak_torque(solution)
     table.add_row("peak torque", *torque, "", where)

