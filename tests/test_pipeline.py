@@ -62,7 +62,6 @@ class Hopeless:
 def assert_sound(solution: Solution) -> None:
     """Every check passes, the checks are those of the verifier, and nothing touches anything at the samples."""
     problem = solution.problem
-    assert solution.status == "solved"
     assert all(check.passed for check in solution.checks)
     again = ccm_opt.check(problem, solution.trajectory, solution.joints)
     assert [check.name for check in again] == [check.name for check in solution.checks]
