@@ -220,3 +220,17 @@ def test_the_mount_may_touch() -> None:
     still = [np.zeros(12)] * 2
     for mount, expected in ((0.0, False), (0.24, False), (0.246, True), (0.26, True), (0.5, True)):
         assert certified(make_arm(12, 0.015, mount_length=mount), Workspace(ROOM, (post,)), *still) == expected
+
+
+def test_a_spare_gap_is_kept() -> None:
+    """Asked for a gap beyond contact, the certificate refuses what comes nearer and passes what does not."""
+    arm, still = make_arm(12, 0.015), np.zeros((2, 12))
+    for gap, expected in ((0.9e-3, False), (1.1e-3, True)):
+        post = Obstacle("post", shapely.Point(0.5, 0.015 + 0.03 + gap), 0.03)
+        certificate = Certificate(arm, Workspace(ROOM, (post,)), 1e-3)
+        assert (len(certificate.failures(still)) == 0) == expected
+    hook = np.concatenate((np.zeros(6), np.pi / 2 * np.ones(1), np.pi * np.ones(5)))
+    apart = arm.link_length - 2.0 * arm.radius  # of the strands
+    for spare, expected in ((apart + 1e-3, False), (apart - 1e-3, True)):
+        certificate = Certificate(arm, Workspace(ROOM), spare)
+        assert (len(certificate.failures(np.array([hook, hook]))) == 0) == expected

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.jointed.mapping import mean_headings
 from ccm_opt.motion.link_space import KNOTS, SEGMENTS, LinkSpace, mean_heading_matrix
 
 from .scenes import make_arm, random_headings
@@ -126,3 +127,39 @@ def test_headings_scale_with_the_arm() -> None:
     small, large = mean_heading_matrix(24, 0.5), mean_heading_matrix(24, 2.0)
     shrunk = np.append(v[0], v[1:] / 4.0)
     np.testing.assert_allclose(small @ v, large @ shrunk, atol=1e-12)
+
+
+@settings(max_examples=40)
+@given(
+    seed=seeds,
+    links=st.sampled_from((12, 24, 96)),
+    fineness=st.sampled_from((24.0, 60.0, 200.0)),
+    clamped=st.booleans(),
+)
+def test_spaces_of_every_fineness_follow_their_curve(seed: int, links: int, fineness: float, *, clamped: bool) -> None:
+    """However fine the space, clamped or not: the start is exact, and links turn as the means of the curve do."""
+    arm = make_arm(links)
+    rng = np.random.default_rng(seed)
+    start = random_headings(rng, arm)
+    space, v = LinkSpace.through(arm, start, fineness, clamped=clamped)
+    np.testing.assert_allclose(space.headings(v), start, atol=1e-12)
+    moved = v + rng.normal(0.0, 1.0, len(v))
+    turned = space.headings(moved) - space.headings(v)
+    expected = mean_headings(space.curve(moved), links) - mean_headings(space.curve(v), links)
+    np.testing.assert_allclose(turned, expected, atol=1e-10)
+    assert space.unit == pytest.approx(arm.length / fineness)
+
+
+@settings(max_examples=20)
+@given(seed=seeds)
+def test_a_clamped_base_keeps_its_heading(seed: int) -> None:
+    """In a clamped space the first link keeps the start's heading at all coordinates, also with a goal blended in."""
+    arm = make_arm(24)
+    rng = np.random.default_rng(seed)
+    start, goal = random_headings(rng, arm), random_headings(rng, arm)
+    goal += start[0] - goal[0]
+    space, v = LinkSpace.through(arm, start, clamped=True)
+    blended, end = space.blended_to(goal)
+    np.testing.assert_allclose(blended.headings(end), goal, atol=1e-11)
+    for held, at in ((space, v), (blended, end)):
+        assert held.headings(at + rng.normal(0.0, 3.0, len(at)))[0] == pytest.approx(start[0], abs=1e-12)
