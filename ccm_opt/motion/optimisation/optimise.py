@@ -18,8 +18,13 @@ LEG_DEPTH = 2
 """Bisections that a leg of the thinned motion may need for its certificate."""
 MARGIN = 1e-3
 """Gap that rows ask for beyond contact, as a share of the arm's length."""
-REACH = 0.07
-"""Walls and links farther apart than this share of the arm's length make no rows."""
+REACH = 2.5
+"""Walls and links farther apart than this many links, at most ``LARGEST_LINK`` of the arm each, make no rows."""
+LARGEST_LINK = 1.0 / 36.0
+"""Share of the arm's length."""
+
+ACTIVE = 1.1
+"""Rows nearer to their bound than this many such links enter the QP."""
 
 
 def optimise(motion: Motion, task: MotionTask) -> Motion:
@@ -57,12 +62,13 @@ def travel(motion: Motion) -> float:
 
 def _program(motion: Motion, task: MotionTask, certificate: Certificate) -> Program:
     length = task.arm.length
+    link = min(task.arm.link_length, LARGEST_LINK * length)
     make_rows = partial(
         motion_rows,
         workspace=task.workspace,
         segments=WallSegments.of(task.workspace),
         margin=MARGIN * length,
-        reach=REACH * length,
+        reach=REACH * link,
     )
     return Program(
         motion.space,
@@ -70,6 +76,7 @@ def _program(motion: Motion, task: MotionTask, certificate: Certificate) -> Prog
         task.goal_headings is not None,
         make_rows,
         certificate.failures,
+        ACTIVE * link,
         task.deadline,
     )
 

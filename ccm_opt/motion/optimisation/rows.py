@@ -88,7 +88,10 @@ class Rows:
         weighted = multipliers[:, None] * self.normal
         np.add.at(forces, (self.interval + self.side, self.minus), weighted)
         np.add.at(forces, (self.interval + self.side, self.plus), -weighted)
-        forces = np.cumsum(forces, axis=1)[:, :links]
+        link, share = mount_end(sweep.space.arm)
+        forces[:, link] += (1.0 - share) * forces[:, -1]
+        forces[:, link + 1] += share * forces[:, -1]
+        forces = np.cumsum(forces[:, :links], axis=1)
         bend = -l * (np.cos(sweep.headings) * forces[..., 0] + np.sin(sweep.headings) * forces[..., 1])
         sag = np.zeros((keyframes - 1, links + 1))
         np.add.at(sag, (self.interval, self.low), multipliers)

@@ -30,8 +30,6 @@ WORTH = 3e-3
 """Share of the objective that a round has to gain."""
 PATIENCE = 2
 """Rounds in a row that may gain less."""
-ACTIVE = 0.03
-"""Rows nearer to their bound than this share of the arm's length enter the QP."""
 FIRST_DAMPING = 0.3
 LEAST_DAMPING = 1e-4
 SHORTENINGS = (1.0, 0.5, 0.25)
@@ -53,6 +51,7 @@ class Program:
         end_fixed: whether the last keyframe is fixed.
         make_rows: builds the rows about a motion.
         failures: the certificate.
+        active: rows nearer to their bound than this enter the QP [m].
         deadline: when to stop.
     """
 
@@ -61,6 +60,7 @@ class Program:
     end_fixed: bool
     make_rows: MakeRows
     failures: Failures
+    active: float
     deadline: Deadline
 
     def ended(self, coordinates: FloatArray) -> FloatArray:
@@ -129,7 +129,7 @@ def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = R
 def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterate | None:
     """One accepted step, or None when none is."""
     rows = program.make_rows(iterate.sweep)
-    active = _active(rows, iterate.sweep)
+    active = _active(rows, iterate.sweep, program.active)
     for _ in range(TRIES):
         problem = StepProblem(
             iterate.sweep,
@@ -156,12 +156,12 @@ def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterat
 _NONE = np.zeros(0, dtype=np.intp)
 
 
-def _active(rows: Rows, sweep: Sweep) -> Rows:
+def _active(rows: Rows, sweep: Sweep, within: float) -> Rows:
     """The rows that a step may meet, thinned to one for each joint, or group of joints, and direction."""
-    arm, values = sweep.space.arm, rows.values(sweep)
-    near = np.flatnonzero(values > -ACTIVE * arm.length)
+    values = rows.values(sweep)
+    near = np.flatnonzero(values > -within)
     near_rows = rows.take(near)
-    return near_rows.take(representatives(near_rows, values[near], -(-arm.links // GROUPS)))
+    return near_rows.take(representatives(near_rows, values[near], -(-sweep.space.arm.links // GROUPS)))
 
 
 def _part_taken(program: Program, rows: Rows, problem: StepProblem, step: Step) -> tuple[_Iterate | None, IntArray]:

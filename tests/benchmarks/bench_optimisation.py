@@ -1,0 +1,97 @@
+"""Durations before and after the optimisation of motions: ``python -m tests.benchmarks.bench_optimisation``.
+
+All problems of the repository, and random clutter of 20 polygons. Every motion is found once, without optimisation;
+its spline is timed as it is and again after the optimisation, whose user CPU time is measured alone.
+"""
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from ccm_opt.curve_planner import CurvePlanner, joint_path
+from ccm_opt.dynamics.inverse_dynamics import InverseDynamics
+from ccm_opt.errors import NoPlanFound
+from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.motion import search
+from ccm_opt.motion.optimisation.optimise import optimise
+from ccm_opt.motion.task import Motion, MotionTask
+from ccm_opt.problem import Problem
+from ccm_opt.problem_file import load_problem
+from ccm_opt.retiming import retime
+from tests.scenes import clutter, later
+
+PROBLEMS = Path(__file__).parents[2] / "problems"
+TIME_LIMIT = 20.0
+
+
+def problems(seeds: int) -> Iterator[Problem]:
+    """The problems of the repository, then clutter."""
+    for path in sorted(PROBLEMS.glob("*.toml")):
+        yield load_problem(path)
+    for seed in range(seeds):
+        yield replace(clutter(seed).problem(time_limit=TIME_LIMIT), name=f"clutter {seed}")
+
+
+def found(problem: Problem) -> tuple[MotionTask, Motion]:
+    """The task and the motion that is found, not optimised."""
+    kept: list[tuple[MotionTask, Motion]] = []
+
+    def keep(motion: Motion, task: MotionTask) -> Motion:
+        kept.append((task, motion))
+        return motion
+
+    original, search.optimise = search.optimise, keep
+    try:
+        CurvePlanner().plan(problem)
+    finally:
+        search.optimise = original
+    return kept[-1]
+
+
+def duration(problem: Problem, task: MotionTask, motion: Motion) -> float:
+    """Duration of the motion's spline within the problem's limits [s]."""
+    path = joint_path(problem, task, motion)
+    inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
+    revolutes = partial(revolute_angles, problem.arm)
+    return retime(path, problem.limits, inverse_dynamics, revolutes=revolutes).duration
+
+
+def measure(problem: Problem) -> tuple[float, float, float]:
+    """Duration before and after [s], and CPU time of the optimisation [s]."""
+    task, motion = found(problem)
+    task = replace(task, deadline=later())
+    begun = time.process_time()
+    optimised = optimise(motion, task)
+    spent = time.process_time() - begun
+    return duration(problem, task, motion), duration(problem, task, optimised), spent
+
+
+def main() -> None:
+    """Print one line for each problem, then medians."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=24, help="number of clutter problems")
+    console = Console()
+    table = Table("problem", "before [s]", "after [s]", "cut", "CPU [s]")
+    figures = []
+    for problem in problems(parser.parse_args().seeds):
+        try:
+            before, after, spent = measure(problem)
+        except NoPlanFound as error:
+            table.add_row(problem.name, str(error).splitlines()[0][:40])
+            continue
+        figures.append((1.0 - after / before, spent))
+        table.add_row(problem.name, f"{before:.2f}", f"{after:.2f}", f"{figures[-1][0]:.0%}", f"{spent:.2f}")
+    cut, spent = np.median(figures, axis=0)
+    table.add_row("median", "", "", f"{cut:.0%}", f"{spent:.2f}")
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,209 @@
+"""The optimisation of a motion: rows against geometry, slopes against differences, certified and shorter results."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
+from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.optimisation.objective import Objective
+from ccm_opt.motion.optimisation.optimise import optimise, thinned, travel
+from ccm_opt.motion.optimisation.quadratic_step import Curvature, StepProblem
+from ccm_opt.motion.optimisation.rows import Rows, join, motion_rows, representatives
+from ccm_opt.motion.optimisation.sweep_regions import WallSegments, sweep_regions
+from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.task import Motion, MotionTask
+from ccm_opt.problem import JointPose
+from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, sweep_gaps, swept
+
+SEEDS = (0, 5, 14)
+
+
+def random_sweep(seed: int, intervals: int = 3, size: float = 0.3) -> Sweep:
+    """A wandering motion of the arm among nothing."""
+    rng = np.random.default_rng(seed)
+    space, start = LinkSpace.through(make_arm(), rng.normal(0.0, 0.5, 24).cumsum() / 4.0)
+    steps = size * rng.normal(size=(intervals, len(start)))
+    return Sweep(space, np.vstack((start, start + np.cumsum(steps, axis=0))))
+
+
+def some_rows(sweep: Sweep) -> Rows:
+    """Rows of a sweep among walls of every kind."""
+    workspace = mixed_walls()
+    return motion_rows(sweep, workspace, WallSegments.of(workspace), 1e-3, 0.3)
+
+
+@cache
+def found(seed: int, *, whole_arm: bool = False) -> tuple[Scene, MotionTask, Motion]:
+    """A scene, its task and the motion that the search finds when it does not optimise."""
+    scene = clutter(seed, 10)
+    problem = scene.problem(JointPose(scene.arm.bends(scene.goal)) if whole_arm else None)
+    task = replace(motion_task(problem, guessing=True), optimise=False)
+    return scene, task, find_motion(task)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_optimised_motion_is_shorter_and_keeps_clear(seed: int) -> None:
+    """A motion comes out shorter, with the same start, and a dense sweep of it touches nothing."""
+    scene, task, motion = found(seed)
+    optimised = optimise(motion, task)
+    assert travel(optimised) < 0.8 * travel(motion)
+    assert np.array_equal(optimised.coordinates[0], motion.coordinates[0])
+    assert np.allclose(optimised.headings[0], scene.start, atol=1e-12)
+    frames = [swept(a, b, 30) for a, b in zip(optimised.headings[:-1], optimised.headings[1:], strict=True)]
+    walls, own = sweep_gaps(scene.arm, scene.workspace, np.vstack(frames))
+    assert walls > 0.0
+    assert own > 0.0
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_optimised_motion_ends_on_the_goal_within_joint_limits(seed: int) -> None:
+    """The last keyframe meets position and heading of the goal, and no bend passes its limit."""
+    scene, task, motion = found(seed)
+    headings = optimise(motion, task).headings
+    tip = scene.arm.joint_positions(headings[-1])[-1]
+    assert np.allclose(tip, scene.goal_tip.position, atol=1e-7)
+    assert np.cos(headings[-1, -1] - scene.goal_tip.heading) > 1.0 - 1e-12
+    assert np.all(np.abs(scene.arm.bends(headings)) <= scene.arm.bend_limits)
+
+
+def test_whole_arm_goal_stays_fixed() -> None:
+    """With a goal for the whole arm the last keyframe does not move."""
+    scene, task, motion = found(5, whole_arm=True)
+    optimised = optimise(motion, task)
+    assert travel(optimised) < travel(motion)
+    assert np.allclose(optimised.headings[-1], scene.goal, atol=1e-9)
+
+
+def test_nothing_is_lost_when_time_is_up() -> None:
+    """After the deadline the given motion comes back as it is."""
+    _, task, motion = found(0)
+    assert optimise(motion, replace(task, deadline=later(-1.0))) is motion
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_half_planes_leave_walls_outside(seed: int) -> None:
+    """Behind every half-plane lies a wall, and every wall near a link's sweep is behind one of its half-planes."""
+    sweep, workspace = random_sweep(seed, 1), mixed_walls()
+    planes = sweep_regions(sweep, WallSegments.of(workspace), 0, 0.2)
+    segments = WallSegments.of(workspace)
+    for link in np.unique(planes.link):
+        own = planes.take(planes.link == link)
+        depth = np.einsum("eid,pd->pei", segments.ends, own.normal).min(axis=2) - segments.rounding - own.bound[:, None]
+        assert np.all(np.any(depth >= -1e-9, axis=1))
+        corners = np.vstack((sweep.points[:2, link], sweep.points[:2, link + 1], sweep.middles[0, link : link + 2]))
+        hull = shapely.MultiPoint(corners).convex_hull
+        gaps = np.array([hull.distance(wall) for wall in segments.tree.geometries]) - segments.rounding
+        near = gaps < 0.2
+        assert np.all(np.any(depth[:, near] >= -1e-9, axis=0))
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_slopes_of_rows_match_differences(seed: int) -> None:
+    """Derivatives of the rows by the coordinates agree with central differences."""
+    sweep = random_sweep(seed)
+    rows = some_rows(sweep)
+    direction = np.random.default_rng(seed).normal(size=sweep.coordinates.shape)
+    h = 1e-6
+    ahead, behind = (rows.values(Sweep(sweep.space, sweep.coordinates + s * h * direction)) for s in (1.0, -1.0))
+    start, end = rows.slopes(sweep)
+    along = np.einsum("mp,mp->m", start, direction[rows.interval])
+    along += np.einsum("mp,mp->m", end, direction[rows.interval + 1])
+    assert np.allclose(along, (ahead - behind) / (2.0 * h), atol=1e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_curvature_of_rows_matches_second_differences(seed: int) -> None:
+    """The diagonal curvature of the weighted rows, the tip's pull included, is their second derivative."""
+    sweep = random_sweep(seed)
+    rng = np.random.default_rng(seed)
+    rows = some_rows(sweep)
+    weights, pull, direction = rng.uniform(size=len(rows)), rng.normal(size=2), rng.normal(size=sweep.coordinates.shape)
+
+    def lagrangian(step: float) -> float:
+        moved = Sweep(sweep.space, sweep.coordinates + step * direction)
+        return float(weights @ rows.values(moved) + pull @ moved.points[-1, sweep.space.arm.links])
+
+    h = 1e-4
+    wanted = (lagrangian(h) - 2.0 * lagrangian(0.0) + lagrangian(-h)) / h**2
+    bend, sag = rows.curvature(sweep, weights, pull)
+    turn = direction @ sweep.space.matrix.T
+    got = np.sum(bend * turn**2) + np.sum(sag * np.diff(turn, axis=0) ** 2)
+    assert got == pytest.approx(wanted, rel=1e-3, abs=1e-3 * float(np.abs(weights).sum()))
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_objective_is_a_quadratic_form_of_its_blocks(seed: int) -> None:
+    """Value, gradient and Hessian blocks describe one quadratic."""
+    sweep = random_sweep(seed, 4)
+    objective, v = Objective(sweep.space, 4), sweep.coordinates
+    blocks = np.array([[objective.block(k, m) for m in range(5)] for k in range(5)])
+    gradient = np.einsum("kmpq,mq->kp", blocks, v)
+    assert np.allclose(objective.gradient(v), gradient)
+    assert objective.value(v) == pytest.approx(0.5 * float(np.vdot(v, gradient)))
+
+
+def test_step_in_free_space_straightens_the_motion() -> None:
+    """Without rows and damping one step to fixed ends reaches the minimum of the objective."""
+    sweep = random_sweep(3, 6, size=0.01)
+    objective = Objective(sweep.space, 6)
+    rows = some_rows(sweep).take(np.zeros(0, dtype=np.intp))
+    _, task, _ = found(0)
+    problem = StepProblem(
+        sweep, objective, rows, np.full(6, 30.0), Curvature.none(sweep), 0.0, task.goal, end_fixed=True
+    )
+    step = problem.solve()
+    gradient = objective.gradient(sweep.coordinates + step.change)[1:-1]
+    assert step.solved
+    assert np.allclose(step.change[[0, -1]], 0.0, atol=1e-6)
+    assert np.abs(gradient).max() < 1e-3 * np.abs(objective.gradient(sweep.coordinates)).max()
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 30))
+def test_subdividing_keeps_the_path(seed: int, count: int) -> None:
+    """Keyframes are only added, on the legs, until there are as many intervals as asked for."""
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(5, 3))
+    fine = subdivided(corners, np.linalg.norm(np.diff(corners, axis=0), axis=1), count)
+    assert len(fine) == max(count, 4) + 1
+    assert all(np.any(np.all(np.isclose(fine, corner), axis=1)) for corner in corners)
+    line = shapely.LineString(corners[:, :2])
+    assert all(line.distance(shapely.Point(point[:2])) < 1e-12 for point in fine)
+
+
+def test_decimating_keeps_legs_that_pass() -> None:
+    """Legs are halved until the judge lets them pass or no keyframe is left between."""
+    coordinates = np.arange(50.0)[:, None]
+    kept = decimated(coordinates, lambda v: np.flatnonzero(np.diff(v[:, 0]) > 5.0))[:, 0]
+    assert kept[0] == 0.0
+    assert kept[-1] == 49.0
+    assert np.diff(kept).max() <= 5.0
+
+
+def test_thinned_motion_is_certified() -> None:
+    """Few keyframes of a found motion still pass the certificate."""
+    _, task, motion = found(0)
+    few = thinned(motion, task.certificate)
+    assert len(few) < len(motion.coordinates)
+    assert len(task.certificate.failures(motion.space.headings(few))) == 0
+
+
+def test_representatives_are_the_tightest() -> None:
+    """Of rows that differ in value alone the tightest is kept."""
+    rows = some_rows(random_sweep(1))
+    looser = replace(rows, constant=rows.constant - 1.0)
+    both, sweep = join([looser, rows]), random_sweep(1)
+    kept = representatives(both, both.values(sweep), 1)
+    assert np.all(kept >= len(rows))
+    assert len(np.unique(kept)) == len(kept)
