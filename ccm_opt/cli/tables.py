@@ -12,33 +12,52 @@ from ccm_opt.solution import Check, Solution
 
 PIPED_WIDTH = 200
 """Columns of output that goes to a file or another program."""
+SUMMARY = {
+    "goal position": "tip error",
+    "goal heading": "heading error",
+    "goal joints": "largest joint error",
+    "goal on the curve": "distance from the curve",
+    "goal tip": "tip error",
+    "wall clearance": "least clearance",
+    "self-collision": "least clearance to itself",
+}
+"""Checks that the closing table of a solve shows, and what they are called there."""
 
 
 def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     """Print what came out of a solved problem, on stdout."""
-    table = checks_table(f"{solution.problem.name}: solved", solution.checks)
-    table.add_row("duration", f"{solution.trajectory.duration:.4g}", "", "s", "", "")
-    *torque, where = _peak_torque(solution)
-    table.add_row("peak torque", *torque, "", where)
+    table = _table(f"{solution.problem.name}: solved", "value")
+    for check in solution.checks:
+        if check.name in SUMMARY:
+            values = (f"{check.worst:.4g}", f"{check.limit:.4g}", check.unit)
+            table.add_row(SUMMARY[check.name], *values, escape(check.where))
+    table.add_row("duration", f"{solution.trajectory.duration:.4g}", "", "s", "")
+    table.add_row("peak torque", *_peak_torque(solution))
+    table.add_row("tracking error", f"{solution.simulation.tracking_error:.2g}", "", "rad", "in the simulation")
     console = report_console()
     console.print(table)
+    console.print(f"all {len(solution.checks)} checks of the verifier hold")
     console.print(escape(stage_line(clock)), soft_wrap=True)
     console.print(escape(f"written to {folder}"), soft_wrap=True)
 
 
 def checks_table(title: str, checks: Sequence[Check]) -> Table:
     """A table of checks: worst value, limit, whether it holds, and where."""
+    table = _table(title, "worst")
+    for check in checks:
+        name = escape(check.name) if check.passed else f"[red]{escape(check.name)} fails[/red]"
+        table.add_row(name, f"{check.worst:.4g}", f"{check.limit:.4g}", check.unit, escape(check.where))
+    return table
+
+
+def _table(title: str, value: str) -> Table:
+    """An empty table of a name, a value, its limit, their unit and a place."""
     table = Table(title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False)
     table.add_column("", no_wrap=True)
-    table.add_column("worst", justify="right", no_wrap=True)
+    table.add_column(value, justify="right", no_wrap=True)
     table.add_column("limit", justify="right", no_wrap=True)
     table.add_column("", no_wrap=True)
-    table.add_column("", no_wrap=True)
     table.add_column("where")
-    for check in checks:
-        verdict = "[green]ok[/green]" if check.passed else "[red]fails[/red]"
-        values = (f"{check.worst:.4g}", f"{check.limit:.4g}", check.unit)
-        table.add_row(escape(check.name), *values, verdict, escape(check.where))
     return table
 
 
