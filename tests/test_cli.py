@@ -160,8 +160,9 @@ def test_a_solved_problem_is_written_and_reported(
     assert (tmp_path / "runs" / "small" / "plan.png").read_bytes().startswith(b"\x89PNG")
     for piece in (
         "small: solved",
-        "goal position",
-        "wall clearance",
+        "tip error",
+        "least clearance",
+        "checks of the verifier hold",
         "link 3, post",
         "duration",
         "peak torque",
