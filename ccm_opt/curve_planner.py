@@ -92,7 +92,7 @@ class CurvePlanner:
                 deadline,
                 clamped=ends.clamped,
                 further_guesses=further,
-                optimise=problem.planner.optimise,
+                optimiser=problem.planner.optimiser,
             )
             return joint_path(problem, task, find_motion(task))
 

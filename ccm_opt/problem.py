@@ -11,6 +11,7 @@ from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm, MappingName
 
 MethodName = Literal["nlp"]
+OptimiserName = Literal["sequential-convex", "interior-point", "none"]
 ControllerName = Literal["computed-torque", "pd"]
 
 
@@ -78,7 +79,7 @@ class PlannerOptions:
         time_limit: wall time [s] after which the search stops.
         routes: corridors tried, shortest first.
         seed: of every random choice.
-        optimise: whether the motion that is found is optimised over all its keyframes; else it is long and crooked.
+        optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.
     """
 
     method: MethodName = "nlp"
@@ -86,7 +87,7 @@ class PlannerOptions:
     time_limit: float = 60.0
     routes: int = 5
     seed: int = 0
-    optimise: bool = True
+    optimiser: OptimiserName = "sequential-convex"
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,11 @@ from ccm_opt.motion.optimisation.rows import Rows, join, motion_rows, representa
 from ccm_opt.motion.optimisation.sweep_regions import WallSegments, sweep_regions
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.task import Motion, MotionTask
-from ccm_opt.problem import JointPose
+from ccm_opt.problem import JointPose, OptimiserName
 from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, sweep_gaps, swept
 
 SEEDS = (0, 5, 14)
+SEQUENTIAL: OptimiserName = "sequential-convex"
 
 
 def random_sweep(seed: int, intervals: int = 3, size: float = 0.3) -> Sweep:
@@ -44,7 +45,7 @@ def found(seed: int, *, whole_arm: bool = False) -> tuple[Scene, MotionTask, Mot
     """A scene, its task and the motion that the search finds when it does not optimise."""
     scene = clutter(seed, 10)
     problem = scene.problem(JointPose(scene.arm.bends(scene.goal)) if whole_arm else None)
-    task = replace(motion_task(problem, guessing=True), optimise=False)
+    task = replace(motion_task(problem, guessing=True), optimiser="none")
     return scene, task, find_motion(task)
 
 
@@ -52,7 +53,7 @@ def found(seed: int, *, whole_arm: bool = False) -> tuple[Scene, MotionTask, Mot
 def test_optimised_motion_is_shorter_and_keeps_clear(seed: int) -> None:
     """A motion comes out shorter, with the same start, and a dense sweep of it touches nothing."""
     scene, task, motion = found(seed)
-    optimised = optimise(motion, task)
+    optimised = optimise(motion, replace(task, optimiser=SEQUENTIAL))
     assert travel(optimised) < 0.8 * travel(motion)
     assert np.array_equal(optimised.coordinates[0], motion.coordinates[0])
     assert np.allclose(optimised.headings[0], scene.start, atol=1e-12)
@@ -66,7 +67,7 @@ def test_optimised_motion_is_shorter_and_keeps_clear(seed: int) -> None:
 def test_optimised_motion_ends_on_the_goal_within_joint_limits(seed: int) -> None:
     """The last keyframe meets position and heading of the goal, and no bend passes its limit."""
     scene, task, motion = found(seed)
-    headings = optimise(motion, task).headings
+    headings = optimise(motion, replace(task, optimiser=SEQUENTIAL)).headings
     tip = scene.arm.joint_positions(headings[-1])[-1]
     assert np.allclose(tip, scene.goal_tip.position, atol=1e-7)
     assert np.cos(headings[-1, -1] - scene.goal_tip.heading) > 1.0 - 1e-12
@@ -76,15 +77,24 @@ def test_optimised_motion_ends_on_the_goal_within_joint_limits(seed: int) -> Non
 def test_whole_arm_goal_stays_fixed() -> None:
     """With a goal for the whole arm the last keyframe does not move."""
     scene, task, motion = found(5, whole_arm=True)
-    optimised = optimise(motion, task)
+    optimised = optimise(motion, replace(task, optimiser=SEQUENTIAL))
     assert travel(optimised) < travel(motion)
     assert np.allclose(optimised.headings[-1], scene.goal, atol=1e-9)
+
+
+def test_interior_point_agrees_with_sequential_convex() -> None:
+    """IPOPT on the same rows shortens a motion about as much, and its result is certified too."""
+    _, task, motion = found(0)
+    ours = optimise(motion, replace(task, optimiser=SEQUENTIAL))
+    reference = optimise(motion, replace(task, optimiser="interior-point"))
+    assert len(task.certificate.failures(reference.headings)) == 0
+    assert travel(ours) == pytest.approx(travel(reference), rel=0.15)
 
 
 def test_nothing_is_lost_when_time_is_up() -> None:
     """After the deadline the given motion comes back as it is."""
     _, task, motion = found(0)
-    assert optimise(motion, replace(task, deadline=later(-1.0))) is motion
+    assert optimise(motion, replace(task, optimiser=SEQUENTIAL, deadline=later(-1.0))) is motion
 
 
 @settings(max_examples=10, deadline=None)

@@ -69,7 +69,7 @@ def _try_margins(task: MotionTask, failures: list[Failure], fineness: float) -> 
     for margin in MARGINS:
         for motion in _motions(task, margin, fineness, failures):
             if motion is not None:
-                return optimise(motion, task) if task.optimise else motion
+                return optimise(motion, task)
             if task.deadline.passed():
                 return None
     return None

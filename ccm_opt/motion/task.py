@@ -16,6 +16,7 @@ from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.motion.walls import Walls
+from ccm_opt.problem import OptimiserName
 
 SPARE = 1e-4
 """Gap beyond contact that the certificate asks for, as a share of the arm's length."""
@@ -36,7 +37,7 @@ class MotionTask:
         deadline: when to stop.
         clamped: whether the first link must keep its heading.
         further_guesses: makes more such poses, when the first do not help.
-        optimise: whether the motion that is found is optimised.
+        optimiser: how the motion that is found is optimised.
     """
 
     arm: Arm
@@ -49,7 +50,7 @@ class MotionTask:
     deadline: Deadline
     clamped: bool = False
     further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
-    optimise: bool = True
+    optimiser: OptimiserName = "sequential-convex"
 
     @cached_property
     def certificate(self) -> Certificate:

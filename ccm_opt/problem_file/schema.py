@@ -12,7 +12,7 @@ import shapely
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
 from ccm_opt.jointed.arm import Arm, Axes, MappingName
-from ccm_opt.problem import ControllerName, MethodName, PlannerOptions, SimulationOptions, Tolerances
+from ccm_opt.problem import ControllerName, MethodName, OptimiserName, PlannerOptions, SimulationOptions, Tolerances
 from ccm_opt.problem_file.quantities import (
     BendLimitDegrees,
     Box,
@@ -180,6 +180,7 @@ class PlannerTable(Table):
     time_limit: Positive = PlannerOptions.time_limit
     routes: Annotated[int, Field(ge=1)] = PlannerOptions.routes
     seed: Annotated[int, Field(ge=0)] = PlannerOptions.seed
+    optimiser: OptimiserName = PlannerOptions.optimiser
 
 
 class GainsTable(Table):

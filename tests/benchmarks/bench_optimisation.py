@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from rich.console import Console
@@ -22,7 +23,7 @@ from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.motion import search
 from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.task import Motion, MotionTask
-from ccm_opt.problem import Problem
+from ccm_opt.problem import OptimiserName, Problem
 from ccm_opt.problem_file import load_problem
 from ccm_opt.retiming import retime
 from tests.scenes import clutter, later
@@ -63,10 +64,10 @@ def duration(problem: Problem, task: MotionTask, motion: Motion) -> float:
     return retime(path, problem.limits, inverse_dynamics, revolutes=revolutes).duration
 
 
-def measure(problem: Problem) -> tuple[float, float, float]:
+def measure(problem: Problem, optimiser: OptimiserName) -> tuple[float, float, float]:
     """Duration before and after [s], and CPU time of the optimisation [s]."""
     task, motion = found(problem)
-    task = replace(task, deadline=later())
+    task = replace(task, deadline=later(), optimiser=optimiser)
     begun = time.process_time()
     optimised = optimise(motion, task)
     spent = time.process_time() - begun
@@ -77,12 +78,14 @@ def main() -> None:
     """Print one line for each problem, then medians."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=24, help="number of clutter problems")
+    parser.add_argument("--optimiser", choices=get_args(OptimiserName), default="sequential-convex")
+    options = parser.parse_args()
     console = Console()
     table = Table("problem", "before [s]", "after [s]", "cut", "CPU [s]")
     figures = []
-    for problem in problems(parser.parse_args().seeds):
+    for problem in problems(options.seeds):
         try:
-            before, after, spent = measure(problem)
+            before, after, spent = measure(problem, options.optimiser)
         except NoPlanFound as error:
             table.add_row(problem.name, str(error).splitlines()[0][:40])
             continue

@@ -6,6 +6,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.optimisation.interior_point import interior_point
 from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
 from ccm_opt.motion.optimisation.rows import motion_rows
 from ccm_opt.motion.optimisation.sequential_convex import Program, sequential_convex
@@ -39,11 +40,12 @@ def optimise(motion: Motion, task: MotionTask) -> Motion:
         nothing shorter was found.
     """
     certificate = task.certificate
-    if len(motion.coordinates) < 2 or task.deadline.passed():
+    if task.optimiser == "none" or len(motion.coordinates) < 2 or task.deadline.passed():
         return motion
-    coordinates = thinned(motion, certificate)
-    optimised = sequential_convex(_program(motion, task, certificate), coordinates)
-    return _shorter(motion, optimised)
+    program, coordinates = _program(motion, task, certificate), thinned(motion, certificate)
+    if task.optimiser == "interior-point":
+        return _shorter(motion, interior_point(program, coordinates))
+    return _shorter(motion, sequential_convex(program, coordinates))
 
 
 def thinned(motion: Motion, certificate: Certificate, intervals: int = INTERVALS) -> FloatArray:

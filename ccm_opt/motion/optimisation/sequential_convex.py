@@ -129,7 +129,7 @@ def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = R
 def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterate | None:
     """One accepted step, or None when none is."""
     rows = program.make_rows(iterate.sweep)
-    active = _active(rows, iterate.sweep, program.active)
+    active = active_rows(rows, iterate.sweep, program.active)
     for _ in range(TRIES):
         problem = StepProblem(
             iterate.sweep,
@@ -156,7 +156,7 @@ def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterat
 _NONE = np.zeros(0, dtype=np.intp)
 
 
-def _active(rows: Rows, sweep: Sweep, within: float) -> Rows:
+def active_rows(rows: Rows, sweep: Sweep, within: float) -> Rows:
     """The rows that a step may meet, thinned to one for each joint, or group of joints, and direction."""
     values = rows.values(sweep)
     near = np.flatnonzero(values > -within)
