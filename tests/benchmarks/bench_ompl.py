@@ -7,6 +7,8 @@ CPU times. Ours: a certified C² path, and the same optimised; every plan is tim
 as OMPL's paths are, re-checked densely by ``CrossingCheck``.
 """
 
+# ruff: noqa: T201 - a script that prints a table
+
 import argparse
 import time
 from collections.abc import Iterator
@@ -18,7 +20,7 @@ import numpy as np
 from ccm_opt import retiming, verification
 from ccm_opt.arrays import FloatArray
 from ccm_opt.curve_planner import CurvePlanner
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.errors import NoPlanFound, RetimingError
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.solution import JointPath, JointStates
@@ -54,7 +56,8 @@ class OurRun:
 
 def run_ours(problem: Problem, *, optimise: bool = False) -> OurRun:
     """Plan, time, verify and re-check one problem; ``seconds`` are those of planning alone."""
-    problem = replace(problem, planner=replace(problem.planner, optimise=optimise))
+    optimiser = "sequential-convex" if optimise else "none"
+    problem = replace(problem, planner=replace(problem.planner, optimiser=optimiser))
     begin = time.process_time()
     try:
         path = CurvePlanner().plan(problem)
@@ -66,7 +69,7 @@ def run_ours(problem: Problem, *, optimise: bool = False) -> OurRun:
 
 
 def judge(problem: Problem, path: JointPath) -> str:
-    """"verified", or what the verifier or the dense check says against a path."""
+    """What the verifier or the dense check says against a path, or that it is verified."""
     if not CrossingCheck(problem).path_is_free(path.spline(np.linspace(0.0, 1.0, SAMPLES))):
         return "crosses"
     arm = problem.arm
@@ -76,7 +79,10 @@ def judge(problem: Problem, path: JointPath) -> str:
         return joint_torques(arm, gravity, *(-values[:, 1::3] for values in (angles, velocities, accelerations)))
 
     revolutes = partial(revolute_angles, arm)
-    trajectory = retiming.retime(path, problem.limits, torques, revolutes=revolutes)
+    try:
+        trajectory = retiming.retime(path, problem.limits, torques, revolutes=revolutes)
+    except RetimingError as failure:
+        return str(failure).splitlines()[0]
     states = [
         revolutes(values)
         for values in (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)

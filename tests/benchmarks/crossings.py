@@ -78,7 +78,7 @@ def _library() -> ctypes.CDLL:
     folder = Path(tempfile.mkdtemp(prefix="crossings-"))
     source, library = folder / "crossings.c", folder / f"crossings{sysconfig.get_config_var('SHLIB_SUFFIX')}"
     source.write_text(SOURCE)
-    subprocess.run([compiler, "-O3", "-shared", "-fPIC", "-o", str(library), str(source), "-lm"], check=True)  # noqa: S603 - our own source
+    subprocess.run([compiler, "-O3", "-shared", "-fPIC", "-o", str(library), str(source), "-lm"], check=True)
     loaded = ctypes.CDLL(str(library))
     shutil.rmtree(folder)
     double = ctypes.POINTER(ctypes.c_double)

@@ -1,8 +1,8 @@
 """Runs a planner of OMPL's Python wheel on one of the scenes, in a process of its own with a limit on CPU time.
 
 ``pip install ompl`` (extra ``bench``); the process is killed when its CPU time is used up, whatever the planner does.
-Poses are checked by the compiled ``CrossingCheck`` behind a Python callback, motions by OMPL's own discrete validator at
-``RESOLUTION`` of the extent of joint space; OMPL's default, 1 %, reports motions that jump through walls.
+Poses are checked by the compiled ``CrossingCheck`` behind a Python callback (5 µs at 12 links), motions by OMPL's own
+discrete validator at ``RESOLUTION`` of the extent of joint space; its default, 1 %, lets motions jump through walls.
 """
 
 import multiprocessing
@@ -113,7 +113,7 @@ def _setup(problem: Problem, check: CrossingCheck, goal: FloatArray, planner: st
     setup.setGoal(_goal(information, problem, goal))
     chosen = getattr(geometric, planner)(information)
     if planner == "BITstar":
-        chosen.setStopOnSolnImprovement(True)  # noqa: FBT003 - OMPL's signature
+        chosen.setStopOnSolnImprovement(True)
     setup.setPlanner(chosen)
     setup.setup()
     return setup, counter

@@ -28,7 +28,7 @@ TIP_TOLERANCE = 1e-3
 """OMPL's threshold for goals of the tip [m]."""
 WORLD = 1.25
 """Width and height of the world of corridor and constricted [m]."""
-LARGEST_CORRIDOR = 110
+LARGEST_CORRIDOR = 111
 """With more links the goal of the corridor lies inside a wall."""
 
 
