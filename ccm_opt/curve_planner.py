@@ -34,6 +34,8 @@ from ccm_opt.stages import Stages
 
 ROUTE_MARGIN = 1e-3
 """Free space for routes is inflated by this share of the arm's length beyond radius and clearance."""
+STRETCH = 1e-9
+"""Rounding allowed when a goal at full stretch is compared with the arm's length, as a share of it."""
 LEAST_SPARE = 1e-3
 """Share of that inflation that is always kept, so that free space is never empty of width."""
 CORNER_DISTANCE = 0.016
@@ -120,7 +122,7 @@ def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, .
     if routes:
         return tuple(_led_on(room, route, ends.goal.position) for route in routes)
     shortest = room.routes(arm.base, ends.goal.position, 1, shrink=0.0)
-    if shortest and shortest[0].length <= arm.length:
+    if shortest and shortest[0].length <= (1.0 + STRETCH) * arm.length:
         return shortest
     raise UnreachableGoal(_no_route(problem, shortest))
 

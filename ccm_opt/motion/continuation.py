@@ -14,6 +14,8 @@ BENDING, JERK = 1e-4, 1e-4
 PATIENCE = 60
 """Steps without progress before a guide is given up."""
 SETTLE_STEPS = 150
+PAUSE = 1e-3
+"""Poses nearer than this [rad] to the one before are dropped, for a path that stands still cannot be timed well."""
 
 
 class Guide(Protocol):
@@ -75,8 +77,19 @@ def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patie
     return poses
 
 
+def without_pauses(poses: list[Pose]) -> list[Pose]:
+    """The way without poses in which no link has turned by ``PAUSE`` since the one before; both ends stay."""
+    kept = [poses[0]]
+    for pose in poses[1:]:
+        if np.max(np.abs(pose.headings - kept[-1].headings)) >= PAUSE:
+            kept.append(pose)
+    if kept[-1] is not poses[-1]:
+        kept[max(len(kept) - 1, 1) :] = [poses[-1]]
+    return kept
+
+
 def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Poses from near the goal onto it, polished.
+    """Poses from near the goal onto it, polished; as near as the goal allows where polishing fails.
 
     Raises:
         Stalled: when an obstacle, the arm itself or a joint limit keeps the tip off the goal.
@@ -96,6 +109,8 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
         poses.append(pose)
         if deadline.passed() or (k > 20 and np.max(np.abs(pose.headings - before.headings)) < 1e-5):
             break
+    if goal.met(pose):
+        return poses
     distance, turn = goal.errors(pose)
     raise Stalled(f"settling ended {1e3 * distance:.1f} mm and {np.rad2deg(turn):.1f}° off the goal", poses)
 

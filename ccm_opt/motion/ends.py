@@ -8,11 +8,14 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import WALL, ContactFinder
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.walls import Walls
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 
+TOLERANCE_SHARE = 0.5
+"""Share of the goal's tolerances that planning uses where the goal cannot be met exactly."""
 FLUSH = 1e-5
 """A mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands flush on it."""
 
@@ -45,7 +48,9 @@ def resolve_ends(problem: Problem) -> Ends:
     arm = clamped_arm(problem.arm) if clamped else problem.arm
     _refuse_bad_pose(problem, arm, start, "start")
     if isinstance(problem.goal, TipGoal):
-        return Ends(start, GoalPose(problem.goal.position, problem.goal.heading), None, clamped)
+        near_enough = (TOLERANCE_SHARE * problem.tolerances.position, TOLERANCE_SHARE * problem.tolerances.heading)
+        goal = GoalPose(problem.goal.position, problem.goal.heading, near_enough=near_enough)
+        return Ends(start, goal, None, clamped)
     headings = _headings(problem, problem.goal)
     _refuse_bad_pose(problem, problem.arm if headings[0] != start[0] else arm, headings, "goal")
     tip = arm.joint_positions(headings)[-1]
@@ -86,6 +91,11 @@ def _refuse_bad_pose(problem: Problem, arm: Arm, headings: FloatArray, which: st
     points = arm.joint_positions(headings)
     contacts = finder.find(points)
     if np.any(contacts.gap <= 0.0) or finder.crosses(points):
-        reason = f"the {which} touches something: {finder.describe(contacts)}"
-        advice = (f"change the {which}", "use a smaller arm.radius or workspace.clearance")
-        raise UnreachableGoal(Diagnosis(reason, which, advice))
+        raise UnreachableGoal(_touching(which, finder.describe(contacts)))
+    if len(Certificate.of(arm, problem.workspace).failures(np.stack((headings, headings)))):
+        raise UnreachableGoal(_touching(which, "a link lies inside an obstacle"))
+
+
+def _touching(which: str, contact: str) -> Diagnosis:
+    advice = (f"change the {which}", "use a smaller arm.radius or workspace.clearance")
+    return Diagnosis(f"the {which} touches something: {contact}", which, advice)

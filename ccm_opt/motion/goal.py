@@ -22,15 +22,22 @@ class GoalPose:
         position: of the tip, shape (2,) [m].
         heading: of the tip [rad], or None.
         coordinates: of a whole-arm goal in the link space, or None.
+        near_enough: distance [m] and turn [rad] that still count where no pose meets the goal exactly.
     """
 
     position: FloatArray
     heading: float | None
     coordinates: FloatArray | None = None
+    near_enough: tuple[float, float] = (0.0, 0.0)
 
     def errors(self, pose: Pose) -> tuple[float, float]:
         """Distance [m] and turn [rad] still to go; for a whole-arm goal the largest turn of any link."""
         return float(np.hypot(*(self.position - pose.points[-1]))), abs(self.turn(pose))
+
+    def met(self, pose: Pose) -> bool:
+        """Whether a pose is near enough."""
+        distance, turn = self.errors(pose)
+        return distance <= self.near_enough[0] and turn <= self.near_enough[1]
 
     def turn(self, pose: Pose) -> float:
         """Signed turn of the tip to the goal heading, the short way [rad]; 0 without a goal heading."""
