@@ -1,0 +1,120 @@
+"""Plan, time and verify one problem, and keep what a benchmark tells about it."""
+
+import resource
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from ccm_opt import retiming, verification
+from ccm_opt.arrays import FloatArray
+from ccm_opt.curve_planner import CurvePlanner
+from ccm_opt.errors import NoPlanFound
+from ccm_opt.jointed.frames import joint_names, revolute_angles
+from ccm_opt.problem import Problem
+from ccm_opt.solution import JointPath, JointStates, JointTrajectory
+from ccm_opt.verification.newton_euler import joint_torques
+
+Outcome = Literal["verified", "refused", "no plan", "crash"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of one problem.
+
+    Attributes:
+        name: of the problem.
+        outcome: whether it was planned and verified.
+        reason: why not; empty when verified.
+        seconds: user CPU of planning alone [s].
+        candidate: tactic that found the motion.
+        trajectory: the timed motion, or None.
+    """
+
+    name: str
+    outcome: Outcome
+    reason: str
+    seconds: float
+    candidate: str = ""
+    trajectory: JointTrajectory | None = None
+
+    @property
+    def duration(self) -> float:
+        """Duration of the motion, or NaN [s]."""
+        return np.nan if self.trajectory is None else self.trajectory.duration
+
+
+def user_seconds() -> float:
+    """User CPU of this process so far [s]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_utime
+
+
+def run(problem: Problem, name: str = "", *, optimised: bool = True) -> Run:
+    """Plan, time and verify; a crash is noted with its place, so that one seed does not end a benchmark."""
+    if not optimised:
+        problem = replace(problem, planner=replace(problem.planner, optimiser="none"))
+    planned, path = _planned(problem, Run(name or problem.name, "no plan", "", 0.0))
+    if path is None:
+        return planned
+    try:
+        return _judged(problem, path, planned)
+    except NoPlanFound as failure:
+        return replace(planned, outcome="no plan", reason=told(failure))
+    except Exception as crash:  # noqa: BLE001 - whatever it is, it is reported as a defect
+        return replace(planned, outcome="crash", reason=told(crash))
+
+
+def _planned(problem: Problem, blank: Run) -> tuple[Run, JointPath | None]:
+    """The run as far as planning goes, and the path, if there is one."""
+    begin = user_seconds()
+    try:
+        path = CurvePlanner().plan(problem)
+    except NoPlanFound as failure:
+        return replace(blank, reason=told(failure), seconds=user_seconds() - begin), None
+    except Exception as crash:  # noqa: BLE001 - whatever it is, it is reported as a defect
+        return replace(blank, outcome="crash", reason=told(crash), seconds=user_seconds() - begin), None
+    return replace(blank, seconds=user_seconds() - begin, candidate=path.candidate), path
+
+
+def _judged(problem: Problem, path: JointPath, planned: Run) -> Run:
+    trajectory, states = timed(problem, path)
+    checks = verification.verify(problem, trajectory, states)
+    refusals = [
+        f"{check.name} {check.worst:.6g} for {check.limit:.6g} {check.unit}, {check.where}"
+        for check in checks
+        if not check.passed
+    ]
+    outcome: Outcome = "refused" if refusals else "verified"
+    return replace(planned, outcome=outcome, reason="; ".join(refusals), trajectory=trajectory)
+
+
+def told(error: Exception) -> str:
+    """An error in one line: a diagnosis' reason, or the message of a crash and its place."""
+    if isinstance(error, NoPlanFound):
+        return f"{type(error).__name__}: {error.diagnosis.reason}"
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({place.name}, line {place.lineno})"
+
+
+def timed(problem: Problem, path: JointPath) -> tuple[JointTrajectory, JointStates]:
+    """The timed motion along a path, with its torques by the verifier's own recursion (nothing to compile)."""
+    arm = problem.arm
+    revolutes = partial(revolute_angles, arm)
+
+    def torques(angles: FloatArray, velocities: FloatArray, accelerations: FloatArray) -> FloatArray:
+        bends = (0.0 - values[:, 1::3] for values in (angles, velocities, accelerations))
+        return joint_torques(arm, problem.simulation.gravity, *bends)
+
+    trajectory = retiming.retime(path, problem.limits, torques, revolutes=revolutes)
+    motion = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
+    angles, velocities, accelerations = (revolutes(values) for values in motion)
+    needed = torques(angles, velocities, accelerations)
+    return trajectory, JointStates(joint_names(arm), angles, velocities, accelerations, needed)
+
+
+def quantile(values: Sequence[float], share: float) -> float:
+    """Quantile of a sample, NaN of an empty one."""
+    return float(np.quantile(values, share)) if len(values) else np.nan
