@@ -1,0 +1,1 @@
+"""Trees of poses that are joined by certified motions: the fall-back when no candidate arrives."""

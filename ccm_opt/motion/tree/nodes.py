@@ -1,0 +1,89 @@
+"""A tree of poses, each reached from its parent by a certified motion."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.step import Pose
+
+HEADING_WEIGHT = 0.1
+"""Weight of a radian of heading against the length of the arm in the distance of two poses."""
+
+
+@dataclass
+class Tree:
+    """Poses of the whole arm and how they are reached; several roots are allowed.
+
+    Attributes:
+        length: of the arm [m].
+        poses: of the nodes.
+        parents: number of each node's parent, -1 for a root.
+        edges: poses from the parent, without it, to the node, both certified and followed by each other.
+    """
+
+    length: float
+    poses: list[Pose] = field(default_factory=list)
+    parents: list[int] = field(default_factory=list)
+    edges: list[list[Pose]] = field(default_factory=list)
+    _points: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    _headings: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def add_root(self, pose: Pose) -> int:
+        """Add a pose that no other leads to; its number."""
+        return self.add(-1, [pose])
+
+    def add(self, parent: int, edge: list[Pose]) -> int:
+        """Add the last pose of an edge; its number.
+
+        Args:
+            parent: number of the node the edge begins at.
+            edge: poses after the parent's.
+        """
+        count = len(self)
+        if count == len(self._points):
+            self._grow(edge[-1])
+        self._points[count], self._headings[count] = edge[-1].points, edge[-1].headings
+        self.poses.append(edge[-1])
+        self.parents.append(parent)
+        self.edges.append(edge)
+        return count
+
+    def distances(self, pose: Pose) -> FloatArray:
+        """Distance of every node to a pose: of the joints in arm lengths and of the headings; shape (nodes,).
+
+        The headings tell poses apart that look the same but are wound round the base differently.
+        """
+        count = len(self)
+        apart = np.linalg.norm(self._points[:count] - pose.points, axis=2).mean(axis=1) / self.length
+        turn = np.sqrt(np.mean((self._headings[:count] - pose.headings) ** 2, axis=1))
+        distances: FloatArray = apart + HEADING_WEIGHT * turn
+        return distances
+
+    def nearest(self, pose: Pose) -> int:
+        """Number of the node nearest to a pose."""
+        return int(np.argmin(self.distances(pose)))
+
+    def tip_distances(self, place: FloatArray) -> FloatArray:
+        """Distance of every node's tip to a place (2,), shape (nodes,) [m]."""
+        distances: FloatArray = np.linalg.norm(self._points[: len(self), -1] - place, axis=1)
+        return distances
+
+    def way_to(self, node: int) -> list[Pose]:
+        """All poses from the root to a node."""
+        edges = []
+        while node >= 0:
+            edges.append(self.edges[node])
+            node = self.parents[node]
+        return [pose for edge in reversed(edges) for pose in edge]
+
+    def _grow(self, like: Pose) -> None:
+        """Make room for twice as many nodes."""
+        room = max(64, 2 * len(self))
+        points, headings = np.zeros((room, *like.points.shape)), np.zeros((room, *like.headings.shape))
+        if len(self):
+            points[: len(self)], headings[: len(self)] = self._points[: len(self)], self._headings[: len(self)]
+        self._points, self._headings = points, headings
