@@ -111,7 +111,7 @@ def test_a_goal_without_heading_is_met_by_the_tip() -> None:
 def test_optimising_shortens_and_stays_safe(name: str) -> None:
     """The optimised motion travels less than the one first found, with the same ends, certified and within limits."""
     scene, (task, optimised) = SCENES[name], planned(name)
-    found = find_motion(replace(task, deadline=later(), optimise=False))
+    found = find_motion(replace(task, deadline=later(), optimiser="none"))
     assert travel(optimised) < travel(found)
     for motion in (found, optimised):
         np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
