@@ -11,7 +11,7 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.motion.backward import backward_task, reversed_motion
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import ContactFinder
-from ccm_opt.motion.continuation import Stalled, follow, settle
+from ccm_opt.motion.continuation import Stalled, follow, settle, without_pauses
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
@@ -134,7 +134,7 @@ class _Attempt:
 
     def _attempt(self, candidate: Candidate) -> list[Pose]:
         poses = self._led(candidate)
-        poses += self._arrive(poses[-1])[1:]
+        poses = without_pauses(poses + self._arrive(poses[-1])[1:])
         if not self._certified(headings_of(poses)):
             raise Stalled("the motion arrived but could not be certified", poses)
         return poses
