@@ -107,8 +107,8 @@ def taut_way(room: FreeSpace, points: FloatArray, route: FloatArray, side: int, 
 
 def _taut_route(room: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
     """The taut path along a route; the puncture at its own base is no obstacle to it, so the first bit stays."""
-    reach = float(np.linalg.norm(route - route[0], axis=1).max())
-    outside = _beyond(route, min(room.margin + 2.0 * shrink, 0.5 * reach))
+    span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route strays
+    outside = _beyond(route, min(room.margin + 2.0 * shrink, 0.5 * span))
     way = np.vstack((route[: len(route) - len(outside) + 1], room.taut_path(outside, shrink=shrink)))
     return shapely.get_coordinates(shapely.LineString(way).simplify(STRAIGHT))
 
