@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
@@ -25,6 +25,10 @@ SHAPE_CURVATURE = 3.0
 """Standard deviation of that curvature, times the arm's length."""
 BUMP_TURN = 0.8
 """Standard deviation of a local change of heading [rad]."""
+SHAPES_AS_ROUTES = 0.6
+"""Share of routes that are shapes of the other tree."""
+NODE_CHOICE = 4
+"""Of so many random nodes the least used is extended."""
 TIP_CHOICE = 6
 """A tip target is given to the nearest of so many nodes, drawn at random."""
 
@@ -71,7 +75,7 @@ class Sampler:
         if self.room is not None:
             kinds.append((0.15, partial(self.to_place, own)))
         if self.room is not None and self.routes:
-            kinds += [(0.1, partial(self.along_route, own)), (0.15, partial(self.folded, own))]
+            kinds += [(0.1, partial(self.along_route, own, other)), (0.15, partial(self.folded, own, other))]
         weights = np.array([weight for weight, _ in kinds])
         return kinds[int(self.rng.choice(len(kinds), p=weights / weights.sum()))][1]()
 
@@ -106,18 +110,18 @@ class Sampler:
         node = int(choice[np.argmin(own.tip_distances(place)[choice])])
         return self._tip_led(own, node, lambda room, tip: room.taut_path(np.stack((tip, place)), self.shrink))
 
-    def along_route(self, own: Tree) -> Extension:
+    def along_route(self, own: Tree, other: Tree) -> Extension:
         """The tip of a random node back along its arm and out along a random route."""
         node, side = self._any(own), int(self.rng.choice((-1, 1)))
-        route, points = self._any_route(), own.poses[node].points
+        route, points = self._any_route(other), own.poses[node].points
         return self._tip_led(own, node, lambda room, _: taut_way(room, points, route, side, self.shrink))
 
-    def folded(self, own: Tree) -> Extension:
+    def folded(self, own: Tree, other: Tree) -> Extension:
         """The arm of a random node pulled over to a random route as a rope; a shape when the route is too long."""
         node, side = self._any(own), int(self.rng.choice((-1, 1)))
         if self.room is None:
             return self.to_shape(own)
-        pose, route = own.poses[node], self._any_route()
+        pose, route = own.poses[node], self._any_route(other)
         try:
             taut = taut_way(self.room, pose.points, route, side, self.shrink)
             path = TipPath(side, route, taut, self.room, self.shrink)
@@ -147,9 +151,13 @@ class Sampler:
         return self.stepper.pose(fit_coordinates(space.matrix, headings - space.offset, space.arm.length))
 
     def _any(self, tree: Tree) -> int:
-        return int(self.rng.integers(len(tree)))
+        """A random node, rather one that has seldom been drawn."""
+        return tree.least_used(self.rng.integers(len(tree), size=NODE_CHOICE))
 
-    def _any_route(self) -> FloatArray:
+    def _any_route(self, other: Tree) -> FloatArray:
+        """One of the routes, or the shape of a random pose of the other tree."""
+        if len(other) and self.rng.random() < SHAPES_AS_ROUTES:
+            return other.poses[self._any(other)].points
         return self.routes[int(self.rng.integers(len(self.routes)))]
 
     def _free_place(self) -> FloatArray:

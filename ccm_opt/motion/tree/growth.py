@@ -21,15 +21,17 @@ from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.motion.tree.extensions import Extension, Sampler
 from ccm_opt.motion.tree.nodes import Tree
 
-STEPS = 120
+STEPS = 250
 """Longest extension."""
-PATIENCE = 20
-"""Steps without progress before an extension ends."""
-DISPERSION = 0.02
+PATIENCE, CONNECTION_PATIENCE = 12, 5
+"""Steps without progress before an extension, or a connection, ends."""
+DISPERSION = 0.04
 """Nodes keep this distance."""
+NODE_INTERVAL = 10
+"""Least number of steps between two nodes of one extension."""
 SATURATED = 300
 """Extensions in a row that add no node before the search is given up."""
-CONNECTIONS = 2
+CONNECTIONS = 1
 """Nodes of the other tree that a new node is connected to, nearest first."""
 ROOT_INTERVAL = 40
 """Extensions between two new poses at the goal."""
@@ -165,13 +167,13 @@ class _Growth:
     def _grow(self, side: int, extension: Extension, steps: int) -> list[int]:
         """Follow a guide and keep what is certified and new; numbers of the new nodes."""
         tree = self.trees[side]
-        poses = self._led(extension.guide, tree.poses[extension.node], steps)
+        poses = self._led(extension.guide, tree.poses[extension.node], steps, PATIENCE)
         return self._keep(tree, extension.node, self._certified(poses))
 
-    def _led(self, guide: Guide, pose: Pose, steps: int) -> list[Pose]:
+    def _led(self, guide: Guide, pose: Pose, steps: int, patience: int) -> list[Pose]:
         question = self.question
         try:
-            return follow(question.stepper, Limited(guide, steps), pose, question.deadline, PATIENCE)
+            return follow(question.stepper, Limited(guide, steps), pose, question.deadline, patience)
         except Stalled as stalled:
             return stalled.poses
 
@@ -185,9 +187,10 @@ class _Growth:
     def _keep(self, tree: Tree, node: int, poses: list[Pose]) -> list[int]:
         """Add the poses that are apart from all nodes."""
         added, edge = [], []
-        for pose in poses[1:]:
+        last = len(poses) - 1
+        for k, pose in enumerate(poses[1:], start=1):
             edge.append(pose)
-            if tree.distances(pose).min() > DISPERSION:
+            if (k == last or len(edge) >= NODE_INTERVAL) and tree.distances(pose).min() > DISPERSION:
                 node = tree.add(node, edge)
                 added.append(node)
                 edge = []
@@ -218,7 +221,7 @@ class _Growth:
         for target in np.argsort(other.distances(pose))[:CONNECTIONS]:
             end = other.poses[int(target)]
             guide = Interpolation(space, pose.v, end.v)
-            poses = self._led(guide, pose, 4 * STEPS)
+            poses = self._led(guide, pose, STEPS, CONNECTION_PATIENCE)
             arrived = guide.finished(poses[-1])
             certified = self._certified([*poses, end] if arrived else poses)
             if arrived and len(certified) == len(poses) + 1:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.step import Pose
 
 HEADING_WEIGHT = 0.1
@@ -19,13 +19,15 @@ class Tree:
         length: of the arm [m].
         poses: of the nodes.
         parents: number of each node's parent, -1 for a root.
-        edges: poses from the parent, without it, to the node, both certified and followed by each other.
+        edges: poses from the parent, without it, to the node.
+        uses: how often each node was drawn.
     """
 
     length: float
     poses: list[Pose] = field(default_factory=list)
     parents: list[int] = field(default_factory=list)
     edges: list[list[Pose]] = field(default_factory=list)
+    uses: list[int] = field(default_factory=list)
     _points: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 2)))
     _headings: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -50,6 +52,7 @@ class Tree:
         self.poses.append(edge[-1])
         self.parents.append(parent)
         self.edges.append(edge)
+        self.uses.append(0)
         return count
 
     def distances(self, pose: Pose) -> FloatArray:
@@ -71,6 +74,12 @@ class Tree:
         """Distance of every node's tip to a place (2,), shape (nodes,) [m]."""
         distances: FloatArray = np.linalg.norm(self._points[: len(self), -1] - place, axis=1)
         return distances
+
+    def least_used(self, choice: IntArray) -> int:
+        """Of some nodes the one that was drawn least often, and count that it is drawn now."""
+        node = min((int(k) for k in choice), key=lambda k: self.uses[k])
+        self.uses[node] += 1
+        return node
 
     def way_to(self, node: int) -> list[Pose]:
         """All poses from the root to a node."""
