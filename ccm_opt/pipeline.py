@@ -18,7 +18,7 @@ from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
 from ccm_opt.stages import Stages
 
-PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "scipy", "shapely", "toppra")
+PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
 
 
 def solve(

@@ -11,7 +11,7 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.motion.backward import backward_task, reversed_motion
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import ContactFinder
-from ccm_opt.motion.continuation import Stalled, follow, settle, without_pauses
+from ccm_opt.motion.continuation import PAUSES, Stalled, follow, settle, without_pauses
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
@@ -28,7 +28,9 @@ MARGINS = (0.06, 0.024)
 REACH = 0.96
 """Contacts nearer than this many units make rows of the step."""
 DESIGN_LINKS = 24
-"""Arms with more than twice as many links are planned with this many and lifted, where passages are wide."""
+"""Arms with more than half as many links again are planned with this many and lifted, where passages are wide."""
+LIFT_MARGIN = 3e-3
+"""Gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length."""
 
 
 def find_motion(task: MotionTask) -> Motion:
@@ -43,16 +45,25 @@ def find_motion(task: MotionTask) -> Motion:
     """
     failures: list[Failure] = []
     fineness = fineness_asked(task)
-    if task.arm.links > 2 * DESIGN_LINKS and fineness <= FINENESS and not task.clamped:
+    if task.arm.links > 1.5 * DESIGN_LINKS and fineness <= FINENESS and not task.clamped:
         coarse = coarsened(task, DESIGN_LINKS)
-        motion = _try_margins(coarse, failures, FINENESS)
-        lifted = lift(motion, task) if motion else None
+        found = _try_margins(coarse, failures, FINENESS)
+        lifted = _lifted(found, coarse, task) if found is not None else None
         if lifted is not None:
             return lifted
     motion = _try_margins(task, failures, fineness)
     if motion is None:
         raise _nothing_found(task, failures)
-    return motion
+    return optimise(motion, task)
+
+
+def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
+    """A coarse motion on the task's links: optimised and lifted, or else lifted as it was found and then optimised."""
+    lifted = lift(optimise(found, coarse, LIFT_MARGIN), task)
+    if lifted is not None:
+        return lifted
+    lifted = lift(found, task)
+    return optimise(lifted, task) if lifted is not None else None
 
 
 @dataclass(frozen=True)
@@ -69,7 +80,7 @@ def _try_margins(task: MotionTask, failures: list[Failure], fineness: float) -> 
     for margin in MARGINS:
         for motion in _motions(task, margin, fineness, failures):
             if motion is not None:
-                return optimise(motion, task)
+                return motion
             if task.deadline.passed():
                 return None
     return None
@@ -134,10 +145,12 @@ class _Attempt:
 
     def _attempt(self, candidate: Candidate) -> list[Pose]:
         poses = self._led(candidate)
-        poses = without_pauses(poses + self._arrive(poses[-1])[1:])
-        if not self._certified(headings_of(poses)):
-            raise Stalled("the motion arrived but could not be certified", poses)
-        return poses
+        poses += self._arrive(poses[-1])[1:]
+        for pause in PAUSES:
+            brisk = without_pauses(poses, pause)
+            if self._certified(headings_of(brisk)):
+                return brisk
+        raise Stalled("the motion arrived but could not be certified", poses)
 
     def _led(self, candidate: Candidate) -> list[Pose]:
         """Follow the candidate's guide, then the one that resumes where it ends or stalls."""

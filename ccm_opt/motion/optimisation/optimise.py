@@ -28,12 +28,13 @@ ACTIVE = 1.1
 """Rows nearer to their bound than this many such links enter the QP."""
 
 
-def optimise(motion: Motion, task: MotionTask) -> Motion:
+def optimise(motion: Motion, task: MotionTask, margin: float = MARGIN) -> Motion:
     """Shorten a certified motion in its homotopy class.
 
     Args:
         motion: piecewise linear in its link space, certified.
         task: arm, room, goal and deadline.
+        margin: gap that rows ask for beyond contact, as a share of the arm's length.
 
     Returns:
         A certified motion with a shorter joint path and few keyframes, with the same start; the given one when
@@ -42,7 +43,7 @@ def optimise(motion: Motion, task: MotionTask) -> Motion:
     certificate = task.certificate
     if task.optimiser == "none" or len(motion.coordinates) < 2 or task.deadline.passed():
         return motion
-    program, coordinates = _program(motion, task, certificate), thinned(motion, certificate)
+    program, coordinates = _program(motion, task, margin), thinned(motion, certificate)
     if task.optimiser == "interior-point":
         return _shorter(motion, interior_point(program, coordinates))
     return _shorter(motion, sequential_convex(program, coordinates))
@@ -62,14 +63,14 @@ def travel(motion: Motion) -> float:
     return float(np.linalg.norm(np.diff(bends, axis=0), axis=1).sum())
 
 
-def _program(motion: Motion, task: MotionTask, certificate: Certificate) -> Program:
+def _program(motion: Motion, task: MotionTask, margin: float) -> Program:
     length = task.arm.length
     link = min(task.arm.link_length, LARGEST_LINK * length)
     make_rows = partial(
         motion_rows,
         workspace=task.workspace,
         segments=WallSegments.of(task.workspace),
-        margin=MARGIN * length,
+        margin=margin * length,
         reach=REACH * link,
     )
     return Program(
@@ -77,7 +78,7 @@ def _program(motion: Motion, task: MotionTask, certificate: Certificate) -> Prog
         task.goal,
         task.goal_headings is not None,
         make_rows,
-        certificate.failures,
+        task.certificate.failures,
         ACTIVE * link,
         task.deadline,
     )
