@@ -14,8 +14,10 @@ BENDING, JERK = 1e-4, 1e-4
 PATIENCE = 60
 """Steps without progress before a guide is given up."""
 SETTLE_STEPS = 150
-PAUSE = 1e-3
-"""Poses nearer than this [rad] to the one before are dropped, for a path that stands still cannot be timed well."""
+PAUSES = (0.02, 1e-3)
+"""Poses nearer than this [rad] to the one before are dropped, the first that leaves the motion certified.
+
+A path that almost stands still in places cannot be timed well."""
 
 
 class Guide(Protocol):
@@ -77,11 +79,11 @@ def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patie
     return poses
 
 
-def without_pauses(poses: list[Pose]) -> list[Pose]:
-    """The way without poses in which no link has turned by ``PAUSE`` since the one before; both ends stay."""
+def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
+    """The way without poses in which no link has turned by ``least`` [rad] since the one before; both ends stay."""
     kept = [poses[0]]
     for pose in poses[1:]:
-        if np.max(np.abs(pose.headings - kept[-1].headings)) >= PAUSE:
+        if np.max(np.abs(pose.headings - kept[-1].headings)) >= least:
             kept.append(pose)
     if kept[-1] is not poses[-1]:
         kept[max(len(kept) - 1, 1) :] = [poses[-1]]
