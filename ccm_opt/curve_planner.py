@@ -7,7 +7,6 @@ certified motion on the links, and a smooth path through joint space.
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 import shapely
@@ -24,7 +23,7 @@ from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.spline_path import certified_spline
-from ccm_opt.motion.task import Motion, MotionTask
+from ccm_opt.motion.task import Motion, MotionTask, Remembered
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by
 from ccm_opt.nlp.configuration import find_configuration
 from ccm_opt.nlp.task import ConfigurationTask
@@ -81,7 +80,7 @@ class CurvePlanner:
             tip_paths = tip_paths_along(problem, ends, routes)
         with self.stages("configuration"):
             guesses = find_guesses(problem, ends, room, routes)
-            further = partial(further_guesses, problem, ends, room, routes)
+            further = Remembered(further_guesses(problem, ends, room, routes))
         with self.stages("motion"):
             task = MotionTask(
                 clamped_arm(problem.arm) if ends.clamped else problem.arm,
@@ -95,6 +94,7 @@ class CurvePlanner:
                 clamped=ends.clamped,
                 further_guesses=further,
                 optimiser=problem.planner.optimiser,
+                seed=problem.planner.seed,
             )
             return joint_path(problem, task, find_motion(task))
 

@@ -6,7 +6,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.continuation import Stalled, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import fit_coordinates
-from ccm_opt.motion.step import Stepper
+from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.task import Motion, MotionTask
 from ccm_opt.motion.tip_paths import tip_paths_in
 
@@ -19,14 +19,8 @@ def backward_task(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Moti
         stepper: of the task.
         guess: link headings of a pose near the goal, shape (links,) [rad].
     """
-    space = stepper.space
-    near = stepper.pose(fit_coordinates(space.matrix, guess - space.offset, task.arm.length))
-    try:
-        goal = settle(stepper, task.goal, near, task.deadline)[-1]
-    except Stalled:
-        return None
-    contacts = stepper.finder.find(goal.points)
-    if contacts.gap.min(initial=1.0) <= 0.0 or not task.tip_paths:
+    goal = pose_at_goal(task, stepper, guess)
+    if goal is None or not task.tip_paths:
         return None
     start_points = task.arm.joint_positions(task.start)
     first = task.tip_paths[0]
@@ -38,6 +32,23 @@ def backward_task(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Moti
         guesses=(),
         tip_paths=tip_paths_in(first.free_space, goal.points, (start_points,), first.shrink),
     )
+
+
+def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose | None:
+    """A guess brought onto the goal; None when that fails or it would touch something.
+
+    Args:
+        task: with a goal for the tip alone.
+        stepper: of the task.
+        guess: link headings of a pose near the goal, shape (links,) [rad].
+    """
+    space = stepper.space
+    near = stepper.pose(fit_coordinates(space.matrix, guess - space.offset, task.arm.length))
+    try:
+        pose = settle(stepper, task.goal, near, task.deadline)[-1]
+    except Stalled:
+        return None
+    return pose if stepper.finder.find(pose.points).gap.min(initial=1.0) > 0.0 else None
 
 
 def reversed_motion(motion: Motion) -> Motion:

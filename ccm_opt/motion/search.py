@@ -1,14 +1,15 @@
 """The search for a motion: every candidate in turn until one is certified, then the optimisation of the whole."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import TypeAlias
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
-from ccm_opt.motion.backward import backward_task, reversed_motion
+from ccm_opt.motion.backward import backward_task, pose_at_goal, reversed_motion
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import PAUSES, Stalled, follow, settle, without_pauses
@@ -21,6 +22,7 @@ from ccm_opt.motion.passages import fineness_asked
 from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
 from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.task import Motion, MotionTask, coarsened
+from ccm_opt.motion.tree.growth import TREES, Question, search_by_trees
 from ccm_opt.motion.walls import Walls
 
 MARGINS = (0.06, 0.024)
@@ -37,24 +39,31 @@ def find_motion(task: MotionTask) -> Motion:
     """Find a certified motion from the start to the goal.
 
     Arms of many links are planned at ``DESIGN_LINKS`` in the same coordinates and lifted; when that fails, or the
-    arm has few links, they are planned on their own links.
+    arm has few links, they are planned on their own links. When no candidate arrives, trees of poses are grown.
 
     Raises:
         MotionNotFound: every candidate failed; the diagnosis lists why.
         TimeLimitReached: the deadline passed first.
     """
     failures: list[Failure] = []
+    for search in (_try_margins, _grow_trees):
+        motion = _found_by(search, task, failures)
+        if motion is not None:
+            return motion
+    raise _nothing_found(task, failures)
+
+
+def _found_by(search: "Search", task: MotionTask, failures: "list[Failure]") -> Motion | None:
+    """The optimised motion that a search finds at few links, lifted, or else on the task's own links."""
     fineness = fineness_asked(task)
     if task.arm.links > 1.5 * DESIGN_LINKS and fineness <= FINENESS and not task.clamped:
         coarse = coarsened(task, DESIGN_LINKS)
-        found = _try_margins(coarse, failures, FINENESS)
+        found = search(coarse, failures, FINENESS)
         lifted = _lifted(found, coarse, task) if found is not None else None
         if lifted is not None:
             return lifted
-    motion = _try_margins(task, failures, fineness)
-    if motion is None:
-        raise _nothing_found(task, failures)
-    return optimise(motion, task)
+    motion = search(task, failures, fineness)
+    return optimise(motion, task) if motion is not None else None
 
 
 def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
@@ -74,6 +83,22 @@ class Failure:
     message: str
     obstacle: str
     remaining: float
+
+
+Search: TypeAlias = Callable[[MotionTask, list[Failure], float], Motion | None]
+"""Finds a motion for a task at some fineness, or adds to the failures."""
+
+
+def _grow_trees(task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+    """The motion found by trees of poses from both ends, until the deadline or until they reach nothing new."""
+    if not task.tip_paths or task.deadline.passed():
+        return None
+    attempt = _Attempt.of(task, MARGINS[-1], fineness)
+    try:
+        return attempt.motion(TREES, attempt.brisk(search_by_trees(attempt.question())))
+    except Stalled as stalled:
+        failures.append(attempt.failure(TREES, stalled))
+    return None
 
 
 def _try_margins(task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
@@ -136,16 +161,23 @@ class _Attempt:
         """The finished motion of the first candidate that arrives and is certified, or None."""
         for candidate in tried:
             try:
-                return self._motion(candidate, self._attempt(candidate))
+                return self.motion(candidate.name, self._attempt(candidate))
             except Stalled as stalled:
-                failures.append(self._failure(candidate, stalled))
+                failures.append(self.failure(candidate.name, stalled))
             if self.task.deadline.passed():
                 return None
         return None
 
     def _attempt(self, candidate: Candidate) -> list[Pose]:
         poses = self._led(candidate)
-        poses += self._arrive(poses[-1])[1:]
+        return self.brisk(poses + self._arrive(poses[-1])[1:])
+
+    def brisk(self, poses: list[Pose]) -> list[Pose]:
+        """The motion without pauses, certified.
+
+        Raises:
+            Stalled: when it cannot be certified.
+        """
         for pause in PAUSES:
             brisk = without_pauses(poses, pause)
             if self._certified(headings_of(brisk)):
@@ -176,13 +208,39 @@ class _Attempt:
     def _certified(self, headings: FloatArray) -> bool:
         return len(self.certificate.failures(headings)) == 0
 
-    def _motion(self, candidate: Candidate, poses: list[Pose]) -> Motion:
-        return Motion(self.stepper.space, np.array([p.v for p in poses]), headings_of(poses), candidate.name)
+    def question(self) -> Question:
+        """What trees of poses are asked."""
+        task = self.task
+        return Question(
+            self.stepper,
+            self.start,
+            self.goal,
+            self._goal_poses(),
+            task.tip_paths,
+            self.certificate,
+            task.deadline,
+            task.seed,
+        )
 
-    def _failure(self, candidate: Candidate, stalled: Stalled) -> Failure:
+    def _goal_poses(self) -> Iterator[Pose]:
+        """The goal of the whole arm, or poses of it that have the tip at the goal."""
+        if self.goal.coordinates is not None:
+            yield self.stepper.pose(self.goal.coordinates)
+            return
+        for guess in chain(self.task.guesses, self.task.further_guesses()):
+            pose = pose_at_goal(self.task, self.stepper, guess)
+            if pose is not None:
+                yield pose
+
+    def motion(self, name: str, poses: list[Pose]) -> Motion:
+        """The poses as a motion found by a candidate."""
+        return Motion(self.stepper.space, np.array([p.v for p in poses]), headings_of(poses), name)
+
+    def failure(self, name: str, stalled: Stalled) -> Failure:
+        """Why a candidate stalled, and what was near."""
         finder = self.stepper.finder
         obstacle = finder.describe(finder.find(stalled.poses[-1].points))
-        return Failure(candidate.name, str(stalled), obstacle, self.goal.errors(stalled.poses[-1])[0])
+        return Failure(name, str(stalled), obstacle, self.goal.errors(stalled.poses[-1])[0])
 
 
 def headings_of(poses: list[Pose]) -> FloatArray:
@@ -198,12 +256,13 @@ def _coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:
 def _nothing_found(task: MotionTask, failures: list[Failure]) -> MotionNotFound | TimeLimitReached:
     tried = sorted(failures, key=lambda f: f.remaining)
     evidence = {"tried": [f"{f.candidate}: {f.message} ({f.obstacle})" for f in tried]}
+    trees = [f.message for f in failures if f.candidate == TREES]
     if tried:
         best = tried[0]
         reason = (
-            f"no motion found in {len(tried)} candidates; the best ({best.candidate}) ended "
+            f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended "
             f"{1e3 * best.remaining:.0f} mm from the goal: {best.message}; tightest there: {best.obstacle}"
-        )
+        ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
     else:
         reason = "no motion found: there is no path of the tip that the arm is long enough for"
     if task.deadline.passed():

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import count
 
 import numpy as np
 
@@ -38,6 +39,7 @@ class MotionTask:
         clamped: whether the first link must keep its heading.
         further_guesses: makes more such poses, when the first do not help.
         optimiser: how the motion that is found is optimised.
+        seed: of all chance.
     """
 
     arm: Arm
@@ -51,6 +53,7 @@ class MotionTask:
     clamped: bool = False
     further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
     optimiser: OptimiserName = "sequential-convex"
+    seed: int = 0
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -62,6 +65,27 @@ class MotionTask:
         gaps = [finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
         spare = np.clip(0.5 * min(gaps), 0.0, SPARE * self.arm.length)
         return Certificate(self.arm, self.workspace, float(spare))
+
+
+class Remembered:
+    """Items that are costly to make: each is made when first asked for, and kept.
+
+    Args:
+        items: makes them.
+    """
+
+    def __init__(self, items: Iterator[FloatArray]) -> None:
+        self._items, self._known = items, list[FloatArray]()
+
+    def __call__(self) -> Iterator[FloatArray]:
+        """All items from the first."""
+        for k in count():
+            if k == len(self._known):
+                item = next(self._items, None)
+                if item is None:
+                    return
+                self._known.append(item)
+            yield self._known[k]
 
 
 @dataclass(frozen=True)
@@ -83,7 +107,7 @@ class Motion:
 
 def coarsened(task: MotionTask, links: int) -> MotionTask:
     """The same task for an arm of the same length with fewer links."""
-    count = task.arm.links
+    many = task.arm.links
     arm = replace(
         task.arm,
         links=links,
@@ -95,8 +119,8 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
 
     def resampled(headings: FloatArray) -> FloatArray:
         covered = np.concatenate(([0.0], np.cumsum(headings)))
-        edges = np.interp(np.linspace(0.0, count, links + 1), np.arange(count + 1), covered)
-        return np.diff(edges) * links / count
+        edges = np.interp(np.linspace(0.0, many, links + 1), np.arange(many + 1), covered)
+        return np.diff(edges) * links / many
 
     return replace(
         task,

@@ -52,14 +52,14 @@ class Sampler:
 
     Attributes:
         stepper: of the link space.
-        room: free space of the tip, punctured at the base; None when no path of the tip is known.
+        room: free space of the tip, punctured at the base.
         routes: from the base to where the tip should get to, each of shape (k, 2) [m].
         shrink: distance kept from corners where there is room [m].
         rng: source of all chance.
     """
 
     stepper: Stepper
-    room: FreeSpace | None
+    room: FreeSpace
     routes: tuple[FloatArray, ...]
     shrink: float
     rng: np.random.Generator
@@ -69,13 +69,12 @@ class Sampler:
         kinds: list[tuple[float, Callable[[], Extension]]] = [
             (0.25, partial(self.to_shape, own)),
             (0.15, partial(self.to_bump, own)),
+            (0.15, partial(self.to_place, own)),
+            (0.1, partial(self.along_route, own, other)),
+            (0.15, partial(self.folded, own, other)),
         ]
         if len(other):
             kinds.append((0.2, partial(self.to_other, own, other)))
-        if self.room is not None:
-            kinds.append((0.15, partial(self.to_place, own)))
-        if self.room is not None and self.routes:
-            kinds += [(0.1, partial(self.along_route, own, other)), (0.15, partial(self.folded, own, other))]
         weights = np.array([weight for weight, _ in kinds])
         return kinds[int(self.rng.choice(len(kinds), p=weights / weights.sum()))][1]()
 
@@ -119,8 +118,6 @@ class Sampler:
     def folded(self, own: Tree, other: Tree) -> Extension:
         """The arm of a random node pulled over to a random route as a rope; a shape when the route is too long."""
         node, side = self._any(own), int(self.rng.choice((-1, 1)))
-        if self.room is None:
-            return self.to_shape(own)
         pose, route = own.poses[node], self._any_route(other)
         try:
             taut = taut_way(self.room, pose.points, route, side, self.shrink)
@@ -134,8 +131,6 @@ class Sampler:
 
     def _tip_led(self, own: Tree, node: int, way: Callable[[FreeSpace, FloatArray], FloatArray]) -> Extension:
         pose, space = own.poses[node], self.stepper.space
-        if self.room is None:
-            return self.to_shape(own)
         try:
             points = way(self.room, pose.points[-1])
         except UnreachableGoal:
@@ -166,6 +161,6 @@ class Sampler:
         while True:
             places = arm.base + self.rng.uniform(-arm.length, arm.length, (64, 2))
             near = places[np.linalg.norm(places - arm.base, axis=1) < arm.length]
-            free = near[self.room.contains(near)] if self.room is not None else near
+            free: FloatArray = near[self.room.contains(near)]
             if len(free):
-                return free[0]
+                return np.asarray(free[0])

@@ -29,12 +29,16 @@ DISPERSION = 0.04
 """Nodes keep this distance."""
 NODE_INTERVAL = 10
 """Least number of steps between two nodes of one extension."""
-SATURATED = 300
+SATURATED = 80
 """Extensions in a row that add no node before the search is given up."""
 CONNECTIONS = 1
 """Nodes of the other tree that a new node is connected to, nearest first."""
 ROOT_INTERVAL = 40
 """Extensions between two new poses at the goal."""
+
+
+TREES = "trees"
+"""Name of what is found, among the names of candidates."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class Question:
         start: where the motion begins.
         goal: where the tip or the whole arm has to be.
         goal_poses: draws poses at the goal.
-        tip_paths: classes of tip motions.
+        tip_paths: classes of tip motions, at least one.
         certificate: that every edge must pass.
         deadline: when to stop.
         seed: of all chance.
@@ -60,23 +64,6 @@ class Question:
     certificate: Certificate
     deadline: Deadline
     seed: int = 0
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What the trees found.
-
-    Attributes:
-        poses: from the start to the goal, or empty.
-        nodes: number of poses in both trees.
-        best: pose reached from the start that is nearest to the goal.
-        ended: why the search ended, in words.
-    """
-
-    poses: list[Pose]
-    nodes: int
-    best: Pose
-    ended: str
 
 
 @dataclass
@@ -109,9 +96,17 @@ class Limited:
         return self.guide.describe(pose)
 
 
-def search_by_trees(question: Question) -> Answer:
-    """Grow both trees until they meet, the time is up or nothing new is reached."""
-    return _Growth.of(question).run()
+def search_by_trees(question: Question) -> list[Pose]:
+    """Grow both trees until they meet; the poses from start to goal.
+
+    Raises:
+        Stalled: when the time is up or nothing new is reached; its pose is the one nearest to the goal.
+    """
+    growth = _Growth.of(question)
+    growth.run()
+    if not growth.found:
+        raise Stalled(growth.ended(), [growth.nearest_to_goal()])
+    return growth.found
 
 
 @dataclass
@@ -128,7 +123,7 @@ class _Growth:
     def of(cls, question: Question) -> "_Growth":
         rng = np.random.default_rng(question.seed)
         paths = question.tip_paths
-        room, shrink = (paths[0].free_space, paths[0].shrink) if paths else (None, 0.0)
+        room, shrink = paths[0].free_space, paths[0].shrink
         routes = tuple({id(path.route): path.route for path in paths}.values())
         length = question.stepper.space.arm.length
         forward = Sampler(question.stepper, room, routes, shrink, rng)
@@ -137,7 +132,8 @@ class _Growth:
         growth.trees[0].add_root(question.start)
         return growth
 
-    def run(self) -> Answer:
+    def run(self) -> None:
+        """Extend the trees in turn."""
         turn = 0
         while not self.found and not self.question.deadline.passed() and self.rejected < SATURATED:
             if turn % ROOT_INTERVAL == 0:
@@ -145,7 +141,6 @@ class _Growth:
             side = turn % 2 if len(self.trees[1]) else 0
             self._extend(side)
             turn += 1
-        return self._answer()
 
     def _draw_root(self) -> None:
         pose = next(self.question.goal_poses, None)
@@ -230,9 +225,11 @@ class _Growth:
                 return
             self._keep(own, node, certified)
 
-    def _answer(self) -> Answer:
-        question = self.question
-        nodes = sum(len(tree) for tree in self.trees)
-        best = min(self.trees[0].poses, key=lambda pose: question.goal.errors(pose)[0])
-        ended = "until the time limit" if question.deadline.passed() else "until nothing new was reached"
-        return Answer(self.found, nodes, best, ended)
+    def ended(self) -> str:
+        """Why the growth ended, in words."""
+        limit = "the time limit" if self.question.deadline.passed() else "they reached nothing new"
+        return f"trees of {sum(len(tree) for tree in self.trees)} poses were grown until {limit}"
+
+    def nearest_to_goal(self) -> Pose:
+        """The pose reached from the start whose tip is nearest to the goal."""
+        return min(self.trees[0].poses, key=lambda pose: self.question.goal.errors(pose)[0])
