@@ -3,7 +3,7 @@
 User CPU of one process, medians of seven rounds. Read the ratios: all rows of a table share the machine's state. Set
 OMP_NUM_THREADS=1.
 """
-# ruff: noqa: INP001, T201 - a script of its own that prints its tables
+# ruff: noqa: T201 - a script of its own that prints its tables
 
 import os
 import resource
