@@ -46,7 +46,7 @@ def find_motion(task: MotionTask) -> Motion:
         TimeLimitReached: the deadline passed first.
     """
     failures: list[Failure] = []
-    for search in (_try_margins, _grow_trees):
+    for search in SEARCHES:
         motion = _found_by(search, task, failures)
         if motion is not None:
             return motion
@@ -122,6 +122,10 @@ def _motions(task: MotionTask, margin: float, fineness: float, failures: list[Fa
             motion = backward.run(backward.first(), failures)
             yield reversed_motion(motion) if motion is not None else None
     yield forward.run(forward.further(), failures)
+
+
+SEARCHES: tuple[Search, ...] = (_try_margins, _grow_trees)
+"""What is tried in turn."""
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def search_by_trees(question: Question) -> list[Pose]:
     Raises:
         Stalled: when the time is up or nothing new is reached; its pose is the one nearest to the goal.
     """
-    growth = _Growth.of(question)
+    growth = Growth.of(question)
     growth.run()
     if not growth.found:
         raise Stalled(growth.ended(), [growth.nearest_to_goal()])
@@ -110,8 +110,16 @@ def search_by_trees(question: Question) -> list[Pose]:
 
 
 @dataclass
-class _Growth:
-    """Two trees in the making."""
+class Growth:
+    """Two trees in the making.
+
+    Attributes:
+        question: that they are to answer.
+        trees: from the start, and from poses at the goal.
+        samplers: of their extensions.
+        rejected: extensions since the last that added a node.
+        found: poses from start to goal, empty as long as there are none.
+    """
 
     question: Question
     trees: tuple[Tree, Tree]
@@ -120,7 +128,8 @@ class _Growth:
     found: list[Pose] = field(default_factory=list)
 
     @classmethod
-    def of(cls, question: Question) -> "_Growth":
+    def of(cls, question: Question) -> "Growth":
+        """The start alone, before any extension."""
         rng = np.random.default_rng(question.seed)
         paths = question.tip_paths
         room, shrink = paths[0].free_space, paths[0].shrink

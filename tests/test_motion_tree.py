@@ -1,0 +1,195 @@
+"""The trees of poses: they solve scenes by themselves, prove every edge, repeat by seed, and stop when asked to."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import MotionNotFound, TimeLimitReached
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.motion import search
+from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.continuation import Deadline, Stalled
+from ccm_opt.motion.goal import POLISH_TOLERANCE
+from ccm_opt.motion.link_space import FINENESS
+from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.task import MotionTask, Remembered
+from ccm_opt.motion.tree.growth import DISPERSION, TREES, Growth, Question, search_by_trees
+from ccm_opt.motion.tree.nodes import Tree
+from ccm_opt.problem import JointPose, TipGoal
+
+from .scenes import ROOM, Scene, clutter, later, make_arm, make_stepper, motion_task, open_scene
+
+EXACT = 100.0 * POLISH_TOLERANCE
+
+
+@dataclass(frozen=True)
+class CountedDeadline(Deadline):
+    """Over after it has been asked so many times, so that tests do not depend on the clock."""
+
+    asked: list[int] = field(default_factory=list)
+
+    def passed(self) -> bool:
+        """Count, and compare with the number."""
+        self.asked.append(0)
+        return len(self.asked) > self.at
+
+
+@pytest.fixture
+def no_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search without its candidates."""
+    monkeypatch.setattr(search, "SEARCHES", search.SEARCHES[1:])
+
+
+def question(task: MotionTask) -> Question:
+    """What the search asks the trees."""
+    return search._Attempt.of(task, search.MARGINS[-1], FINENESS).question()
+
+
+def is_certified(scene: Scene, headings: FloatArray) -> bool:
+    """Whether a motion is proved to touch nothing."""
+    return len(Certificate.of(scene.arm, scene.workspace).failures(headings)) == 0
+
+
+@pytest.mark.usefixtures("no_candidates")
+@pytest.mark.parametrize("seed", [4, 6])
+def test_the_trees_alone_lead_the_tip_to_its_goal(seed: int) -> None:
+    """Without any candidate a certified motion from the start onto the goal is found, and it is optimised."""
+    scene = clutter(seed)
+    motion = find_motion(motion_task(scene.problem(), guessing=True))
+    assert motion.candidate == TREES
+    np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
+    tip = scene.arm.joint_positions(motion.headings[-1])[-1]
+    assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
+    assert (np.abs(scene.arm.bends(motion.headings)) <= scene.arm.bend_limits).all()
+    assert is_certified(scene, motion.headings)
+
+
+@pytest.mark.usefixtures("no_candidates")
+def test_the_trees_meet_whole_arm_goals() -> None:
+    """A goal for the whole arm is met by every link."""
+    scene = clutter(1, 10)
+    motion = find_motion(motion_task(scene.problem(JointPose(scene.arm.bends(scene.goal)))))
+    np.testing.assert_allclose(motion.headings[-1], scene.goal, atol=1e-9)
+    assert motion.candidate == TREES
+    assert is_certified(scene, motion.headings)
+
+
+def test_a_single_tree_settles_on_the_goal() -> None:
+    """Without any pose at the goal the tree from the start finds one."""
+    scene = open_scene(2)
+    asked = question(motion_task(scene.problem(TipGoal(scene.goal_tip.position))))
+    poses = search_by_trees(replace(asked, goal_poses=iter(())))
+    assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < EXACT
+    assert is_certified(scene, np.array([pose.headings for pose in poses]))
+
+
+def test_the_seed_decides() -> None:
+    """The same seed gives the same trees, another seed others."""
+    task = motion_task(clutter(5, 40).problem(), guessing=True)
+
+    def grown(seed: int) -> FloatArray:
+        growth = Growth.of(question(replace(task, seed=seed, deadline=CountedDeadline(250))))
+        growth.run()
+        return np.concatenate([pose.headings for tree in growth.trees for pose in tree.poses])
+
+    np.testing.assert_array_equal(grown(1), grown(1))
+    assert not np.array_equal(grown(1), grown(2))
+
+
+def test_every_edge_is_certified_and_every_node_new() -> None:
+    """Parent and edge of every node pass the certificate, and no two nodes of a tree are nearer than the dispersion."""
+    scene = clutter(5, 40)
+    task = motion_task(scene.problem(), guessing=True)
+    growth = Growth.of(question(replace(task, deadline=CountedDeadline(1000))))
+    growth.run()
+    for tree in growth.trees:
+        assert len(tree) > 10
+        for node in range(len(tree)):
+            parent = [tree.poses[tree.parents[node]]] if tree.parents[node] >= 0 else []
+            way = np.array([pose.headings for pose in parent + tree.edges[node]])
+            assert len(task.certificate.failures(way)) == 0
+            others = np.delete(tree.distances(tree.poses[node]), node)
+            assert others.min() > DISPERSION
+
+
+def test_a_deadline_ends_the_growth_within_a_step() -> None:
+    """Once the deadline has passed nothing but the running loops ask for it again."""
+    deadline = CountedDeadline(400)
+    task = replace(motion_task(clutter(5, 40).problem()), deadline=deadline)
+    with pytest.raises(Stalled, match="until the time limit"):
+        search_by_trees(question(task))
+    assert len(deadline.asked) < 410
+
+
+@pytest.mark.usefixtures("no_candidates")
+def test_the_time_limit_is_kept_and_told() -> None:
+    """A search that runs out of time ends on time and says that the trees were grown until then."""
+    task = motion_task(boxed_in().problem(TipGoal(np.array([0.3, -0.5]))))
+    task = replace(task, deadline=Deadline(time.monotonic() + 0.3))
+    with pytest.raises(TimeLimitReached, match=r"trees of \d+ poses were grown until the time limit"):
+        find_motion(task)
+    assert time.monotonic() < task.deadline.at + 1.0
+
+
+@pytest.mark.usefixtures("no_candidates")
+def test_trees_that_reach_nothing_new_end_before_the_time_limit() -> None:
+    """An arm in a duct too narrow to fold cannot get to a side branch; the search gives up and says so."""
+    task = motion_task(boxed_in().problem(TipGoal(np.array([0.3, -0.5]))))
+    with pytest.raises(MotionNotFound, match="until they reached nothing new"):
+        find_motion(replace(task, deadline=later(120.0)))
+
+
+def boxed_in() -> Scene:
+    """A straight arm that fills a duct of 34 mm; the goal lies in a branch off its beginning."""
+    arm = make_arm()
+    walls = (
+        Obstacle("above", shapely.box(0.02, 0.017, 1.2, 0.1)),
+        Obstacle("below, left", shapely.box(0.02, -0.8, 0.28, -0.017)),
+        Obstacle("below, right", shapely.box(0.32, -0.8, 1.2, -0.017)),
+        Obstacle("end", shapely.box(1.02, -0.02, 1.2, 0.02)),
+    )
+    return Scene(arm, Workspace(ROOM, walls), np.zeros(arm.links), np.zeros(arm.links))
+
+
+def test_the_way_to_a_node_leads_through_its_ancestors() -> None:
+    """It holds the root and all edges in order, and counts every pose once."""
+    stepper, root = make_stepper(open_scene(1))
+    bend = np.eye(len(root.v))[5]
+    poses = [root, *(stepper.pose(root.v + 0.1 * k * bend) for k in range(1, 6))]
+    tree = Tree(1.0)
+    tree.add_root(root)
+    middle = tree.add(0, poses[1:3])
+    tree.add(0, poses[5:])
+    last = tree.add(middle, poses[3:5])
+    assert tree.way_to(last) == poses[:5]
+    assert tree.nearest(poses[4]) == last
+
+
+def test_least_used_nodes_are_drawn_first() -> None:
+    """Of a choice of nodes the one that was drawn least often comes next."""
+    stepper, root = make_stepper(open_scene(1))
+    tree = Tree(1.0)
+    for k in range(3):
+        tree.add_root(stepper.pose(root.v + 0.1 * k))
+    assert sorted(tree.least_used(np.arange(3)) for _ in range(3)) == [0, 1, 2]
+
+
+def test_what_is_remembered_is_made_once() -> None:
+    """Items are made when first asked for, and given again from the first to every later asker."""
+    made: list[int] = []
+
+    def items() -> Iterator[FloatArray]:
+        for k in range(3):
+            made.append(k)
+            yield np.array([float(k)])
+
+    remembered = Remembered(items())
+    assert next(remembered())[0] == 0.0
+    assert made == [0]
+    assert [item[0] for item in remembered()] == [item[0] for item in remembered()] == [0.0, 1.0, 2.0]
+    assert made == [0, 1, 2]
