@@ -143,7 +143,8 @@ def _peer(scene: str, links: int, goal: FloatArray, planner: str, options: argpa
 def shake(options: argparse.Namespace) -> None:
     """Print how many of the perturbed starts are solved."""
     for scene, n in cases(options.scenes, options.links):
-        runs = [run_ours(problem) for problem in perturbed(SCENES[scene](n), options.perturbed)]
+        starts = perturbed(SCENES[scene](n), options.perturbed)
+        runs = [run_ours(problem, optimise=options.optimise) for problem in starts]
         good = [run for run in runs if run.outcome == "verified"]
         seconds = [run.seconds for run in good]
         print(f"{scene} {n}: {len(good)} of {len(runs)} verified; CPU ", end="")
@@ -163,6 +164,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1, help="runs of each planner of OMPL")
     parser.add_argument("--repeat", type=int, default=1, help="runs of ours, of which the median counts")
     parser.add_argument("--perturbed", type=int, default=0, help="plan from so many perturbed starts instead")
+    parser.add_argument("--optimise", action="store_true", help="optimise the motions from perturbed starts")
     options = parser.parse_args()
     run_ours(SCENES["corridor"](12))  # what is loaded lazily is loaded now
     (shake if options.perturbed else compare)(options)

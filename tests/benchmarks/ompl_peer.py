@@ -1,7 +1,7 @@
 """Runs a planner of OMPL's Python wheel on one of the scenes, in a process of its own with a limit on CPU time.
 
 ``pip install ompl`` (extra ``bench``); the process is killed when its CPU time is used up, whatever the planner does.
-Poses are checked by the compiled ``CrossingCheck`` behind a Python callback (5 µs at 12 links), motions by OMPL's own
+Poses are checked by the compiled ``CrossingCheck`` behind a Python callback (4 µs at 12 links), motions by OMPL's own
 discrete validator at ``RESOLUTION`` of the extent of joint space; its default, 1 %, lets motions jump through walls.
 """
 
