@@ -41,28 +41,31 @@ def gains(options: SimulationOptions) -> Gains:
 
 
 def control_law(controller: ControllerName, rnea: Any, joints: int) -> Any:
-    """CasADi function ``control(q, qd, reference, gains, limit, bodies, gravity) -> torques``.
+    """CasADi function ``control(q, qd, reference, settings, limit, bodies, gravity) -> torques``.
 
-    - ``computed-torque``: τ = RNEA(q, q̇, q̈_r + Kp e + Kd ė).
+    - ``computed-torque``: τ = RNEA(q + ½ q̇ dt, q̇ + ½ a dt, a) with a = q̈_r + Kp e + Kd ė: the torque that makes the
+      acceleration a at the middle of the step, for it is held over the whole of it.
     - ``pd``: τ = Kp e + Kd ė + RNEA(q, 0, 0), the gravity torques of the pose added (Takegaki and Arimoto, 1981).
       Those of the reference instead leave gravity's own stiffness in the loop, which soft gains cannot hold.
 
     Args:
         controller: the law.
         rnea: the arm's inverse dynamics.
-        joints: number of revolutes; ``reference`` has the columns q_r, q̇_r, q̈_r, shape (joints, 3).
+        joints: number of revolutes; ``reference`` has the columns q_r, q̇_r, q̈_r, shape (joints, 3); ``settings`` are
+            Kp, Kd and dt.
     """
     q, qd, reference = ca.MX.sym("q", joints), ca.MX.sym("qd", joints), ca.MX.sym("reference", joints, 3)
-    gain, limit = ca.MX.sym("gains", 2), ca.MX.sym("limit", joints)
+    settings, limit = ca.MX.sym("settings", 3), ca.MX.sym("limit", joints)
     bodies, gravity = ca.MX.sym("bodies", rnea.size_in(3)), ca.MX.sym("gravity", 3)
     q_r, qd_r, qdd_r = ca.horzsplit(reference)
-    feedback = gain[0] * (q_r - q) + gain[1] * (qd_r - qd)
+    feedback = settings[0] * (q_r - q) + settings[1] * (qd_r - qd)
     if controller == "computed-torque":
-        torques = rnea(q, qd, qdd_r + feedback, bodies, gravity)
+        wanted, half = qdd_r + feedback, 0.5 * settings[2]
+        torques = rnea(q + half * qd, qd + half * wanted, wanted, bodies, gravity)
     else:
         torques = feedback + rnea(q, ca.DM.zeros(joints), ca.DM.zeros(joints), bodies, gravity)
     saturated = ca.fmax(-limit, ca.fmin(limit, torques))
-    return ca.Function("control", [q, qd, reference, gain, limit, bodies, gravity], [saturated])
+    return ca.Function("control", [q, qd, reference, settings, limit, bodies, gravity], [saturated])
 
 
 def check_stability(arm: Arm, angles: FloatArray, options: SimulationOptions, *, planar: bool) -> None:

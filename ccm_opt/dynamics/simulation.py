@@ -145,7 +145,7 @@ def _step_function(structure: Structure, controller: ControllerName) -> Any:
     x, reference, settings = ca.MX.sym("x", 2 * n), ca.MX.sym("reference", n, 3), ca.MX.sym("settings", 3)
     limit, bodies, gravity = ca.MX.sym("limit", n), ca.MX.sym("bodies", 4, structure.links), ca.MX.sym("gravity", 3)
     law, aba = control_law(controller, build_rnea(structure), n), build_aba(structure)
-    torques = law(x[:n], x[n:], reference, settings[:2], limit, bodies, gravity)
+    torques = law(x[:n], x[n:], reference, settings, limit, bodies, gravity)
     after = _runge_kutta(lambda q, qd: aba(q, qd, torques, bodies, gravity), x[:n], x[n:], settings[2])
     names = ["x", "reference", "settings", "limit", "bodies", "gravity"]
     inputs = [x, reference, settings, limit, bodies, gravity]
