@@ -5,8 +5,8 @@
     python -m tests.benchmarks.bench_planning duct --widths 140 100 80 65 55 --links 24 36 48 96
     python -m tests.benchmarks.bench_planning soundness --seeds 60000 61000
 
-User CPU of this process. "Motion" is a certified C² path as the search finds it, "plan" the same with the motion
-optimised (the default of problem files); solvers that are built on the way count. Every plan is timed and passed by the
+User CPU of this process. "Found" is a certified C² path as the search finds it, "optimised" the same with the motion
+optimised (the default of problem files); solvers that are built on the way count. Every plan is timed and passed to the
 verifier. Set OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1.
 """
 
@@ -38,50 +38,50 @@ class Pair:
     """A problem planned without and with optimisation of the motion, a number of times.
 
     Attributes:
-        motions: runs without.
-        plans: runs with.
+        found: runs without.
+        optimised: runs with.
     """
 
-    motions: tuple[Run, ...]
-    plans: tuple[Run, ...]
+    found: tuple[Run, ...]
+    optimised: tuple[Run, ...]
 
     @classmethod
     def of(cls, problem: Problem, repeat: int = 1, name: str = "") -> "Pair":
         """Plan a problem both ways, by turns."""
-        runs = [(run(problem, name, optimised=False), run(problem, name)) for _ in range(repeat)]
-        motions, plans = zip(*runs, strict=True)
-        return cls(motions, plans)
+        kinds = [(run(problem, name, optimised=False), run(problem, name)) for _ in range(repeat)]
+        found, optimised = (tuple(replace(item, trajectory=None) for item in runs) for runs in zip(*kinds, strict=True))
+        return cls(found, optimised)
 
     @property
     def solved(self) -> bool:
         """Whether the optimised plan is verified."""
-        return self.plans[0].outcome == "verified"
+        return self.optimised[0].outcome == "verified"
 
     def seconds(self, *, optimised: bool) -> float:
         """Median user CPU [s]."""
-        return quantile([item.seconds for item in (self.plans if optimised else self.motions)], 0.5)
+        return quantile([item.seconds for item in (self.optimised if optimised else self.found)], 0.5)
 
     def cells(self) -> tuple[str, ...]:
         """Outcome, CPU and duration without and with optimisation, and the tactic."""
-        motion, plan = self.motions[0], self.plans[0]
+        found, optimised = self.found[0], self.optimised[0]
         return (
-            motion.outcome,
-            plan.outcome,
+            found.outcome,
+            optimised.outcome,
             f"{self.seconds(optimised=False):.2f}",
             f"{self.seconds(optimised=True):.2f}",
-            f"{motion.duration:.1f}",
-            f"{plan.duration:.1f}",
-            plan.candidate,
+            f"{found.duration:.1f}",
+            f"{optimised.duration:.1f}",
+            optimised.candidate,
         )
 
 
 PAIR_COLUMNS = (
-    "motion",
-    "plan",
-    "motion [s CPU]",
-    "plan [s CPU]",
-    "duration of motion [s]",
-    "duration of plan [s]",
+    "found",
+    "optimised",
+    "found [s CPU]",
+    "optimised [s CPU]",
+    "duration found [s]",
+    "optimised [s]",
     "tactic",
 )
 
@@ -113,7 +113,7 @@ def table(problems: Iterable[tuple[str, int, Callable[[], Problem]]], repeat: in
     for name, links, make in problems:
         pair = pairs[name, links] = Pair.of(make(), repeat, f"{name}, {links} links")
         row(name, links, *pair.cells())
-    tell(item for pair in pairs.values() for item in (pair.motions[0], pair.plans[0]))
+    tell(item for pair in pairs.values() for item in (pair.found[0], pair.optimised[0]))
     ratios(pairs)
     return pairs
 
@@ -128,7 +128,7 @@ def ratios(pairs: dict[tuple[str, int], Pair]) -> None:
     }
     if not found:
         return
-    head("problem", f"motion, {many} / {few} links", f"plan, {many} / {few} links")
+    head("problem", f"found, {many} / {few} links", f"optimised, {many} / {few} links")
     for name, values in found.items():
         row(name, *(f"{value:.2f}" for value in values))
     row("median", *(f"{value:.2f}" for value in np.median(list(found.values()), axis=0)))
@@ -164,7 +164,7 @@ def clutter_table(options: argparse.Namespace) -> None:
             Pair.of(clutter(seed, count).problem(time_limit=options.time_limit), name=f"{count} polygons, seed {seed}")
             for seed in range(*options.seeds)
         ]
-        kinds = {"motion": [pair.motions[0] for pair in pairs], "plan": [pair.plans[0] for pair in pairs]}
+        kinds = {"found": [pair.found[0] for pair in pairs], "optimised": [pair.optimised[0] for pair in pairs]}
         for kind, runs in kinds.items():
             row(count, len(runs), kind, *clutter_cells(runs))
             failed += [item for item in runs if item.outcome != "verified"]

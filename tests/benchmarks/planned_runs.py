@@ -31,6 +31,7 @@ class Run:
         reason: why not; empty when verified.
         seconds: user CPU of planning alone [s].
         candidate: tactic that found the motion.
+        duration: of the timed motion, NaN without one [s].
         trajectory: the timed motion, or None.
     """
 
@@ -39,12 +40,8 @@ class Run:
     reason: str
     seconds: float
     candidate: str = ""
+    duration: float = np.nan
     trajectory: JointTrajectory | None = None
-
-    @property
-    def duration(self) -> float:
-        """Duration of the motion, or NaN [s]."""
-        return np.nan if self.trajectory is None else self.trajectory.duration
 
 
 def user_seconds() -> float:
@@ -88,7 +85,8 @@ def _judged(problem: Problem, path: JointPath, planned: Run) -> Run:
         if not check.passed
     ]
     outcome: Outcome = "refused" if refusals else "verified"
-    return replace(planned, outcome=outcome, reason="; ".join(refusals), trajectory=trajectory)
+    reason = "; ".join(refusals)
+    return replace(planned, outcome=outcome, reason=reason, duration=trajectory.duration, trajectory=trajectory)
 
 
 def told(error: Exception) -> str:
