@@ -1,5 +1,9 @@
 """The configuration NLP on open space and on hand-made corridors."""
 
+import signal
+import subprocess
+import sys
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +12,7 @@ import pytest
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ConfigurationNotFound, ProblemError
 from ccm_opt.freespace.corridor import Corridor
+from ccm_opt.nlp import solver as solver_module
 from ccm_opt.nlp.check import shortfalls
 from ccm_opt.nlp.configuration import attempts, find_configuration, winding_profiles
 from ccm_opt.nlp.initial_guess import initial_guess
@@ -15,6 +20,7 @@ from ccm_opt.nlp.multiple_shooting import build_configuration_nlp, pack, unpack
 from ccm_opt.nlp.polish import heading_basis, polished_configuration
 from ccm_opt.nlp.solver import built_solver, solve_nlp
 from ccm_opt.nlp.task import ConfigurationTask
+from tests.conftest import PROBLEMS
 from tests.nlp_corridors import ANY_HEADING, box, corridor, open_task, random_pose, s_bend
 
 
@@ -227,3 +233,51 @@ def test_end_outside_the_corridor_is_said_at_once(name: str, start: float, goal:
     task = s_bend_task(3.0)
     with pytest.raises(ConfigurationNotFound, match=f"the {name} is .* mm outside its region"):
         find_configuration(replace(task, base=np.array([start, 0.0]), goal=np.array([goal, 0.5])))
+
+
+class InterruptedSolver:
+    """Stands for an IPOPT that stops at once, as Ctrl-C makes it."""
+
+    def __init__(self, status: str, *, signalled: bool) -> None:
+        self.status, self.signalled = status, signalled
+
+    def __call__(self, **arguments: object) -> dict[str, object]:
+        """End at once."""
+        if self.signalled:
+            with suppress(KeyboardInterrupt):  # as CasADi does
+                signal.raise_signal(signal.SIGINT)
+        return {"x": arguments["x0"], "f": 0.0, "g": np.zeros(1)}
+
+    def stats(self) -> dict[str, object]:
+        """How it ended."""
+        return {"return_status": self.status, "iter_count": 1}
+
+
+@pytest.mark.parametrize(("status", "signalled"), [("User_Requested_Stop", False), ("NonIpopt_Exception_Thrown", True)])
+def test_ctrl_c_stops_the_search(monkeypatch: pytest.MonkeyPatch, status: str, *, signalled: bool) -> None:
+    """An interrupt that CasADi swallows is raised after all, and the handler of Ctrl-C is put back."""
+    handler = signal.getsignal(signal.SIGINT)
+    monkeypatch.setattr(solver_module, "built_solver", lambda _: InterruptedSolver(status, signalled=signalled))
+    with pytest.raises(KeyboardInterrupt):
+        find_configuration(s_bend_task(1.1))
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+THREADS = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+import ccm_opt
+problem = ccm_opt.load_problem(sys.argv[1])
+with ThreadPoolExecutor(2) as threads:
+    first, second = threads.map(ccm_opt.solve, [problem, problem])
+assert (first.joints.angles == second.joints.angles).all()
+assert (first.trajectory.time == second.trajectory.time).all()
+print("equal")
+"""
+
+
+def test_two_threads_may_solve_at_once() -> None:
+    """Two solves in two threads of one process end with the same plan; IPOPT by itself would crash."""
+    command = [sys.executable, "-c", THREADS, str(PROBLEMS / "open-space.toml")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "equal\n"), done.stderr

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.ipopt_call import ipopt_call
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, Program
 
 MAX_ITERATIONS = 80
@@ -62,17 +63,25 @@ class NLPResult:
 
 
 def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> NLPResult:
-    """Solve from a guess; never raises on failure, the result says how it went.
+    """Solve from a guess; never raises on failure, the result says how it went. Threads wait for each other.
 
     Args:
         nlp: from ``build_configuration_nlp``, possibly extended.
         guess: shape (variables,).
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed meanwhile.
     """
-    program, solver = nlp.program, built_solver(nlp.program)
-    answer = solver(x0=guess, p=nlp.parameters, lbx=nlp.lower, ubx=nlp.upper, lbg=program.lower, ubg=program.upper)
+    program = nlp.program
+    bounds = {"lbx": nlp.lower, "ubx": nlp.upper, "lbg": program.lower, "ubg": program.upper}
+    with ipopt_call():
+        solver = built_solver(program)
+        answer = solver(x0=guess, p=nlp.parameters, **bounds)
+        statistics = solver.stats()
+    if statistics["return_status"] == "User_Requested_Stop":
+        raise KeyboardInterrupt  # no callback is set: only Ctrl-C asks for this
     variables = np.asarray(answer["x"], dtype=np.float64).ravel()
     violation, row = _worst_row(nlp, variables, np.asarray(answer["g"]).ravel())
-    statistics = solver.stats()
     return NLPResult(
         variables,
         str(statistics["return_status"]),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.ipopt_call import ipopt_call
 from ccm_opt.motion.optimisation.kinematics import Sweep, mount_end
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.rows import Rows
@@ -76,16 +77,17 @@ def _solution(program: Program, sweep: Sweep, rows: Rows) -> FloatArray:
         "g": ca.vertcat(inequalities, ends, tie, bends),
     }
     options = {"ipopt.max_iter": ITERATIONS, "ipopt.tol": 1e-5, "ipopt.print_level": 0, "print_time": False}
-    solver = ca.nlpsol("motion", "ipopt", problem, {**options, "ipopt.sb": "yes"})
     size, zero = moving.numel(), np.zeros(ends.numel() + tie.numel())
     worst = np.zeros(frames - 1)
     np.maximum.at(worst, rows.interval, rows.values(sweep) / unit)
-    result = solver(
-        x0=np.concatenate((sweep.coordinates[1:].ravel(), sweep.headings[1:].ravel(), worst)),
-        lbx=np.concatenate((np.full(size + tie.numel(), -np.inf), np.zeros(frames - 1))),
-        lbg=np.concatenate((np.full(len(rows), -np.inf), zero, low)),
-        ubg=np.concatenate((np.zeros(len(rows)), zero, high)),
-    )
+    with ipopt_call():
+        solver = ca.nlpsol("motion", "ipopt", problem, {**options, "ipopt.sb": "yes"})
+        result = solver(
+            x0=np.concatenate((sweep.coordinates[1:].ravel(), sweep.headings[1:].ravel(), worst)),
+            lbx=np.concatenate((np.full(size + tie.numel(), -np.inf), np.zeros(frames - 1))),
+            lbg=np.concatenate((np.full(len(rows), -np.inf), zero, low)),
+            ubg=np.concatenate((np.zeros(len(rows)), zero, high)),
+        )
     found = np.asarray(result["x"]).ravel()[:size].reshape(frames - 1, p)
     return np.vstack((sweep.coordinates[:1], found))
 
