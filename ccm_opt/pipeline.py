@@ -10,7 +10,7 @@ import numpy as np
 from ccm_opt import retiming, verification
 from ccm_opt.curve_planner import CurvePlanner
 from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.simulation import simulate
+from ccm_opt.dynamics.simulation import check_options, simulate
 from ccm_opt.errors import VerificationError
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.planner import Planner
@@ -35,10 +35,13 @@ def solve(
         A verified solution; there is no unverified one.
 
     Raises:
+        ProblemError: the problem cannot be used as it stands.
         NoPlanFound: with a diagnosis: there is no plan within the limits.
         VerificationError: the verifier refuses the plan; a defect of the planner.
     """
     stages = Stages(progress)
+    with stages("dynamics model"):
+        check_options(problem.arm, problem.simulation)
     path = (planner or CurvePlanner(stages)).plan(problem)
     with stages("dynamics model"):
         inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)

@@ -1,14 +1,16 @@
 """A motion-planning problem: frozen data, SI units, radians. ``problem_file`` makes one from TOML."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.jointed.arm import Arm, MappingName
+from ccm_opt.jointed.arm import Arm, Axes, MappingName
 
 MethodName = Literal["nlp"]
 OptimiserName = Literal["sequential-convex", "interior-point", "none"]
@@ -57,6 +59,7 @@ class TipGoal:
     heading: float | None = None
 
 
+_Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shape
 Start: TypeAlias = JointPose | CurvePose
 Goal: TypeAlias = TipGoal | JointPose | CurvePose
 
@@ -140,3 +143,65 @@ class Problem:
     planner: PlannerOptions = field(default_factory=PlannerOptions)
     simulation: SimulationOptions = field(default_factory=SimulationOptions)
     source: str = ""
+
+    def __post_init__(self) -> None:
+        defects = tuple(_defects(self))
+        if defects:
+            raise ProblemError(f"problem '{self.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in defects))
+
+
+def _defects(problem: Problem) -> Iterator[str]:
+    """What is wrong with the data of a problem, whoever made it; files are checked more closely by ``problem_file``."""
+    arm = problem.arm
+    if arm.links < 2 or arm.links % 2:
+        yield f"arm.links must be even and at least 2, got {arm.links}"
+    if not (arm.link_length > 0.0 and arm.radius >= 0.0):
+        yield f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}"
+    for name, value, shape in _positive_arrays(problem):
+        yield from _array_defects(name, value, shape, positive=True)
+    for name, value, shape in _plain_arrays(problem):
+        yield from _array_defects(name, value, shape, positive=False)
+    yield from _name_defects(problem)
+
+
+def _positive_arrays(problem: Problem) -> Iterator[_Array]:
+    arm, limits = problem.arm, problem.limits
+    for name in ("masses", "inertia_axial", "inertia_transverse"):
+        yield f"arm.{name}", getattr(arm, name), (arm.links,)
+    for name in ("velocity", "acceleration", "torque"):
+        if getattr(limits, name) is not None:
+            yield f"limits.{name}", getattr(limits, name), (3 * arm.links,)
+
+
+def _plain_arrays(problem: Problem) -> Iterator[_Array]:
+    yield "arm.base", problem.arm.base, (2,)
+    yield "simulation.gravity", problem.simulation.gravity, (3,)
+    for end, pose in (("start", problem.start), ("goal", problem.goal)):
+        if isinstance(pose, JointPose):
+            yield f"{end}.bends", pose.bends, (problem.arm.links,)
+        elif isinstance(pose, TipGoal):
+            yield f"{end}.position", pose.position, (2,)
+
+
+def _array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:
+    if not hasattr(value, "shape"):
+        yield f"{name} must be an array of shape {shape}, got a {type(value).__name__}"
+    elif value.shape != shape:
+        yield f"{name} must have shape {shape}, got {value.shape}"
+    elif not np.all(np.isfinite(value)):
+        yield f"{name} must be finite, got {value[~np.isfinite(value)][0]}"
+    elif positive and not np.all(value > 0.0):
+        yield f"{name} must be positive, got {value[value <= 0.0][0]}"
+
+
+def _name_defects(problem: Problem) -> Iterator[str]:
+    planner = problem.planner
+    for key, value, names in (
+        ("arm.axes", problem.arm.axes, get_args(Axes)),
+        ("planner.method", planner.method, get_args(MethodName)),
+        ("planner.mapping", planner.mapping, get_args(MappingName)),
+        ("planner.optimiser", planner.optimiser, get_args(OptimiserName)),
+        ("simulation.controller", problem.simulation.controller, get_args(ControllerName)),
+    ):
+        if value not in names:
+            yield f"{key} must be one of {', '.join(names)}, got {value!r}"

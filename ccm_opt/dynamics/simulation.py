@@ -18,7 +18,7 @@ from ccm_opt.dynamics.controller import check_stability, control_law, gains
 from ccm_opt.dynamics.model import ArmModel, Structure, arm_model
 from ccm_opt.dynamics.reference import StepReference, hermite, step_reference
 from ccm_opt.dynamics.rnea import build_rnea
-from ccm_opt.errors import Diagnosis, SimulationError
+from ccm_opt.errors import Diagnosis, ProblemError, SimulationError
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import ControllerName, Limits, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
@@ -51,7 +51,7 @@ def simulate(
     planar = _is_planar(joints, options)
     if planar:
         arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
-    _check_axes(arm, joints, planar=planar)
+    _check_axes(arm, joints.angles, planar=planar)
     check_stability(arm, joints.angles, options, planar=planar)
     reference = step_reference(trajectory.time, joints.angles, joints.velocities, options.step)
     loop = _closed_loop(arm, options, limits)
@@ -61,6 +61,24 @@ def simulate(
         _check_finite(chunk, joints.names, options.step)
         record.add(chunk)
     return record.motion(limits.torque)
+
+
+def check_options(arm: Arm, options: SimulationOptions) -> None:
+    """Refuse what no motion of the arm could be simulated with, before one is planned.
+
+    Args:
+        arm: the arm; its straight pose stands for all.
+        options: gravity, step, controller and gains.
+
+    Raises:
+        ProblemError: saying which setting is at fault and what would do.
+    """
+    straight, still = np.zeros((1, 3 * arm.links)), float(options.gravity[1]) == 0.0
+    try:
+        _check_axes(replace(arm, axes="zyx") if still else arm, straight, planar=still)
+        check_stability(arm, straight, options, planar=still)
+    except SimulationError as error:
+        raise ProblemError(f"the simulation cannot run: {error.diagnosis}") from error
 
 
 @dataclass(frozen=True)
@@ -182,17 +200,17 @@ def _is_planar(joints: JointStates, options: SimulationOptions) -> bool:
     return still and float(options.gravity[1]) == 0.0
 
 
-def _check_axes(arm: Arm, joints: JointStates, *, planar: bool) -> None:
+def _check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
     """Refuse motions on which the ball joints are singular."""
     if arm.axes == "zyz":
         raise SimulationError(
             Diagnosis(
-                reason="arm.axes = 'zyz' is singular where a joint is straight, so forward dynamics cannot simulate it",
+                reason="arm.axes = 'zyz' is singular where a joint is straight: no simulation out of the plane",
                 stage="simulation",
-                advice=('arm.axes = "zyx"; the joint path and the torques of "zyz" remain available',),
+                advice=('arm.axes = "zyx"', "gravity in the plane: simulation.gravity[1] = 0"),
             )
         )
-    largest = float(np.max(np.abs(joints.angles[:, 1::3])))
+    largest = float(np.max(np.abs(angles[:, 1::3])))
     if not planar and largest > LARGEST_BEND:
         raise SimulationError(
             Diagnosis(
