@@ -6,6 +6,7 @@ import subprocess
 import sys
 import types
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ccm_opt import __version__
-from ccm_opt.cli import app
+from ccm_opt.cli.commands import app
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, TimeLimitReached, UnreachableGoal, VerificationError
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
@@ -67,7 +68,7 @@ BAD = {
     "unknown key": ("radius = 0.02", "radius = 0.02\ncolour = 3", "unknown key 'colour'"),
     "misspelt key": ("link_length", "link_lenght", "did you mean 'link_length'?"),
     "not a number": ("radius = 0.02", "radius = nan", "finite number"),
-    "wrong type": ("radius = 0.02", 'radius = "thin"', "expected a number, got 'thin'"),
+    "wrong type": ("radius = 0.02", 'radius = "thin"', "arm.radius: expected a number, got"),
     "method not supported": ("[goal]", "[planner]\nmethod = 'hill-climbing'\n[goal]", "not supported yet"),
     "feed": ("links = 4", "links = 4\nfeed = { range = [0.0, 0.4] }", "not supported yet"),
 }
@@ -325,3 +326,91 @@ def test_the_swan_neck_is_solved_and_its_folder_checked(tmp_path: Path) -> None:
         done = subprocess.run([*command, *arguments], capture_output=True, text=True, check=False, env=environment)
         assert done.returncode == 0, done.stderr
     assert json.loads((tmp_path / "swan-neck" / "solution.json").read_text())["status"] == "solved"
+
+
+def reported(stdout: int | None, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """A real process whose stand-in solver returns at once; its standard output is given."""
+    code = """
+import sys, types
+import numpy as np
+from tests.conftest import make_solution
+module = types.ModuleType("ccm_opt.pipeline")
+module.solve = lambda problem, *, progress: make_solution(problem, np.full(problem.arm.links, 0.3))
+sys.modules["ccm_opt.pipeline"] = module
+from ccm_opt.cli import main
+main()
+"""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    root = PROBLEMS.parent
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False, cwd=root)
+
+
+def two_problems(folder: Path) -> list[Path]:
+    """Two sound problem files."""
+    paths = [folder / "first.toml", folder / "second.toml"]
+    for path in paths:
+        path.write_text(SMALL_PROBLEM.replace('"small"', f'"{path.stem}"'))
+    return paths
+
+
+def test_a_reader_that_goes_away_does_not_stop_the_work(tmp_path: Path) -> None:
+    """With a broken pipe as stdout both files are solved and written, quietly, with exit code 0."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = reported(writer, "solve", *two_problems(tmp_path), "--out", tmp_path, "--no-pictures")
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert all((tmp_path / name / "solution.npz").is_file() for name in ("first", "second"))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_device_is_no_bug(tmp_path: Path) -> None:
+    """When stdout cannot be written the plans are, and one line says so; the exit code is 1."""
+    with Path("/dev/full").open("w") as full:
+        done = reported(full.fileno(), "solve", *two_problems(tmp_path), "--out", tmp_path, "--no-pictures")
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert "the result cannot be printed" in done.stderr
+    assert all((tmp_path / name / "solution.npz").is_file() for name in ("first", "second"))
+
+
+@pytest.mark.parametrize("module", ["ccm_opt", "ccm_opt.cli"])
+def test_the_package_runs_as_a_module(module: str) -> None:
+    """``python -m`` is the command line too."""
+    done = subprocess.run([sys.executable, "-m", module, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"ccm-opt {__version__}\n"
+
+
+@pytest.mark.parametrize("module", ["ccm_opt.cli.commands", "ccm_opt.cli.solving"])
+def test_ctrl_c_while_modules_load_is_no_traceback(module: str) -> None:
+    """An interrupt during an import ends with exit code 130 and one line."""
+    code = f"""
+import sys
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupt())
+from ccm_opt.cli import main
+main()
+"""
+    command = [sys.executable, "-c", code, "solve", "missing.toml"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: cancelled\n")
+
+
+@pytest.mark.parametrize(("error", "warned"), [(0.09, False), (0.11, True)])
+def test_an_arm_that_leaves_the_plan_is_a_warning(
+    problem_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: float, *, warned: bool
+) -> None:
+    """A tracking error above 0.1 rad is told with the controller, the step and what to try; the plan stands."""
+
+    def solve(problem: Problem) -> Solution:
+        solution = bend_a_little(problem)
+        return replace(solution, simulation=replace(solution.simulation, tracking_error=error))
+
+    stand_in(monkeypatch, solve)
+    code, output = run("solve", problem_path, "--out", tmp_path, "--no-pictures")
+    assert code == 0
+    assert ("warning: small: the simulated arm left the plan by 0.11 rad" in output) is warned
+    assert ("computed-torque controller at a step of 0.001 s; try a smaller simulation.step" in output) is warned

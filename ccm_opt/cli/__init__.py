@@ -1,74 +1,20 @@
-"""The command line: one function a command, and exit codes.
-
-Exit codes: 0 solved, 1 a bug, 2 bad input, 3 no plan or a plan that the verifier refuses, 130 cancelled. Of several
-files all are tried; the exit code is the highest, but a bug is always 1.
-"""
+"""The command line; its commands and exit codes are in ``ccm_opt.cli.commands``."""
 
 import os
 import sys
-from pathlib import Path
-from typing import Annotated
-
-import typer
-
-from ccm_opt import __version__
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Read by the linear algebra libraries when they are loaded: small matrices run faster on one thread."""
 
-app = typer.Typer(
-    name="ccm-opt",
-    help="Plan, time and verify motions of highly redundant manipulators.",
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
-
 
 def main() -> None:
-    """Entry point of ``ccm-opt``."""
+    """Entry point of ``ccm-opt``; Ctrl-C ends it with exit code 130 also while modules are loaded."""
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, "1")
-    app()
+    try:
+        from ccm_opt.cli.commands import app  # noqa: PLC0415 - Ctrl-C while loading is handled here
 
-
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        sys.stdout.write(f"ccm-opt {__version__}\n")
-        raise typer.Exit
-
-
-@app.callback()
-def _root(
-    *,
-    version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and stop.")
-    ] = False,
-) -> None:
-    """Plan, time and verify motions of highly redundant manipulators."""
-
-
-@app.command()
-def solve(
-    files: Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)],
-    *,
-    out: Annotated[Path, typer.Option(help="Where each problem's folder is written.")] = Path("runs"),
-    method: Annotated[str | None, typer.Option(help="Planner, instead of the one in the file.")] = None,
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
-) -> None:
-    """Solve problems; write OUT/<name>/ for each."""
-    from ccm_opt.cli.solving import solve_files  # noqa: PLC0415 - loads numpy
-
-    raise typer.Exit(solve_files(files, out, method, pictures=not no_pictures))
-
-
-@app.command()
-def check(
-    folders: Annotated[
-        list[Path], typer.Argument(help="Folders that solve wrote.", metavar="FOLDER…", show_default=False)
-    ],
-) -> None:
-    """Verify written plans again, from their files alone."""
-    from ccm_opt.cli.checking import check_folders  # noqa: PLC0415 - loads numpy
-
-    raise typer.Exit(check_folders(folders))
+        app()
+    except KeyboardInterrupt:
+        sys.stderr.write("error: cancelled\n")
+        sys.exit(130)

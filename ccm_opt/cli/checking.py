@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ccm_opt.cli.outcome import NO_PLAN, SOLVED, run_all
+from ccm_opt.cli.outcome import NO_PLAN, SOLVED, report, run_all
 from ccm_opt.cli.tables import checks_table, report_console
 from ccm_opt.export.load import load_motion, load_problem_data
 from ccm_opt.problem_file import problem_from_mapping
@@ -28,5 +28,4 @@ def _check(folder: Path) -> int:
     checks = verify(problem, motion.trajectory, motion.joints)
     passed = all(check.passed for check in checks)
     title = f"{problem.name}: {'every check holds' if passed else 'refused'}"
-    report_console().print(checks_table(title, checks))
-    return SOLVED if passed else NO_PLAN
+    return report(lambda: report_console().print(checks_table(title, checks)), SOLVED if passed else NO_PLAN)

@@ -1,8 +1,11 @@
 """Exit codes, and running one item of several so that every error ends as one of them."""
 
+import os
+import sys
 import traceback
 from collections.abc import Callable, Iterable
-from typing import TypeVar
+from contextlib import suppress
+from typing import TextIO, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
@@ -26,7 +29,50 @@ def run_all(items: Iterable[Item], run: Callable[[Item], int]) -> int:
 
 def complain(message: str) -> None:
     """Print an error for people, on stderr."""
-    Console(stderr=True, soft_wrap=True, highlight=False).print(f"[red]error:[/red] {escape(message)}")
+    _tell(f"[red]error:[/red] {escape(message)}")
+
+
+def warn(message: str) -> None:
+    """Print one line that people should read, on stderr."""
+    _tell(f"[yellow]warning:[/yellow] {escape(message)}")
+
+
+def report(show: Callable[[], None], code: int) -> int:
+    """Print a result on stdout, without giving up the work when nobody reads it.
+
+    Args:
+        show: prints.
+        code: exit code of the result.
+
+    Returns:
+        The code, also when the reader has gone; 1 when stdout cannot be written for another reason.
+    """
+    try:
+        show()
+        sys.stdout.flush()
+    except (BrokenPipeError, SystemExit):  # Rich exits when a pipe breaks
+        _silence(sys.stdout)
+    except OSError as error:
+        _silence(sys.stdout)
+        complain(f"the result cannot be printed: {error}")
+        return BUG
+    return code
+
+
+def _tell(markup: str) -> None:
+    """Print on stderr; nothing happens when nobody reads it."""
+    try:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(markup)
+    except (OSError, SystemExit):
+        _silence(sys.stderr)
+
+
+def _silence(stream: TextIO) -> None:
+    """Send what is still printed nowhere: the interpreter flushes once more at its end."""
+    with suppress(OSError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)
 
 
 def _guarded(run: Callable[[Item], int], item: Item) -> int:
@@ -42,6 +88,7 @@ def _guarded(run: Callable[[Item], int], item: Item) -> int:
         complain("cancelled")
         return CANCELLED
     except Exception:  # noqa: BLE001 - the other files are still tried; the traceback is shown
-        traceback.print_exc()
+        with suppress(OSError):
+            traceback.print_exc()
         complain("this is a bug in ccm-opt; please report it with the lines above")
         return BUG

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ccm_opt.cli.outcome import SOLVED, run_all
+from ccm_opt.cli.outcome import SOLVED, report, run_all, warn
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import print_solution
 from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, UnreachableGoal, VerificationError
@@ -13,6 +13,8 @@ from ccm_opt.problem_file import load_problem
 from ccm_opt.solution import Solution
 
 METHODS = ("nlp",)
+LEFT_PLAN = 0.1
+"""Tracking error from which the simulated arm has left the plan [rad]."""
 
 
 def solve_files(files: Sequence[Path], out: Path, method: str | None, *, pictures: bool) -> int:
@@ -54,8 +56,21 @@ def _solve(problem: Problem, out: Path, *, pictures: bool) -> int:
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
-    print_solution(solution, clock, str(folder))
-    return SOLVED
+    code = report(lambda: print_solution(solution, clock, str(folder)), SOLVED)
+    _warn_of_tracking(solution)
+    return code
+
+
+def _warn_of_tracking(solution: Solution) -> None:
+    """Say on stderr that the simulated arm did not follow the plan, and what to try."""
+    error, options = solution.simulation.tracking_error, solution.problem.simulation
+    if error <= LEFT_PLAN:
+        return
+    gains = "bandwidth" if options.controller == "computed-torque" else "gains"
+    warn(
+        f"{solution.problem.name}: the simulated arm left the plan by {error:.2g} rad with the {options.controller} "
+        f"controller at a step of {options.step:g} s; try a smaller simulation.step or another simulation.{gains}"
+    )
 
 
 def _plan(problem: Problem, out: Path, clock: StageClock) -> Solution:
