@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import shutil
+import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ccm_opt.cli.checking import check_folders
 from ccm_opt.errors import Diagnosis, ProblemError, VerificationError
 from ccm_opt.export import folder as folder_module
 from ccm_opt.export.folder import check_target, write_failure, write_folder, write_solution
 from ccm_opt.export.load import SHAPES, load_motion, load_problem_data
-from ccm_opt.export.solution_json import solution_json
-from ccm_opt.problem import Problem
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem_file import problem_from_mapping
 from ccm_opt.solution import Solution
 
@@ -186,10 +187,49 @@ def test_new_files_have_usual_permissions(written: Path) -> None:
     assert written.stat().st_mode & 0o777 == 0o777 & ~mask
 
 
-def test_a_problem_without_a_source_is_not_recorded(small_solution: Solution) -> None:
-    """A record that could not be checked later is refused, with advice."""
-    with pytest.raises(ProblemError, match="parse_problem"):
-        solution_json(replace(small_solution, problem=replace(small_solution.problem, source="")))
+def test_the_copy_is_of_the_problem_that_was_solved(small_solution: Solution, tmp_path: Path) -> None:
+    """After ``dataclasses.replace`` and without any source text, the record has the new values, not the file's."""
+    moved = replace(small_solution.problem, goal=TipGoal(np.array([0.25, 0.15]), 0.5))
+    for problem in (moved, replace(moved, source=""), replace(moved, source="not TOML")):
+        folder = write_solution(replace(small_solution, problem=problem), tmp_path)
+        goal = problem_from_mapping(load_problem_data(folder)).goal
+        assert isinstance(goal, TipGoal)
+        np.testing.assert_allclose(goal.position, [0.25, 0.15], rtol=1e-12)
+        assert goal.heading == pytest.approx(0.5, rel=1e-12)
+
+
+def test_the_copy_is_the_file_as_long_as_it_holds(written: Path, small_text: str) -> None:
+    """A problem that was not changed is recorded in the user's own words."""
+    assert load_problem_data(written) == tomllib.loads(small_text)
+
+
+def test_a_changed_problem_is_checked_as_changed(
+    small_solution: Solution, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``check`` measures the distance to the goal that was set by ``replace``, and it holds."""
+    arm, end = small_solution.problem.arm, small_solution.trajectory.bend_angles[-1]
+    tip = arm.joint_positions(arm.headings(end))[-1]
+    problem = replace(small_solution.problem, goal=TipGoal(tip))
+    folder = write_solution(replace(small_solution, problem=problem), tmp_path)
+    check_folders([folder])
+    rows = [line for line in capsys.readouterr().out.splitlines() if "goal position" in line]
+    assert len(rows) == 1
+    assert "fails" not in rows[0]
+
+
+@pytest.mark.parametrize("schema", [9, 0, "1", None])
+def test_records_of_unknown_schemas_are_refused(written: Path, schema: object) -> None:
+    """A record in another layout is bad input: it is not read as if it were this one."""
+    path = written / "solution.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": schema}))
+    with pytest.raises(ProblemError, match=f"schema is {schema!r}; this version reads schema 1"):
+        load_problem_data(written)
+
+
+def test_a_file_is_no_folder(written: Path) -> None:
+    """Naming ``solution.json`` itself instead of its folder is explained."""
+    with pytest.raises(ProblemError, match=r"solution\.json: this is no folder"):
+        load_problem_data(written / "solution.json")
 
 
 def tamper(path: Path, change: Callable[[dict[str, np.ndarray]], object]) -> None:
@@ -240,7 +280,9 @@ def test_pickles_are_never_loaded(written: Path, small_problem: Problem) -> None
         load_motion(written, small_problem.arm)
 
 
-@pytest.mark.parametrize("content", [b"", b"[1, 2]", b"{", b"\xff\xfe", b'{"status": "solved", "problem": 3}'])
+@pytest.mark.parametrize(
+    "content", [b"", b"[1, 2]", b"{", b"\xff\xfe", b'{"schema": 1, "status": "solved", "problem": 3}']
+)
 def test_malformed_records_are_refused(written: Path, content: bytes) -> None:
     """Rubbish instead of ``solution.json`` is a clear message."""
     (written / "solution.json").write_bytes(content)

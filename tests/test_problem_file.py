@@ -180,7 +180,17 @@ DEFECTS = {
         "exactly one of polygon, box, circle, wall; got none",
     ),
     "reversed box": ("bounds = [-1.0, -1.0, 1.0, 1.0]", "bounds = [1, -1, -1, 1]", "workspace.bounds", "xmin < xmax"),
-    "short list": ("base = [0.0, 0.0]", "base = [0.0]", "arm.base", "at least 2 entries, got 1"),
+    "short list": ("base = [0.0, 0.0]", "base = [0.0]", "arm.base", "exactly 2 entries, got 1"),
+    "four curvatures": (
+        'shape = "straight"',
+        "segments = [{ length = 0.4, curvature = [0, 0, 0, 0] }]",
+        "start.segments[0].curvature",
+        "exactly 5 entries, got 4",
+    ),
+    "text in an array": ("base = [0.0, 0.0]", 'base = [0.0, "low"]', "arm.base[1]", "a number, got the text 'low'"),
+    "list in limits": ("velocity = 2.0", "velocity = [[2], 2, 2, 2]", "limits.velocity", "[0] is the list [2]"),
+    "flag in limits": ("velocity = 2.0", "velocity = [2, true, 2, 2]", "limits.velocity", "[1] is true"),
+    "date in limits": ("velocity = 2.0", "velocity = [1979-05-27]", "limits.velocity", "the date or time 1979-05-27"),
     "limits of another arm": ("velocity = 2.0", "velocity = [1, 2]", "limits.velocity", "4 or 12; got 2"),
     "two starts": (
         'shape = "straight"',
@@ -238,10 +248,33 @@ def test_a_defect_is_reported_with_key_path_and_line(name: str) -> None:
     assert found, issues_of(text)
     assert message in found[0].message
     word = key.rsplit(".", 1)[-1].split("[")[0]
-    piece = {"obstacles": "\n[[workspace.obstacles]]", "limit": "\n[limit]", "knots": "\nsegments = "}.get(
-        word, f"\n{word} = "
-    )
+    pieces = {
+        "obstacles": "\n[[workspace.obstacles]]",
+        "limit": "\n[limit]",
+        "knots": "\nsegments = ",
+        "curvature": "\nsegments = ",
+    }
+    piece = pieces.get(word, f"\n{word} = ")
     assert found[0].line == line_holding("\n" + text, piece)
+
+
+@pytest.mark.parametrize(("name", "key"), [('name = "post"\n', ".name"), ("", "")])
+def test_two_obstacles_of_one_name_are_refused(name: str, key: str) -> None:
+    """The second one is pointed at, also when its place gave it the name of an earlier one."""
+    first = "post" if name else "obstacle 2"
+    text = SMALL_PROBLEM.replace('"post"', f'"{first}"')
+    text = text.replace("[arm]", f"[[workspace.obstacles]]\n{name}box = [0.5, 0.5, 0.6, 0.7]\n\n[arm]")
+    (issue,) = issues_of(text)
+    assert issue.key == f"workspace.obstacles[1]{key}"
+    assert f"the name '{first}' is taken by workspace.obstacles[0]" in issue.message
+    assert issue.line == line_holding(text, "box = ") - 1
+
+
+def test_a_directory_is_no_drawing(tmp_path: Path) -> None:
+    """A path that leads to a directory is called one, as the user wrote it."""
+    (tmp_path / "problem.toml").write_text(changed("[workspace]", '[workspace]\nfile = "."'))
+    with pytest.raises(ProblemFileError, match=r"workspace\.file: '\.' is a directory; expected a drawing"):
+        load_problem(tmp_path / "problem.toml")
 
 
 def test_all_defects_are_reported_at_once_in_order_of_lines() -> None:

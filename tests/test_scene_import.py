@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from ccm_opt.errors import ProblemError, ProblemFileError
-from ccm_opt.export.solution_json import problem_data
 from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.problem_file import load_problem, parse_problem, problem_from_mapping
+from ccm_opt.problem_file.data import recorded_data
 from ccm_opt.scene_import import ImportOptions, import_scene
 from ccm_opt.scene_import.chains import Piece, joined
 from ccm_opt.scene_import.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
@@ -410,7 +410,7 @@ def test_the_copy_of_a_problem_needs_the_drawing_no_more(write: Writer) -> None:
     )
     problem = load_problem(write("problem.toml", text))
     drawing.unlink()
-    again = problem_from_mapping(json.loads(json.dumps(problem_data(problem))))
+    again = problem_from_mapping(json.loads(json.dumps(recorded_data(problem))))
     assert len(problem.workspace.obstacles) == 6
     for before, after in zip(problem.workspace.obstacles, again.workspace.obstacles, strict=True):
         assert (before.name, before.rounding) == (after.name, after.rounding)
@@ -442,7 +442,7 @@ def test_the_default_tolerance_is_the_same_in_every_unit(write: Writer, unit: st
     [
         ("", "workspace.file", "does not exist"),
         ("scale = 0.0\n", "workspace.scale", "greater than 0"),
-        ("offset = [1.0]\n", "workspace.offset", "expected at least 2 entries"),
+        ("offset = [1.0]\n", "workspace.offset", "expected exactly 2 entries"),
         ("sclae = 1.0\n", "workspace.sclae", "did you mean 'scale'"),
     ],
 )

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError, VerificationError
 from ccm_opt.export.folder import ARRAYS, RECORD
+from ccm_opt.export.solution_json import SCHEMA
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import bends_from_revolutes, joint_names
 from ccm_opt.solution import JointStates, JointTrajectory
@@ -59,10 +60,15 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
         The data of the problem file.
 
     Raises:
-        ProblemError: when the folder has no readable record.
+        ProblemError: when there is no folder, or it has no readable record of a known schema.
         VerificationError: when the record says that there is no plan.
     """
     record = _read_record(folder / RECORD)
+    if (schema := record.get("schema")) != SCHEMA:
+        raise ProblemError(
+            f"{folder / RECORD}: schema is {schema!r}; this version reads schema {SCHEMA}; "
+            "check the folder with the version of ccm-opt that wrote it"
+        )
     status = record.get("status")
     if status != "solved":
         raise VerificationError([f"there is no plan to check in {folder}: its status is {status!r}{_reason(record)}"])
@@ -106,6 +112,8 @@ def _read_record(path: Path) -> Mapping[str, object]:
         record = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'") from None
+    except NotADirectoryError:
+        raise ProblemError(f"{path.parent}: this is no folder; expected a folder written by 'ccm-opt solve'") from None
     except (OSError, ValueError, RecursionError) as error:
         raise ProblemError(f"{path}: not readable as JSON: {error}") from error
     if not isinstance(record, Mapping):

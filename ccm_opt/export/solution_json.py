@@ -2,12 +2,12 @@
 
 import json
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from ccm_opt.errors import Diagnosis, ProblemError
+from ccm_opt.errors import Diagnosis
 from ccm_opt.problem import Problem
+from ccm_opt.problem_file.data import recorded_data
 from ccm_opt.solution import Solution
 
 SCHEMA = 1
@@ -49,26 +49,12 @@ def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: M
     return _text(record)
 
 
-def problem_data(problem: Problem) -> dict[str, object]:
-    """The data of the file that a problem came from.
-
-    Raises:
-        ProblemError: when the problem was not read from TOML.
-    """
-    if not problem.source:
-        raise ProblemError(
-            f"problem '{problem.name}' has no source text, so its record could not be checked later; "
-            "make it with load_problem, parse_problem or problem_from_mapping"
-        )
-    return tomllib.loads(problem.source)
-
-
 def _record(problem: Problem, status: str, versions: Mapping[str, str]) -> dict[str, object]:
     return {
         "schema": SCHEMA,
         "status": status,
         "method": problem.planner.method,
-        "problem": problem_data(problem),
+        "problem": recorded_data(problem),
         "versions": dict(versions),
         "seed": problem.planner.seed,
     }

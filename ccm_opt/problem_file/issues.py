@@ -3,6 +3,7 @@
 import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import date, time
 from types import MappingProxyType
 from typing import TypeVar
 
@@ -86,6 +87,13 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def described(value: object) -> str:
+    """A value with its type in words, for a message about a wrong type."""
+    kinds = ((str, "the text "), (Mapping, "the table "), (Sequence, "the list "), ((date, time), "the date or time "))
+    kind = next((words for types, words in kinds if isinstance(value, types)), "")
+    return f"{kind}{value}" if isinstance(value, (date, time)) else f"{kind}{shown(value)}"
+
+
 def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
     """The part of pydantic's location that leads through the data: it also names unions and validators."""
     path: KeyPath = ()
@@ -150,7 +158,8 @@ def _sentence(detail: ErrorDetails) -> str:
             f"{context['error']}; got {shown(value)}" if not isinstance(value, (list, dict)) else f"{context['error']}"
         )
     expected = _EXPECTED[kind].format(**context) if kind in _EXPECTED else detail["msg"]
-    return f"{expected}, got {shown(value)}"
+    in_list = isinstance(detail["loc"][-1], int)
+    return f"{expected}, got {described(value) if in_list and kind.endswith('_type') else shown(value)}"
 
 
 def _wrong_count(kind: str, context: Mapping[str, object]) -> str:

@@ -12,6 +12,8 @@ import numpy as np
 import shapely
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
+from ccm_opt.problem_file.issues import described
+
 METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 """Metres in each length unit that a problem file may use."""
 
@@ -72,6 +74,17 @@ def _points_to_metres(points: list[list[float]], info: ValidationInfo) -> list[l
     return [[_to_metres(value, info) for value in point] for point in points]
 
 
+def exactly(count: int) -> AfterValidator:
+    """The rule that a list has ``count`` entries, no fewer and no more."""
+
+    def check(values: list[float]) -> list[float]:
+        if len(values) != count:
+            raise ValueError(f"expected exactly {count} entries, got {len(values)}")
+        return values
+
+    return AfterValidator(check)
+
+
 def _positive(value: object, place: str = "") -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
         raise ValueError(f"expected a positive number or a list of such{place}")
@@ -84,7 +97,7 @@ def _positive_each(value: object) -> float | list[float]:
         return _positive(value)
     if not value:
         raise ValueError("expected a positive number or a list of such; the list is empty")
-    return [_positive(entry, f"; [{k}] is {entry!r}") for k, entry in enumerate(value)]
+    return [_positive(entry, f"; [{k}] is {described(entry)}") for k, entry in enumerate(value)]
 
 
 Length: TypeAlias = Annotated[float, AfterValidator(_to_metres)]
@@ -95,17 +108,17 @@ Degrees: TypeAlias = Annotated[float, AfterValidator(math.radians)]
 PositiveDegrees: TypeAlias = Annotated[float, Field(gt=0.0), AfterValidator(math.radians)]
 BendLimitDegrees: TypeAlias = Annotated[float, Field(gt=0.0, le=180.0), AfterValidator(math.radians)]
 Positive: TypeAlias = Annotated[float, Field(gt=0.0)]
-Point: TypeAlias = Annotated[list[Length], Field(min_length=2, max_length=2)]
-Vector: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
+Point: TypeAlias = Annotated[list[Length], exactly(2)]
+Vector: TypeAlias = Annotated[list[float], exactly(3)]
 
-_Pair: TypeAlias = Annotated[list[float], Field(min_length=2, max_length=2)]
+_Pair: TypeAlias = Annotated[list[float], exactly(2)]
 Ring: TypeAlias = Annotated[
     list[_Pair], Field(min_length=3), AfterValidator(_simple_ring), AfterValidator(_points_to_metres)
 ]
 Polyline: TypeAlias = Annotated[
     list[_Pair], Field(min_length=2), AfterValidator(_two_places), AfterValidator(_points_to_metres)
 ]
-Box: TypeAlias = Annotated[list[Length], Field(min_length=4, max_length=4), AfterValidator(_ordered_box)]
+Box: TypeAlias = Annotated[list[Length], exactly(4), AfterValidator(_ordered_box)]
 
 PositiveEach: TypeAlias = Annotated[float | list[float], BeforeValidator(_positive_each)]
 """One positive number for all, or a list with one each."""

@@ -33,6 +33,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues) -> None:
     obstacles = lookup(data, ("workspace", "obstacles"))
     for k in range(len(obstacles) if isinstance(obstacles, list) else 0):
         _exactly_one(data, ("workspace", "obstacles", k), OBSTACLE_KINDS, issues)
+    _own_names(obstacles, issues)
     _exactly_one(data, ("start",), START_KINDS, issues)
     _exactly_one(data, ("goal",), GOAL_KINDS, issues)
     _heading_applies(data, ("start",), ("segments",), issues)
@@ -57,6 +58,20 @@ def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -
     """Whether a key of the table is meant to be one of ``kinds``: that is reported already."""
     table = lookup(data, path)
     return any(closest(key, kinds) is not None for key in (table if isinstance(table, Mapping) else ()))
+
+
+def _own_names(obstacles: object, issues: Issues) -> None:
+    """Every obstacle's name, given or by its place, must be its own: messages call it by that."""
+    first: dict[object, int] = {}
+    for k, entry in enumerate(obstacles if isinstance(obstacles, list) else ()):
+        given = entry.get("name") if isinstance(entry, Mapping) else None
+        name = str(given or f"obstacle {k + 1}")
+        if first.setdefault(name, k) != k:
+            path: KeyPath = ("workspace", "obstacles", k)
+            issues.add(
+                (*path, "name") if given else path,
+                f"the name '{name}' is taken by workspace.obstacles[{first[name]}]; give each obstacle its own",
+            )
 
 
 def _heading_applies(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str], issues: Issues) -> None:

@@ -3,6 +3,7 @@
 What follows, the copy in ``solution.json`` included, sees plain obstacles and needs the drawing no more.
 """
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -55,6 +56,9 @@ def _entries(
     if folder is None:
         issues.add(("workspace", "file"), "a path beside the problem file, but this problem was not read from a file")
         return []
+    if os.path.isdir(folder / scene.file):  # noqa: PTH112 - pathlib's raises where the user may not look
+        issues.add(("workspace", "file"), f"{scene.file!r} is a directory; expected a drawing, for example 'scene.svg'")
+        return []
     tolerance = CURVE_TOLERANCE / metres if scene.curve_tolerance is None else scene.curve_tolerance
     options = ImportOptions(scene.scale, (scene.offset[0], scene.offset[1]), tolerance, scene.wall_thickness)
     try:
@@ -62,7 +66,7 @@ def _entries(
     except ProblemError as error:
         issues.add(("workspace", "file"), str(error))
         return []
-    return [_entry(obstacle) for obstacle in obstacles]
+    return [obstacle_table(obstacle) for obstacle in obstacles]
 
 
 def _names(listed: list[object]) -> set[str]:
@@ -71,8 +75,8 @@ def _names(listed: list[object]) -> set[str]:
     return {str(name or f"obstacle {k}") for k, name in enumerate(named, start=1)}
 
 
-def _entry(obstacle: Obstacle) -> dict[str, object]:
-    """An obstacle as its table, in the same unit."""
+def obstacle_table(obstacle: Obstacle) -> dict[str, object]:
+    """An obstacle as its table in a problem file, in the same unit of length."""
     core = obstacle.core
     if isinstance(core, shapely.Polygon):
         outline: dict[str, object] = {"name": obstacle.name, "polygon": _points(core.exterior)[:-1]}

@@ -27,6 +27,7 @@ from ccm_opt.problem_file.quantities import (
     PositiveLength,
     Ring,
     Vector,
+    exactly,
 )
 
 MAX_LINKS = 400
@@ -134,8 +135,8 @@ class SegmentTable(Table):
     """One curvature segment: a length, five curvature values, three knots."""
 
     length: PositiveLength
-    curvature: Annotated[list[Curvature], Field(min_length=5, max_length=5)]
-    knots: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(default=[0.25, 0.5, 0.75])
+    curvature: Annotated[list[Curvature], exactly(5)]
+    knots: Annotated[list[float], exactly(3)] = Field(default=[0.25, 0.5, 0.75])
 
     @field_validator("knots")
     @classmethod
