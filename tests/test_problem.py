@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import ProblemError
+from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 
 SWAN_NECK = Path(__file__).parent.parent / "problems" / "swan-neck.toml"
@@ -56,3 +56,10 @@ def test_unstable_gains_are_refused_before_planning(problem: Problem) -> None:
     with pytest.raises(ProblemError, match="the simulation cannot run: pd with"):
         ccm_opt.solve(replace(problem, simulation=options), progress=stages.append)
     assert stages == ["dynamics model"]
+
+
+def test_a_goal_whose_last_link_is_in_a_wall_is_refused_at_once(problem: Problem) -> None:
+    """A tip that is free but must come out of a wall backwards is no goal; the message names the wall and the depth."""
+    goal = TipGoal(np.array([0.285, 0.3]), 0.0)
+    with pytest.raises(UnreachableGoal, match=r"the last link is \d+\.\d mm too near to 'hanging wall'"):
+        ccm_opt.solve(replace(problem, goal=goal))

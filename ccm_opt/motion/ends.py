@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, UnreachableGoal
@@ -48,6 +49,7 @@ def resolve_ends(problem: Problem) -> Ends:
     arm = clamped_arm(problem.arm) if clamped else problem.arm
     _refuse_bad_pose(problem, arm, start, "start")
     if isinstance(problem.goal, TipGoal):
+        _refuse_blocked_tip(problem, problem.goal)
         near_enough = (TOLERANCE_SHARE * problem.tolerances.position, TOLERANCE_SHARE * problem.tolerances.heading)
         goal = GoalPose(problem.goal.position, problem.goal.heading, near_enough=near_enough)
         return Ends(start, goal, None, clamped)
@@ -77,6 +79,26 @@ def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
     if isinstance(pose, JointPose):
         return problem.arm.headings(pose.bends)
     return map_curve(problem.arm, pose.configuration, problem.planner.mapping)
+
+
+def _refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
+    """Refuse a goal at which the tip, or with a heading the whole last link, is deeper in a wall than tolerances allow."""
+    arm, tolerances = problem.arm, problem.tolerances
+    play = tolerances.position
+    last: shapely.Point | shapely.LineString = shapely.Point(goal.position)
+    if goal.heading is not None:
+        back = arm.link_length * np.array([np.cos(goal.heading), np.sin(goal.heading)])
+        last = shapely.LineString([goal.position - back, goal.position])
+        play += arm.link_length * tolerances.heading
+    need = arm.radius + problem.workspace.clearance - play
+    gaps = [shapely.distance(last, wall.core) - wall.rounding - need for wall in problem.workspace.walls]
+    k = int(np.argmin(gaps))
+    if gaps[k] < 0.0:
+        what = "tip is" if goal.heading is None else "last link is"
+        depth = 1e3 * (play - gaps[k])
+        reason = f"at the goal the {what} {depth:.1f} mm too near to '{problem.workspace.walls[k].name}'"
+        advice = ("move the goal or change its heading", "use a smaller arm.radius or workspace.clearance")
+        raise UnreachableGoal(Diagnosis(reason, "goal", advice))
 
 
 def _refuse_bad_pose(problem: Problem, arm: Arm, headings: FloatArray, which: str) -> None:
