@@ -82,7 +82,7 @@ def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
 
 
 def _refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
-    """Refuse a goal at which the tip, or with a heading the whole last link, is deeper in a wall than tolerances allow."""
+    """Refuse a goal at which the tip, or with a heading the last link, is deeper in a wall than tolerances allow."""
     arm, tolerances = problem.arm, problem.tolerances
     play = tolerances.position
     last: shapely.Point | shapely.LineString = shapely.Point(goal.position)
