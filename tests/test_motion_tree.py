@@ -47,7 +47,8 @@ def no_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def question(task: MotionTask) -> Question:
     """What the search asks the trees."""
-    return search._Attempt.of(task, search.MARGINS[-1], FINENESS).question()
+    attempts = [search._Attempt.of(task, margin, FINENESS) for margin in search.TREE_MARGINS]
+    return attempts[-1].question(tuple(attempt.stepper for attempt in attempts))
 
 
 def is_certified(scene: Scene, headings: FloatArray) -> bool:

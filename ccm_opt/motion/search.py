@@ -27,6 +27,8 @@ from ccm_opt.motion.walls import Walls
 
 MARGINS = (0.06, 0.024)
 """Planning margins that are tried, in units of the link space."""
+TREE_MARGINS = (0.12, 0.06, 0.024)
+"""Margins that trees of poses are grown with: a wide one moves on faster, a narrow one gets through."""
 REACH = 0.96
 """Contacts nearer than this many units make rows of the step."""
 DESIGN_LINKS = 24
@@ -93,9 +95,11 @@ def _grow_trees(task: MotionTask, failures: list[Failure], fineness: float) -> M
     """The motion found by trees of poses from both ends, until the deadline or until they reach nothing new."""
     if not task.tip_paths or task.deadline.passed():
         return None
-    attempt = _Attempt.of(task, MARGINS[-1], fineness)
+    attempts = [_Attempt.of(task, margin, fineness) for margin in TREE_MARGINS]
+    attempt = attempts[-1]
+    steppers = tuple(each.stepper for each in attempts)
     try:
-        return attempt.motion(TREES, attempt.brisk(search_by_trees(attempt.question())))
+        return attempt.motion(TREES, attempt.brisk(search_by_trees(attempt.question(steppers))))
     except Stalled as stalled:
         failures.append(attempt.failure(TREES, stalled))
     return None
@@ -212,11 +216,11 @@ class _Attempt:
     def _certified(self, headings: FloatArray) -> bool:
         return len(self.certificate.failures(headings)) == 0
 
-    def question(self) -> Question:
-        """What trees of poses are asked."""
+    def question(self, steppers: tuple[Stepper, ...]) -> Question:
+        """What trees of poses are asked, that may be grown with several margins."""
         task = self.task
         return Question(
-            self.stepper,
+            steppers,
             self.start,
             self.goal,
             self._goal_poses(),

@@ -19,6 +19,8 @@ from ccm_opt.motion.tip_paths import TipPath, taut_way
 from ccm_opt.motion.track import Track
 from ccm_opt.motion.tree.nodes import Tree
 
+WEIGHTS = (0.25, 0.15, 0.15, 0.1, 0.15, 0.2)
+"""How often each kind of extension is drawn: to shapes, bumps, places, along routes, folded, to the other tree."""
 SHAPE_KNOTS = 6
 """Curvature of a random shape is linear between so many knots."""
 SHAPE_CURVATURE = 3.0
@@ -66,17 +68,17 @@ class Sampler:
 
     def draw(self, own: Tree, other: Tree) -> Extension:
         """An extension of a tree; the other tree attracts."""
-        kinds: list[tuple[float, Callable[[], Extension]]] = [
-            (0.25, partial(self.to_shape, own)),
-            (0.15, partial(self.to_bump, own)),
-            (0.15, partial(self.to_place, own)),
-            (0.1, partial(self.along_route, own, other)),
-            (0.15, partial(self.folded, own, other)),
-        ]
-        if len(other):
-            kinds.append((0.2, partial(self.to_other, own, other)))
-        weights = np.array([weight for weight, _ in kinds])
-        return kinds[int(self.rng.choice(len(kinds), p=weights / weights.sum()))][1]()
+        kinds: tuple[Callable[[], Extension], ...] = (
+            partial(self.to_shape, own),
+            partial(self.to_bump, own),
+            partial(self.to_place, own),
+            partial(self.along_route, own, other),
+            partial(self.folded, own, other),
+            partial(self.to_other, own, other),
+        )
+        kinds = kinds if len(other) else kinds[:-1]
+        weights = np.array(WEIGHTS[: len(kinds)])
+        return kinds[int(self.rng.choice(len(kinds), p=weights / weights.sum()))]()
 
     def to_shape(self, own: Tree) -> Extension:
         """The whole arm towards a smooth random shape, from the nearest node."""

@@ -15,6 +15,7 @@ from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.continuation import Deadline, Guide, Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.interpolation import Interpolation
+from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.step import Pose, Stepper, Term
 from ccm_opt.motion.tip_led import LEASH
 from ccm_opt.motion.tip_paths import TipPath
@@ -46,7 +47,7 @@ class Question:
     """What the trees are asked.
 
     Attributes:
-        stepper: of the link space.
+        steppers: of one link space, with different margins, narrowest last.
         start: where the motion begins.
         goal: where the tip or the whole arm has to be.
         goal_poses: draws poses at the goal.
@@ -56,7 +57,7 @@ class Question:
         seed: of all chance.
     """
 
-    stepper: Stepper
+    steppers: tuple[Stepper, ...]
     start: Pose
     goal: GoalPose
     goal_poses: Iterator[Pose]
@@ -64,6 +65,11 @@ class Question:
     certificate: Certificate
     deadline: Deadline
     seed: int = 0
+
+    @property
+    def space(self) -> LinkSpace:
+        """The link space."""
+        return self.steppers[-1].space
 
 
 @dataclass
@@ -115,6 +121,7 @@ class Growth:
 
     Attributes:
         question: that they are to answer.
+        rng: source of all chance.
         trees: from the start, and from poses at the goal.
         samplers: of their extensions.
         rejected: extensions since the last that added a node.
@@ -122,6 +129,7 @@ class Growth:
     """
 
     question: Question
+    rng: np.random.Generator
     trees: tuple[Tree, Tree]
     samplers: tuple[Sampler, Sampler]
     rejected: int = 0
@@ -134,10 +142,10 @@ class Growth:
         paths = question.tip_paths
         room, shrink = paths[0].free_space, paths[0].shrink
         routes = tuple({id(path.route): path.route for path in paths}.values())
-        length = question.stepper.space.arm.length
-        forward = Sampler(question.stepper, room, routes, shrink, rng)
-        backward = Sampler(question.stepper, room, (question.start.points,), shrink, rng)
-        growth = cls(question, (Tree(length), Tree(length)), (forward, backward))
+        length = question.space.arm.length
+        forward = Sampler(question.steppers[-1], room, routes, shrink, rng)
+        backward = Sampler(question.steppers[-1], room, (question.start.points,), shrink, rng)
+        growth = cls(question, rng, (Tree(length), Tree(length)), (forward, backward))
         growth.trees[0].add_root(question.start)
         return growth
 
@@ -177,9 +185,12 @@ class Growth:
     def _led(self, guide: Guide, pose: Pose, steps: int, patience: int) -> list[Pose]:
         question = self.question
         try:
-            return follow(question.stepper, Limited(guide, steps), pose, question.deadline, patience)
+            return follow(self._any_stepper(), Limited(guide, steps), pose, question.deadline, patience)
         except Stalled as stalled:
             return stalled.poses
+
+    def _any_stepper(self) -> Stepper:
+        return self.question.steppers[int(self.rng.integers(len(self.question.steppers)))]
 
     def _certified(self, poses: list[Pose]) -> list[Pose]:
         """The longest certified beginning of a motion."""
@@ -206,10 +217,10 @@ class Growth:
         pose = self.trees[0].poses[node]
         if question.goal.coordinates is not None:
             return
-        if question.goal.errors(pose)[0] > 2.0 * LEASH * question.stepper.space.unit:
+        if question.goal.errors(pose)[0] > 2.0 * LEASH * question.space.unit:
             return
         try:
-            poses = settle(question.stepper, question.goal, pose, question.deadline)
+            poses = settle(question.steppers[-1], question.goal, pose, question.deadline)
         except Stalled as stalled:
             self._keep(self.trees[0], node, self._certified(stalled.poses))
             return
@@ -221,7 +232,7 @@ class Growth:
         own, other = self.trees[side], self.trees[1 - side]
         if not len(other):
             return
-        pose, space = own.poses[node], self.question.stepper.space
+        pose, space = own.poses[node], self.question.space
         for target in np.argsort(other.distances(pose))[:CONNECTIONS]:
             end = other.poses[int(target)]
             guide = Interpolation(space, pose.v, end.v)
