@@ -256,11 +256,14 @@ class InterruptedSolver:
 @pytest.mark.parametrize(("status", "signalled"), [("User_Requested_Stop", False), ("NonIpopt_Exception_Thrown", True)])
 def test_ctrl_c_stops_the_search(monkeypatch: pytest.MonkeyPatch, status: str, *, signalled: bool) -> None:
     """An interrupt that CasADi swallows is raised after all, and the handler of Ctrl-C is put back."""
-    handler = signal.getsignal(signal.SIGINT)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell starts us with it ignored
     monkeypatch.setattr(solver_module, "built_solver", lambda _: InterruptedSolver(status, signalled=signalled))
-    with pytest.raises(KeyboardInterrupt):
-        find_configuration(s_bend_task(1.1))
-    assert signal.getsignal(signal.SIGINT) is handler
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            find_configuration(s_bend_task(1.1))
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 THREADS = """

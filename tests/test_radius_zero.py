@@ -69,7 +69,7 @@ def test_corridor_goal_is_in_the_shaft_as_long_as_possible() -> None:
     left = shapely.Polygon(problem.workspace.obstacles[0].core.coords)
     assert not left.contains(shapely.Point(problem.goal.position))
     with pytest.raises(ValueError, match="inside a wall"):
-        corridor(LARGEST_CORRIDOR + 1)
+        corridor(LARGEST_CORRIDOR + 2)
 
 
 def test_axis_on_a_wall_counts_as_contact() -> None:

@@ -28,8 +28,8 @@ TIP_TOLERANCE = 1e-3
 """OMPL's threshold for goals of the tip [m]."""
 WORLD = 1.25
 """Width and height of the world of corridor and constricted [m]."""
-LARGEST_CORRIDOR = 111
-"""With more links the goal of the corridor lies inside a wall."""
+LARGEST_CORRIDOR = 110
+"""Largest even number of links at which the goal of the corridor is not inside a wall."""
 
 
 def horn(links: int) -> Problem:
