@@ -12,11 +12,12 @@ verifier. Set OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1.
 
 # ruff: noqa: T201 - a benchmark prints its figures
 import argparse
+import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from itertools import product, takewhile
 from typing import TypeAlias, get_args
 
 import numpy as np
@@ -208,7 +209,8 @@ def soundness(options: argparse.Namespace) -> None:
     warm_up()
     outcomes: dict[str, Counter[str]] = defaultdict(Counter)
     seen: list[Sweep] = []
-    for seed in range(*options.seeds):
+    end = time.monotonic() + 60.0 * options.minutes
+    for seed in takewhile(lambda _: time.monotonic() < end, range(*options.seeds)):
         problem = random_problem(seed, options.time_limit)
         planned = run(problem, f"seed {seed}", optimised=seed % 2 == 0)
         for group in groups(problem):
@@ -277,7 +279,8 @@ def main() -> None:
     command.add_argument("--time-limit", type=float, default=60.0, help="of each plan [s]")
     command = _command(commands, "soundness", soundness)
     command.add_argument("--seeds", nargs=2, type=int, default=[60_000, 61_000], metavar=("FIRST", "END"))
-    command.add_argument("--time-limit", type=float, default=10.0, help="of each plan [s]")
+    command.add_argument("--time-limit", type=float, default=30.0, help="of each plan [s]")
+    command.add_argument("--minutes", type=float, default=np.inf, help="wall time after which no other seed is begun")
     command.add_argument("--tell", action="store_true", help="list the problems without a plan too")
     options = parser.parse_args()
     options.action(options)
