@@ -27,7 +27,7 @@ SHAPE_CURVATURE = 3.0
 """Standard deviation of that curvature, times the arm's length."""
 BUMP_TURN = 0.8
 """Standard deviation of a local change of heading [rad]."""
-SHAPES_AS_ROUTES = 0.6
+SHAPES_AS_ROUTES = 0.3
 """Share of routes that are shapes of the other tree."""
 NODE_CHOICE = 4
 """Of so many random nodes the least used is extended."""
