@@ -25,25 +25,43 @@ class Limits:
         velocity: [rad/s].
         acceleration: [rad/s²].
         torque: [N m], or None when torque is not limited.
+        feed_velocity: of the feed axis [m/s], or None when there is none.
+        feed_acceleration: of the feed axis [m/s²], or None when there is none.
+        feed_force: of the feed axis [N], or None when it is not limited.
     """
 
     velocity: FloatArray
     acceleration: FloatArray
     torque: FloatArray | None = None
+    feed_velocity: float | None = None
+    feed_acceleration: float | None = None
+    feed_force: float | None = None
 
 
 @dataclass(frozen=True)
 class JointPose:
-    """A whole-arm pose given by joint bends, shape (links,) [rad]."""
+    """A whole-arm pose given by its joints.
+
+    Attributes:
+        bends: shape (links,) [rad].
+        feed: position of the base on its feed axis [m]; 0 without one.
+    """
 
     bends: FloatArray
+    feed: float = 0.0
 
 
 @dataclass(frozen=True)
 class CurvePose:
-    """A whole-arm pose given as a curve; the arm takes its mapping."""
+    """A whole-arm pose given as a curve; the arm takes its mapping.
+
+    Attributes:
+        configuration: the curve as it lies when the feed axis is at 0.
+        feed: position of the base on its feed axis [m]; 0 without one.
+    """
 
     configuration: Configuration
+    feed: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -70,6 +88,21 @@ class Tolerances:
 
     position: float = 1e-3
     heading: float = float(np.deg2rad(1.0))
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A goal on the way, at which the motion comes to rest.
+
+    Attributes:
+        goal: where the arm stops.
+        tolerances: how near the goal counts.
+        pause: how long it rests there [s].
+    """
+
+    goal: Goal
+    tolerances: Tolerances
+    pause: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -127,6 +160,7 @@ class Problem:
         start: where the motion begins.
         goal: where it ends.
         tolerances: how near the goal counts.
+        stops: goals on the way to the last, in order.
         planner: planner options.
         simulation: simulation options.
         source: the text of the problem file, kept for the record; empty when built in Python.
@@ -140,6 +174,7 @@ class Problem:
     goal: Goal
     description: str = ""
     tolerances: Tolerances = field(default_factory=Tolerances)
+    stops: tuple[Stop, ...] = ()
     planner: PlannerOptions = field(default_factory=PlannerOptions)
     simulation: SimulationOptions = field(default_factory=SimulationOptions)
     source: str = ""
@@ -162,6 +197,25 @@ def _defects(problem: Problem) -> Iterator[str]:
     for name, value, shape in _plain_arrays(problem):
         yield from _array_defects(name, value, shape, positive=False)
     yield from _name_defects(problem)
+    yield from _feed_defects(problem)
+
+
+def _feed_defects(problem: Problem) -> Iterator[str]:
+    feed, limits = problem.arm.feed, problem.limits
+    poses = [("start", problem.start), ("goal", problem.goal)]
+    poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
+    placed = [(name, pose.feed) for name, pose in poses if not isinstance(pose, TipGoal)]
+    if feed is None:
+        yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
+        return
+    if not feed.low < feed.high:
+        yield f"arm.feed must have low < high, got {feed.low} and {feed.high}"
+    for key in ("feed_velocity", "feed_acceleration"):
+        if getattr(limits, key) is None or not getattr(limits, key) > 0.0:
+            yield f"limits.{key} must be positive when the arm has a feed axis, got {getattr(limits, key)}"
+    for name, value in placed:
+        if not feed.low <= value <= feed.high:
+            yield f"{name}.feed must be within the range of the axis, {feed.low} to {feed.high} m, got {value}"
 
 
 def _positive_arrays(problem: Problem) -> Iterator[_Array]:

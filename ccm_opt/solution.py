@@ -17,8 +17,9 @@ class JointPath:
     """An untimed, certified motion of the jointed arm.
 
     Attributes:
-        spline: C² clamped spline of the joint bends over the path parameter u in [0, 1], values (links,) [rad].
-        keyframes: bends at the planner's keyframes, shape (K, links) [rad].
+        spline: C² clamped spline of the joint bends over the path parameter u in [0, 1], values (links,) [rad]; with a
+            feed axis one more value, its position [m].
+        keyframes: bends at the planner's keyframes, shape (K, links) [rad]; with a feed axis one more column [m].
         curves: the continuum curve behind each keyframe, length K.
         candidate: name of the tactic that found the motion.
     """
@@ -30,6 +31,21 @@ class JointPath:
 
 
 @dataclass(frozen=True)
+class FeedMotion:
+    """The base on its feed axis at every sample; each of shape (T,).
+
+    Attributes:
+        positions: [m].
+        velocities: [m/s].
+        accelerations: [m/s²].
+    """
+
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+
+
+@dataclass(frozen=True)
 class JointTrajectory:
     """A timed motion, sampled.
 
@@ -38,12 +54,16 @@ class JointTrajectory:
         bend_angles: planar joint bends, counter-clockwise, shape (T, links) [rad].
         bend_velocities: shape (T, links) [rad/s].
         bend_accelerations: shape (T, links) [rad/s²].
+        feed: what the feed axis does, or None when the base is fixed.
+        stops: numbers of the samples at which the arm rests at its goals on the way, in order.
     """
 
     time: FloatArray
     bend_angles: FloatArray
     bend_velocities: FloatArray
     bend_accelerations: FloatArray
+    feed: FeedMotion | None = None
+    stops: tuple[int, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -53,13 +73,17 @@ class JointTrajectory:
 
 @dataclass(frozen=True)
 class JointStates:
-    """The same motion for the three revolutes of every ball joint, order of ``joint_names``; shapes (T, 3 * links)."""
+    """The same motion for the three revolutes of every ball joint, order of ``joint_names``; shapes (T, 3 * links).
+
+    ``feed_forces``, shape (T,) [N], is what the feed axis bears along its direction; None when the base is fixed.
+    """
 
     names: tuple[str, ...]
     angles: FloatArray
     velocities: FloatArray
     accelerations: FloatArray
     torques: FloatArray
+    feed_forces: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -71,12 +95,14 @@ class SimulatedMotion:
         torques: applied, shape (T, 3 * links) [N m].
         tracking_error: largest joint error at any integration step [rad].
         saturated: whether any torque met its limit.
+        base_feed: position of the base on its feed axis, shape (T,) [m], or None when the base is fixed.
     """
 
     angles: FloatArray
     torques: FloatArray
     tracking_error: float
     saturated: bool
+    base_feed: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -118,4 +144,5 @@ class Solution:
     def joint_positions(self) -> FloatArray:
         """Joint and tip positions at every sample, shape (T, links + 1, 2) [m]."""
         arm = self.problem.arm
-        return arm.joint_positions(arm.headings(self.trajectory.bend_angles))
+        feed = self.trajectory.feed
+        return arm.joint_positions(arm.headings(self.trajectory.bend_angles), 0.0 if feed is None else feed.positions)

@@ -5,10 +5,27 @@ from typing import Literal
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import BoolArray, FloatArray
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
+HELD_TOLERANCE = 1e-9
+"""A joint as near as this to the hole counts as having passed it [m]."""
+
+
+@dataclass(frozen=True)
+class Feed:
+    """A linear axis along the base heading that carries the base through a guide; distances from ``Arm.base`` [m].
+
+    Attributes:
+        low: least position of the base on the axis.
+        high: greatest position.
+        hole: where the guide ends; joints that have not passed it are held straight.
+    """
+
+    low: float
+    high: float
+    hole: float
 
 
 @dataclass(frozen=True)
@@ -29,6 +46,7 @@ class Arm:
         inertia_axial: about the link's axis, shape (links,) [kg m²].
         inertia_transverse: about the link's centre, across its axis, shape (links,) [kg m²].
         axes: order of the three revolutes of a ball joint.
+        feed: the axis that carries the base, or None when the base is fixed.
     """
 
     links: int
@@ -44,6 +62,7 @@ class Arm:
     inertia_axial: FloatArray
     inertia_transverse: FloatArray
     axes: Axes = "zyx"
+    feed: Feed | None = None
 
     @property
     def length(self) -> float:
@@ -74,9 +93,33 @@ class Arm:
         """Joint bends from link headings, shape (..., links) [rad]; the first is relative to the base heading."""
         return np.diff(headings, axis=-1, prepend=self.base_heading)
 
-    def joint_positions(self, headings: FloatArray) -> FloatArray:
-        """Positions of the joints and the tip from link headings, shape (..., links + 1, 2) [m]."""
+    def joint_positions(self, headings: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+        """Positions of the joints and the tip, shape (..., links + 1, 2) [m].
+
+        Args:
+            headings: of the links, shape (..., links) [rad].
+            feed: position of the base on its feed axis, shape (...) [m]; 0 when the base is fixed.
+        """
         steps = self.link_length * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
         start = np.zeros((*steps.shape[:-2], 1, 2))
         positions: FloatArray = self.base + np.concatenate((start, np.cumsum(steps, axis=-2)), axis=-2)
-        return positions
+        if self.feed is None:
+            return positions
+        return positions + np.asarray(feed)[..., None, None] * self.feed_direction
+
+    @property
+    def feed_direction(self) -> FloatArray:
+        """Unit vector of the base heading, along which a feed axis runs, shape (2,)."""
+        return np.array([np.cos(self.base_heading), np.sin(self.base_heading)])
+
+    def held(self, feed: FloatArray | float) -> BoolArray:
+        """Which joints the guide of the feed axis still holds straight, shape (..., links), boolean; none without one.
+
+        Args:
+            feed: position of the base on its feed axis, shape (...) [m].
+        """
+        if self.feed is None:
+            return np.zeros((*np.shape(feed), self.links), dtype=bool)
+        along = np.asarray(feed)[..., None] + self.link_length * np.arange(self.links)
+        held: BoolArray = along < self.feed.hole - HELD_TOLERANCE
+        return held
