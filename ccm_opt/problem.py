@@ -14,6 +14,7 @@ from ccm_opt.jointed.arm import Arm, Axes, MappingName
 
 MethodName = Literal["nlp"]
 OptimiserName = Literal["sequential-convex", "interior-point", "none"]
+RetimingName = Literal["toppra", "paul"]
 ControllerName = Literal["computed-torque", "pd"]
 
 
@@ -116,6 +117,7 @@ class PlannerOptions:
         routes: corridors tried, shortest first.
         seed: of every random choice.
         optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.
+        retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
     """
 
     method: MethodName = "nlp"
@@ -124,6 +126,7 @@ class PlannerOptions:
     routes: int = 5
     seed: int = 0
     optimiser: OptimiserName = "sequential-convex"
+    retiming: RetimingName = "toppra"
 
 
 @dataclass(frozen=True)
@@ -255,6 +258,7 @@ def _name_defects(problem: Problem) -> Iterator[str]:
         ("planner.method", planner.method, get_args(MethodName)),
         ("planner.mapping", planner.mapping, get_args(MappingName)),
         ("planner.optimiser", planner.optimiser, get_args(OptimiserName)),
+        ("planner.retiming", planner.retiming, get_args(RetimingName)),
         ("simulation.controller", problem.simulation.controller, get_args(ControllerName)),
     ):
         if value not in names:

@@ -12,7 +12,15 @@ import shapely
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
 from ccm_opt.jointed.arm import Arm, Axes, MappingName
-from ccm_opt.problem import ControllerName, MethodName, OptimiserName, PlannerOptions, SimulationOptions, Tolerances
+from ccm_opt.problem import (
+    ControllerName,
+    MethodName,
+    OptimiserName,
+    PlannerOptions,
+    RetimingName,
+    SimulationOptions,
+    Tolerances,
+)
 from ccm_opt.problem_file.quantities import (
     BendLimitDegrees,
     Box,
@@ -182,6 +190,7 @@ class PlannerTable(Table):
     routes: Annotated[int, Field(ge=1)] = PlannerOptions.routes
     seed: Annotated[int, Field(ge=0)] = PlannerOptions.seed
     optimiser: OptimiserName = PlannerOptions.optimiser
+    retiming: RetimingName = PlannerOptions.retiming
 
 
 class GainsTable(Table):
