@@ -70,7 +70,7 @@ BAD = {
     "not a number": ("radius = 0.02", "radius = nan", "finite number"),
     "wrong type": ("radius = 0.02", 'radius = "thin"', "arm.radius: expected a number, got"),
     "method not supported": ("[goal]", "[planner]\nmethod = 'hill-climbing'\n[goal]", "not supported yet"),
-    "feed": ("links = 4", "links = 4\nfeed = { range = [0.0, 0.4] }", "not supported yet"),
+    "limit of no feed": ("velocity = 2.0", "velocity = 2.0\nfeed_force = 3.0", "only allowed together with arm.feed"),
 }
 
 

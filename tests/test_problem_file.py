@@ -224,7 +224,15 @@ DEFECTS = {
     ),
     "unsafe name": ('name = "small"', 'name = "../small"', "name", "name for a folder"),
     "future schema": ("schema = 1", "schema = 2", "schema", "expected 1"),
-    "feed": ("links = 4", "links = 4\nfeed = { range = [0, 1] }", "arm.feed", "not supported yet"),
+    "feed without limits": (
+        "links = 4",
+        "links = 4\nfeed = { range = [0, 1] }",
+        "limits.feed_velocity",
+        "an arm with a feed axis needs this limit",
+    ),
+    "reversed feed": ("links = 4", "links = 4\nfeed = { range = [1, 0] }", "arm.feed.range", "least < greatest"),
+    "limit of no feed": ("velocity = 2.0", "velocity = 2.0\nfeed_force = 3", "limits.feed_force", "with arm.feed"),
+    "start on no feed": ('shape = "straight"', 'shape = "straight"\nfeed = 0.1', "start.feed", "with arm.feed"),
     "scene file": ("[workspace]", '[workspace]\nfile = "scene.svg"', "workspace.file", "was not read from a file"),
     "base in an obstacle": ("base = [0.0, 0.0]", "base = [0.0, 0.25]", "arm.base", "0.05 m inside 'post'"),
     "base outside": ("base = [0.0, 0.0]", "base = [-1.25, 0]", "arm.base", "0.25 m outside the workspace boundary"),
@@ -253,6 +261,8 @@ def test_a_defect_is_reported_with_key_path_and_line(name: str) -> None:
         "limit": "\n[limit]",
         "knots": "\nsegments = ",
         "curvature": "\nsegments = ",
+        "range": "\nfeed = ",
+        "feed_velocity": "\n[limits]",
     }
     piece = pieces.get(word, f"\n{word} = ")
     assert found[0].line == line_holding("\n" + text, piece)

@@ -28,16 +28,16 @@ def check_limit_lists(arm: ArmTable, limits: LimitsTable, issues: Issues) -> Non
         _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
 
 
-def check_pose(arm: ArmTable, pose: PoseTable, table: str, issues: Issues) -> None:
+def check_pose(arm: ArmTable, pose: PoseTable, path: KeyPath, issues: Issues) -> None:
     """A pose given by joints must suit the joints, one given by segments the arm's length."""
     if pose.joints_deg is not None:
-        _one_each(pose.joints_deg, (table, "joints_deg"), (arm.links,), "link", issues)
-        _within_limits(arm, pose.joints_deg, (table, "joints_deg"), issues)
+        _one_each(pose.joints_deg, (*path, "joints_deg"), (arm.links,), "link", issues)
+        _within_limits(arm, pose.joints_deg, (*path, "joints_deg"), issues)
     if pose.segments is not None:
         total, length = sum(segment.length for segment in pose.segments), arm.links * arm.link_length
         if abs(total - length) > LENGTH_TOLERANCE * length:
             issues.add(
-                (table, "segments"),
+                (*path, "segments"),
                 f"the segments are {total:.9g} m long together; expected the arm's length, "
                 f"links * link_length = {length:.9g} m",
             )

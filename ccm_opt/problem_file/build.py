@@ -9,7 +9,7 @@ import shapely
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.problem import (
     CurvePose,
     Goal,
@@ -19,11 +19,13 @@ from ccm_opt.problem import (
     Problem,
     SimulationOptions,
     Start,
+    Stop,
     TipGoal,
     Tolerances,
 )
 from ccm_opt.problem_file.schema import (
     ArmTable,
+    FeedTable,
     GoalTable,
     LimitsTable,
     ObstacleTable,
@@ -53,7 +55,7 @@ class Tables:
     arm: ArmTable
     limits: LimitsTable
     start: StartTable
-    goal: GoalTable
+    goals: tuple[GoalTable, ...]
     planner: PlannerTable
     simulation: SimulationTable
 
@@ -61,6 +63,7 @@ class Tables:
 def build_problem(tables: Tables, source: str) -> Problem:
     """Assemble a problem from tables that have passed all checks."""
     arm = build_arm(tables.arm)
+    *stops, last = tables.goals
     return Problem(
         name=tables.root.name,
         description=tables.root.description,
@@ -68,8 +71,9 @@ def build_problem(tables: Tables, source: str) -> Problem:
         arm=arm,
         limits=_limits(tables.limits, arm.links),
         start=build_pose(tables.start, arm),
-        goal=build_goal(tables.goal, arm),
-        tolerances=build_tolerances(tables.goal),
+        goal=build_goal(last, arm),
+        tolerances=build_tolerances(last),
+        stops=tuple(Stop(build_goal(stop, arm), build_tolerances(stop), stop.pause) for stop in stops),
         planner=PlannerOptions(**tables.planner.model_dump()),
         simulation=_simulation(tables.simulation),
         source=source,
@@ -115,7 +119,14 @@ def build_arm(table: ArmTable) -> Arm:
         inertia_axial=axial,
         inertia_transverse=transverse,
         axes=table.axes,
+        feed=None if table.feed is None else _feed(table.feed),
     )
+
+
+def _feed(table: FeedTable) -> Feed:
+    """The feed axis; its guide ends where the base stands at full feed unless the file says otherwise."""
+    low, high = table.range
+    return Feed(low, high, high if table.hole is None else table.hole)
 
 
 def _inertia(table: ArmTable, masses: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -131,6 +142,9 @@ def _limits(table: LimitsTable, links: int) -> Limits:
         _each_revolute(table.velocity, links),
         _each_revolute(table.acceleration, links),
         None if table.torque is None else _each_revolute(table.torque, links),
+        table.feed_velocity,
+        table.feed_acceleration,
+        table.feed_force,
     )
 
 
@@ -140,11 +154,19 @@ def build_pose(table: PoseTable, arm: Arm) -> Start:
     Raises:
         ProblemError: when the arm cannot be folded.
     """
+    feed = feed_of(table, arm)
     if table.segments is not None:
-        return CurvePose(_configuration(table.segments, table.heading_deg, arm))
+        return CurvePose(_configuration(table.segments, table.heading_deg, arm), feed)
     if table.joints_deg is not None:
-        return JointPose(np.array(table.joints_deg))
-    return JointPose(folded_bends(arm) if table.shape == "folded" else straight_bends(arm))
+        return JointPose(np.array(table.joints_deg), feed)
+    return JointPose(folded_bends(arm) if table.shape == "folded" else straight_bends(arm), feed)
+
+
+def feed_of(table: PoseTable, arm: Arm) -> float:
+    """Where the base is on its feed axis in a pose: as given, else at the least position of the range [m]."""
+    if arm.feed is None:
+        return 0.0
+    return arm.feed.low if table.feed is None else table.feed
 
 
 def build_goal(table: GoalTable, arm: Arm) -> Goal:

@@ -65,7 +65,7 @@ def problem_data(problem: Problem) -> Table:
         "arm": _arm(problem.arm),
         "limits": _limits(problem.limits),
         "start": _pose(problem.start, problem.arm),
-        "goal": _goal(problem.goal, problem.arm) | _tolerances(problem.tolerances),
+        "goal": _goals(problem),
         "planner": asdict(problem.planner),
         "simulation": _simulation(problem.simulation),
     }
@@ -92,7 +92,7 @@ def _obstacle(obstacle: Obstacle) -> Table:
 
 
 def _arm(arm: Arm) -> Table:
-    return {
+    table: Table = {
         "links": int(arm.links),
         "link_length": float(arm.link_length),
         "radius": float(arm.radius),
@@ -106,11 +106,29 @@ def _arm(arm: Arm) -> Table:
         "inertia": {"axial": _list(arm.inertia_axial), "transverse": _list(arm.inertia_transverse)},
         "axes": arm.axes,
     }
+    if arm.feed is not None:
+        table["feed"] = {"range": [float(arm.feed.low), float(arm.feed.high)], "hole": float(arm.feed.hole)}
+    return table
 
 
 def _limits(limits: Limits) -> Table:
     table: Table = {"velocity": _list(limits.velocity), "acceleration": _list(limits.acceleration)}
-    return table if limits.torque is None else table | {"torque": _list(limits.torque)}
+    if limits.torque is not None:
+        table["torque"] = _list(limits.torque)
+    for key in ("feed_velocity", "feed_acceleration", "feed_force"):
+        if getattr(limits, key) is not None:
+            table[key] = float(getattr(limits, key))
+    return table
+
+
+def _goals(problem: Problem) -> Table | list[Table]:
+    """The goal, or with stops on the way the list of all goals."""
+    last = _goal(problem.goal, problem.arm) | _tolerances(problem.tolerances)
+    stops = [
+        _goal(stop.goal, problem.arm) | _tolerances(stop.tolerances) | {"pause": float(stop.pause)}
+        for stop in problem.stops
+    ]
+    return [*stops, last] if stops else last
 
 
 def _goal(goal: Goal, arm: Arm) -> Table:
@@ -121,9 +139,10 @@ def _goal(goal: Goal, arm: Arm) -> Table:
 
 
 def _pose(pose: Start, arm: Arm) -> Table:
+    feed: Table = {} if arm.feed is None else {"feed": float(pose.feed)}
     if isinstance(pose, JointPose):
-        return {"joints_deg": _list(np.rad2deg(pose.bends))}
-    return _curve(pose.configuration, arm)
+        return {"joints_deg": _list(np.rad2deg(pose.bends))} | feed
+    return _curve(pose.configuration, arm) | feed
 
 
 def _curve(curve: Configuration, arm: Arm) -> Table:

@@ -1,30 +1,17 @@
-"""Rules between keys that no single value can break: exactly one of several, and what is not supported yet."""
+"""Rules between keys that no single value can break: exactly one of several, and keys that need others."""
 
 from collections.abc import Mapping, Sequence
 
 from ccm_opt.problem_file.issues import Issues, closest
-from ccm_opt.problem_file.keypath import KeyPath, lookup, without
+from ccm_opt.problem_file.keypath import KeyPath, lookup
+from ccm_opt.problem_file.schema import GoalTable, ObstacleTable, WorkspaceTable
 
-UNSUPPORTED: Mapping[KeyPath, str] = {
-    ("arm", "feed"): "a feed axis is not supported yet; leave it out for a fixed base",
-    ("start", "feed"): "a feed axis is not supported yet; leave it out for a fixed base",
-    ("limits", "feed_velocity"): "a feed axis is not supported yet; leave it out for a fixed base",
-    ("limits", "feed_acceleration"): "a feed axis is not supported yet; leave it out for a fixed base",
-    ("limits", "feed_force"): "a feed axis is not supported yet; leave it out for a fixed base",
-}
 OBSTACLE_KINDS = ("polygon", "box", "circle", "wall")
 ROOM_KINDS = ("bounds", "boundary")
 START_KINDS = ("shape", "joints_deg", "segments")
+KNOWN = frozenset(key for table in (WorkspaceTable, ObstacleTable, GoalTable) for key in table.model_fields)
+"""Keys of the tables that offer alternatives; none of them is a misspelling."""
 GOAL_KINDS = ("position", "joints_deg", "shape", "segments")
-
-
-def refuse_unsupported(data: Mapping[str, object], issues: Issues) -> Mapping[str, object]:
-    """Note the parts of the format that this version cannot do, and return the data without them."""
-    for path, message in UNSUPPORTED.items():
-        if lookup(data, path) is not None:
-            issues.add(path, message)
-            data = without(data, path)
-    return data
 
 
 def check_alternatives(data: Mapping[str, object], issues: Issues) -> None:
@@ -35,10 +22,18 @@ def check_alternatives(data: Mapping[str, object], issues: Issues) -> None:
         _exactly_one(data, ("workspace", "obstacles", k), OBSTACLE_KINDS, issues)
     _own_names(obstacles, issues)
     _exactly_one(data, ("start",), START_KINDS, issues)
-    _exactly_one(data, ("goal",), GOAL_KINDS, issues)
     _heading_applies(data, ("start",), ("segments",), issues)
-    _heading_applies(data, ("goal",), ("position", "segments"), issues)
+    for path in goal_paths(data):
+        _exactly_one(data, path, GOAL_KINDS, issues)
+        _heading_applies(data, path, ("position", "segments"), issues)
     _masses(data, issues)
+    _feed(data, issues)
+
+
+def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
+    """Where the goals stand: ``[goal]`` alone, or each ``[[goal]]`` in turn."""
+    goals = data.get("goal")
+    return [("goal", k) for k in range(len(goals))] if isinstance(goals, list) else [("goal",)]
 
 
 def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> list[str]:
@@ -57,7 +52,8 @@ def _exactly_one(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]
 def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> bool:
     """Whether a key of the table is meant to be one of ``kinds``: that is reported already."""
     table = lookup(data, path)
-    return any(closest(key, kinds) is not None for key in (table if isinstance(table, Mapping) else ()))
+    unknown = [key for key in (table if isinstance(table, Mapping) else ()) if key not in KNOWN]
+    return any(closest(key, kinds) is not None for key in unknown)
 
 
 def _own_names(obstacles: object, issues: Issues) -> None:
@@ -82,3 +78,21 @@ def _heading_applies(data: Mapping[str, object], path: KeyPath, kinds: Sequence[
 def _masses(data: Mapping[str, object], issues: Issues) -> None:
     if len(_given(data, ("arm",), ("link_mass", "masses"))) == 2:
         issues.add(("arm", "masses"), "expected only one of link_mass, masses; got both")
+
+
+def _feed(data: Mapping[str, object], issues: Issues) -> None:
+    """A feed axis needs its limits, and nothing may speak of one that is not there."""
+    poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
+    limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "force")]
+    if lookup(data, ("arm", "feed")) is None:
+        for path in [*poses, *limits]:
+            if lookup(data, path) is not None:
+                issues.add(path, "only allowed together with arm.feed; leave it out for a fixed base")
+        return
+    for path in limits[:2]:
+        if lookup(data, path) is None and isinstance(data.get("limits"), Mapping):
+            issues.add(path, "missing; an arm with a feed axis needs this limit")
+    for path in poses[1:]:
+        place = path[:-1]
+        if lookup(data, path) is not None and lookup(data, (*place, "position")) is not None:
+            issues.add(path, "only allowed with a goal for the whole arm; for a goal of the tip the feed is planned")

@@ -26,6 +26,7 @@ from ccm_opt.problem_file.quantities import (
     Box,
     Curvature,
     Degrees,
+    Length,
     NonNegativeLength,
     Point,
     Polyline,
@@ -113,6 +114,20 @@ def _even(links: int) -> int:
     return links
 
 
+class FeedTable(Table):
+    """A linear axis that carries the base along the base heading."""
+
+    range: Annotated[list[Length], exactly(2)]
+    hole: Length | None = None
+
+    @field_validator("range")
+    @classmethod
+    def _ordered(cls, ends: list[float]) -> list[float]:
+        if not ends[0] < ends[1]:
+            raise ValueError("expected [least, greatest] with least < greatest")
+        return ends
+
+
 class ArmTable(Table):
     """The arm."""
 
@@ -129,6 +144,7 @@ class ArmTable(Table):
     masses: Annotated[list[Positive], Field(min_length=1)] | None = None
     inertia: InertiaTable | None = None
     axes: Axes = Arm.axes
+    feed: FeedTable | None = None
 
 
 class LimitsTable(Table):
@@ -137,6 +153,9 @@ class LimitsTable(Table):
     velocity: PositiveEach
     acceleration: PositiveEach
     torque: PositiveEach | None = None
+    feed_velocity: Positive | None = None
+    feed_acceleration: Positive | None = None
+    feed_force: Positive | None = None
 
 
 class SegmentTable(Table):
@@ -161,6 +180,7 @@ class PoseTable(Table):
     joints_deg: Annotated[list[Degrees], Field(min_length=1)] | None = None
     segments: Annotated[list[SegmentTable], Field(min_length=1)] | None = None
     heading_deg: Degrees | None = None
+    feed: Length | None = None
 
 
 class StartTable(PoseTable):
@@ -173,6 +193,7 @@ class GoalTable(PoseTable):
     position: Point | None = None
     position_tolerance: PositiveLength = Tolerances.position
     heading_tolerance_deg: PositiveDegrees = Tolerances.heading
+    pause: Annotated[float, Field(ge=0.0)] = 0.0
 
 
 def _supported_method(method: object) -> object:
@@ -233,6 +254,6 @@ class RootTable(Table):
     arm: dict[str, object]
     limits: dict[str, object]
     start: dict[str, object]
-    goal: dict[str, object]
+    goal: dict[str, object] | list[dict[str, object]]
     planner: dict[str, object] = Field(default_factory=dict)
     simulation: dict[str, object] = Field(default_factory=dict)

@@ -10,12 +10,21 @@ from pydantic import BaseModel
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Problem
-from ccm_opt.problem_file.agreement import check_arm_lists, check_limit_lists, check_pose
-from ccm_opt.problem_file.build import Tables, build_arm, build_pose, build_problem, build_tolerances, build_workspace
+from ccm_opt.problem_file.agreement import ANGLE_TOLERANCE, check_arm_lists, check_limit_lists, check_pose
+from ccm_opt.problem_file.build import (
+    Tables,
+    build_arm,
+    build_pose,
+    build_problem,
+    build_tolerances,
+    build_workspace,
+    feed_of,
+)
 from ccm_opt.problem_file.issues import Issues
+from ccm_opt.problem_file.keypath import KeyPath, lookup
 from ccm_opt.problem_file.placement import check_base, check_goal
 from ccm_opt.problem_file.quantities import METRES
-from ccm_opt.problem_file.rules import check_alternatives, refuse_unsupported
+from ccm_opt.problem_file.rules import check_alternatives, goal_paths
 from ccm_opt.problem_file.scene_file import with_scene
 from ccm_opt.problem_file.schema import (
     ArmTable,
@@ -42,7 +51,7 @@ class _Draft:
     arm: ArmTable | None
     limits: LimitsTable | None
     start: StartTable | None
-    goal: GoalTable | None
+    goals: tuple[GoalTable, ...] | None
     planner: PlannerTable | None
     simulation: SimulationTable | None
 
@@ -59,7 +68,7 @@ def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: 
     Returns:
         The problem, or None when there are issues.
     """
-    given = refuse_unsupported(data, issues)
+    given = data
     data = with_scene(given, folder, issues)
     check_alternatives(data, issues)
     draft = _validate(data, issues)
@@ -86,10 +95,23 @@ def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
         arm=section(ArmTable, "arm"),
         limits=section(LimitsTable, "limits"),
         start=section(StartTable, "start"),
-        goal=section(GoalTable, "goal"),
+        goals=_goals(data, issues, scale),
         planner=section(PlannerTable, "planner"),
         simulation=section(SimulationTable, "simulation"),
     )
+
+
+def _goals(data: Mapping[str, object], issues: Issues, scale: float) -> tuple[GoalTable, ...] | None:
+    """The goals in order, or None when one is defective, missing or no table."""
+    found = []
+    for path in goal_paths(data):
+        table = lookup(data, path)
+        if isinstance(table, Mapping):
+            found.append(issues.validate(GoalTable, table, path, scale))
+    if data.get("goal") == []:
+        issues.add(("goal",), "expected at least one goal")
+    usable = tuple(goal for goal in found if goal is not None)
+    return usable if usable and len(usable) == len(goal_paths(data)) else None
 
 
 def _obstacles(data: Mapping[str, object], issues: Issues, scale: float) -> tuple[ObstacleTable, ...]:
@@ -116,19 +138,40 @@ def _check_between(draft: _Draft, units: str, issues: Issues) -> None:
     check_arm_lists(draft.arm, issues)
     if draft.limits is not None:
         check_limit_lists(draft.arm, draft.limits, issues)
-    for name, pose in (("start", draft.start), ("goal", draft.goal)):
-        if pose is not None:
-            check_pose(draft.arm, pose, name, issues)
-            _check_foldable(draft.arm, pose, name, issues)
+    for path, pose in _poses(draft):
+        check_pose(draft.arm, pose, path, issues)
+        _check_foldable(draft.arm, pose, path, issues)
+        _check_feed(draft.arm, pose, path, issues)
     _check_places(draft, units if units in METRES else "m", issues)
 
 
-def _check_foldable(arm: ArmTable, pose: StartTable | GoalTable, name: str, issues: Issues) -> None:
+def _poses(draft: _Draft) -> list[tuple[KeyPath, StartTable | GoalTable]]:
+    """Start and goals with where they stand."""
+    found: list[tuple[KeyPath, StartTable | GoalTable]] = [] if draft.start is None else [(("start",), draft.start)]
+    goals = draft.goals or ()
+    return found + [(("goal", k) if len(goals) > 1 else ("goal",), goal) for k, goal in enumerate(goals)]
+
+
+def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issues: Issues) -> None:
+    """A pose lies within the range of the feed axis, and the guide holds its joints straight."""
+    if arm.feed is None or not _lists_fit(arm):
+        return
+    built = build_arm(arm)
+    low, high = arm.feed.range
+    at = feed_of(pose, built)
+    if not low <= at <= high:
+        issues.add((*path, "feed"), f"outside the range of the feed axis, {low:g} to {high:g} m")
+    for k in range(min(len(pose.joints_deg or ()), arm.links)):
+        if built.held(at)[k] and abs((pose.joints_deg or [])[k]) > ANGLE_TOLERANCE:
+            issues.add((*path, "joints_deg", k), "this joint is still inside the guide of the feed axis; expected 0")
+
+
+def _check_foldable(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issues: Issues) -> None:
     if pose.shape == "folded" and _lists_fit(arm):
         try:
             build_pose(pose, build_arm(arm))
         except ProblemError as error:
-            issues.add((name, "shape"), str(error))
+            issues.add((*path, "shape"), str(error))
 
 
 def _check_places(draft: _Draft, units: str, issues: Issues) -> None:
@@ -136,10 +179,14 @@ def _check_places(draft: _Draft, units: str, issues: Issues) -> None:
         return
     whole = [item for item in draft.obstacles if any((item.polygon, item.box, item.circle, item.wall))]
     workspace = build_workspace(draft.workspace, whole)
-    check_base(workspace, draft.arm.base, units, issues)
-    if draft.goal is not None and draft.goal.position is not None and _lists_fit(draft.arm):
-        tolerances = build_tolerances(draft.goal)
-        check_goal(workspace, build_arm(draft.arm), draft.goal.position, tolerances, units, issues)
+    if draft.start is not None and _lists_fit(draft.arm):
+        arm = build_arm(draft.arm)
+        base = arm.base if arm.feed is None else arm.base + feed_of(draft.start, arm) * arm.feed_direction
+        check_base(workspace, base.tolist(), units, issues)
+    for path, pose in _poses(draft):
+        if isinstance(pose, GoalTable) and pose.position is not None and _lists_fit(draft.arm):
+            place = (*path, "position")
+            check_goal(workspace, build_arm(draft.arm), pose.position, build_tolerances(pose), units, place, issues)
 
 
 def _lists_fit(arm: ArmTable) -> bool:
