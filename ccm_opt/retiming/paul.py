@@ -1,0 +1,312 @@
+"""Joint-space transitions: straight lines between keyframes, joined by fourth-degree turns (Paul 1981, chapter 5).
+
+The paper plans its trajectories so (section 5.4). Joints move at constant speed along a leg, and within ±τ of the time
+of a via point B they go over to the next leg. With A the place at −τ, C the next via point, T the time from B to C,
+ΔB = A − B, ΔC = C − B and h = (t + τ) / 2τ
+
+    q = [(ΔC τ/T + ΔB)(2 − h) h² − 2 ΔB] h + B + ΔB
+    q̇ = [(ΔC τ/T + ΔB)(3 − 2 h) h² − ΔB] / τ,   q̈ = 3 (ΔC τ/T + ΔB)(1 − h) h / τ².
+
+So speed goes from that of one leg to that of the next without passing either, acceleration is continuous, at most
+¾ |Δv| / τ, and the via point is missed by 3/16 τ |Δv|. At the ends the speed before, or after, is zero.
+
+A motion with all times longer by λ has the same shape in space, speeds smaller by λ, accelerations by λ². Transitions
+leave the polygon of keyframes, by less the smaller the window that they may take of a leg; whoever calls this must
+verify the motion.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.problem import Limits
+from ccm_opt.retiming.diagnosis import check_static_load
+from ccm_opt.retiming.profile import slowing
+from ccm_opt.retiming.rows import InverseDynamics, Revolutes, path_rows
+from ccm_opt.solution import FeedMotion, JointPath, JointTrajectory
+
+WINDOWS = (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)
+"""Largest half transition as a share of the shorter leg beside it, in the order in which they are worth a try."""
+SHARE = 0.995
+"""Share of every limit that is used."""
+LEAST_SAMPLES = 2
+"""Samples in half a transition, at least, so that the samples show what happens in it."""
+ROUNDS = 60
+"""Most rounds of lengthening legs; what is left after them is met by stretching time."""
+TORQUE_ROUNDS = 12
+"""Most rounds of slowing down legs where torques are too great; what is left is met by stretching time."""
+SHORTENING = (0.8, 0.9, 0.95, 0.98, 0.99)
+"""Factors by which legs are shortened where the limits leave room."""
+SWEEPS = 12
+"""Sweeps with each factor."""
+STATIC_POINTS = 400
+"""Places along the polygon at which the joints must be able to hold the arm."""
+NO_LEG = 1e-9
+"""Legs shorter than this in joint space [rad] are left out."""
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Limits on the axes of a path: the bends and, when there is one, the feed axis.
+
+    Attributes:
+        velocity: shape (n,) [rad/s, m/s].
+        acceleration: shape (n,) [rad/s², m/s²].
+    """
+
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    @classmethod
+    def of(cls, limits: Limits, axes: int) -> "Axes":
+        """The limits of so many axes; the one after the bends is the feed axis."""
+        links = len(limits.velocity) // 3
+        bends = 3 * np.arange(links) + 1
+        if axes == links:
+            return cls(limits.velocity[bends], limits.acceleration[bends])
+        feed = (limits.feed_velocity or np.inf, limits.feed_acceleration or np.inf)
+        return cls(np.append(limits.velocity[bends], feed[0]), np.append(limits.acceleration[bends], feed[1]))
+
+
+@dataclass(frozen=True)
+class Legs:
+    """A motion along a polygon, with transitions at its via points.
+
+    Attributes:
+        vias: shape (K, n) [rad, m].
+        times: from via point to via point, shape (K − 1,) [s].
+        halves: half the time of each transition, shape (K,) [s]; two neighbours fit into the leg between them.
+    """
+
+    vias: FloatArray
+    times: FloatArray
+    halves: FloatArray
+
+    @cached_property
+    def speeds(self) -> FloatArray:
+        """Velocities before, on and after the legs, shape (K + 1, n); zero before the first and after the last."""
+        speeds = np.diff(self.vias, axis=0) / self.times[:, None]
+        rest = np.zeros((1, self.vias.shape[1]))
+        return np.concatenate((rest, speeds, rest))
+
+    @cached_property
+    def passed(self) -> FloatArray:
+        """When each via point is passed, or would be without its transition, shape (K,) [s]."""
+        return self.halves[0] + np.concatenate(([0.0], np.cumsum(self.times)))
+
+    @property
+    def duration(self) -> float:
+        """Time from rest to rest [s]."""
+        return float(self.passed[-1] + self.halves[-1])
+
+    @cached_property
+    def _breaks(self) -> FloatArray:
+        """Begin and end of every transition, in order, shape (2 K,) [s]."""
+        pairs = np.stack((self.passed - self.halves, self.passed + self.halves), axis=1)
+        return np.maximum.accumulate(pairs.ravel())
+
+    def piece(self, time: FloatArray) -> tuple[np.ndarray, np.ndarray]:
+        """The last via point whose transition has begun, and whether that transition is still going on."""
+        number = np.clip(np.searchsorted(self._breaks, time, side="right") - 1, 0, len(self._breaks) - 2)
+        return number // 2, number % 2 == 0
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Places, velocities and accelerations at given times, each of shape (N, n)."""
+        via, turning = self.piece(time)
+        since = (time - self.passed[via])[:, None]
+        before, after = self.speeds[via], self.speeds[via + 1]
+        tau = self.halves[via][:, None]
+        h = np.clip((since + tau) / (2.0 * tau), 0.0, 1.0)
+        start = -before * tau  # Paul's ΔB
+        bend = after * tau + start  # Paul's ΔC τ/T + ΔB
+        turn = (
+            (bend * (2.0 - h) * h**2 - 2.0 * start) * h + self.vias[via] + start,
+            (bend * (3.0 - 2.0 * h) * h**2 - start) / tau,
+            3.0 * bend * (1.0 - h) * h / tau**2,
+        )
+        straight = (self.vias[via] + after * since, after, np.zeros_like(after))
+        pick = turning[:, None]
+        q, qd, qdd = (np.where(pick, one, other) for one, other in zip(turn, straight, strict=True))
+        return q, qd, qdd
+
+    def slowed(self, factor: float) -> "Legs":
+        """The same motion with all times longer by a factor."""
+        return replace(self, times=self.times * factor, halves=self.halves * factor)
+
+
+def retime_paul(
+    path: JointPath,
+    limits: Limits,
+    inverse_dynamics: InverseDynamics,
+    *,
+    revolutes: Revolutes,
+    window: float = WINDOWS[0],
+    step: float = 4e-3,
+) -> JointTrajectory:
+    """A motion along the keyframes of a path by Paul's transitions, from rest to rest, within the limits.
+
+    Args:
+        path: its keyframes are the via points; the spline between them is not used.
+        limits: of every revolute; ball i's bend is revolute 3 i + 1; and of the feed axis.
+        inverse_dynamics: (angles, velocities, accelerations), each (N, 3 * links), to torques of that shape [N m].
+        revolutes: bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too.
+        window: largest half transition as a share of the shorter leg beside it, at most ½.
+        step: largest time between two samples [s].
+
+    Returns:
+        Samples at equal times, the first and last at rest at the path's ends. The motion leaves the polygon of
+        keyframes at its corners; it is for the caller to verify it.
+
+    Raises:
+        RetimingError: a joint cannot even hold the arm at some point of the polygon, or no slower motion keeps the
+            torque limits.
+    """
+    vias, dynamics = _distinct(path.keyframes), (limits, inverse_dynamics, revolutes)
+    if len(vias) < 2:
+        return _sampled(_standing(path.keyframes, step), limits, step)
+    polygon = _polygon(vias)
+    check_static_load(path_rows(polygon, np.linspace(0.0, 1.0, STATIC_POINTS), *dynamics), limits)
+    axes, least = Axes.of(limits, vias.shape[1]), LEAST_SAMPLES * step
+    legs = fastest_legs(vias, axes, window, least)
+    for _ in range(TORQUE_ROUNDS):
+        stretch = _torque_stretch(legs, *dynamics, step)
+        if np.max(stretch) <= 1.0:
+            return _sampled(legs, limits, step)
+        legs = lengthened(vias, legs.times * np.maximum(stretch, 1.0), axes, window, least)
+    for _ in range(TORQUE_ROUNDS):
+        stretch = _torque_stretch(legs, *dynamics, step)
+        if np.max(stretch) <= 1.0:
+            return _sampled(legs, limits, step)
+        legs = legs.slowed(float(np.max(stretch)) * (1.0 + 1e-6))
+    raise _no_speed(limits, window)
+
+
+def fastest_legs(vias: FloatArray, axes: Axes, window: float, least: float) -> Legs:
+    """Legs as short as the limits on speed and acceleration let them be, nearly.
+
+    Legs are lengthened until the limits hold, then shortened by turns wherever they still do.
+
+    Args:
+        vias: shape (K ≥ 2, n).
+        axes: limits.
+        window: largest half transition as a share of the shorter leg beside it.
+        least: least half transition [s].
+    """
+    lengths = np.abs(np.diff(vias, axis=0))
+    legs = lengthened(vias, np.max(lengths / (SHARE * axes.velocity), axis=1), axes, window, least)
+    for factor in SHORTENING:
+        for sweep in range(SWEEPS):
+            legs = _shortened(legs, axes, window, least, factor, sweep % 2)
+    return legs
+
+
+def lengthened(vias: FloatArray, times: FloatArray, axes: Axes, window: float, least: float) -> Legs:
+    """Legs of at least the given times, lengthened where a limit on speed or acceleration is passed."""
+    legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least)
+    for _ in range(ROUNDS):
+        need = needed(legs, axes)
+        if np.max(need) <= 1.0:
+            return legs
+        legs = with_transitions(vias, legs.times * np.maximum(need, 1.0) * (1.0 + 1e-9), axes, window, least)
+    return legs.slowed(max(1.0, float(np.max(needed(legs, axes)))))
+
+
+def with_transitions(vias: FloatArray, times: FloatArray, axes: Axes, window: float, least: float) -> Legs:
+    """Give legs their transitions: as short as acceleration lets them be, but within the window."""
+    most = window * np.minimum(np.append(times, np.inf), np.append(np.inf, times))
+    legs = Legs(vias, times, most)
+    change = np.abs(np.diff(legs.speeds, axis=0))
+    wanted = 0.75 * np.max(change / (SHARE * axes.acceleration), axis=1)
+    return replace(legs, halves=np.minimum(np.maximum(wanted, least), most))
+
+
+def needed(legs: Legs, axes: Axes) -> FloatArray:
+    """Factor on the time of each leg that its speed and the transitions at its ends need, shape (K − 1,)."""
+    speed = np.max(np.abs(legs.speeds[1:-1]) / (SHARE * axes.velocity), axis=1)
+    change = np.abs(np.diff(legs.speeds, axis=0))
+    growth = 0.75 * np.max(change / (SHARE * axes.acceleration), axis=1) / legs.halves
+    turn = np.sqrt(growth)
+    return np.maximum(speed, np.maximum(turn[:-1], turn[1:]))
+
+
+def _shortened(legs: Legs, axes: Axes, window: float, least: float, factor: float, colour: int) -> Legs:
+    """Shorten every second leg where it and its neighbours still keep the limits; they share no via point."""
+    times = legs.times.copy()
+    times[colour::2] = np.maximum(factor * times[colour::2], least / window)
+    trial = with_transitions(legs.vias, times, axes, window, least)
+    fails = needed(trial, axes) > 1.0 + 1e-12
+    near = fails | np.append(fails[1:], False) | np.append(False, fails[:-1])  # noqa: FBT003 - values, no flags
+    return with_transitions(legs.vias, np.where(near, legs.times, times), axes, window, least)
+
+
+def _torque_stretch(
+    legs: Legs, limits: Limits, inverse_dynamics: InverseDynamics, revolutes: Revolutes, step: float
+) -> FloatArray:
+    """Factor on the time of each leg that brings the torques of its samples within their limits, shape (K − 1,)."""
+    stretch = np.zeros(len(legs.times))
+    if limits.torque is None:
+        return stretch
+    time = _sample_times(legs, step)
+    q, qd, qdd = (revolutes(values[:, : len(limits.velocity) // 3]) for values in legs.at(time))
+    static = inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q)) / limits.torque
+    moving = inverse_dynamics(q, qd, qdd) / limits.torque - static
+    via, turning = legs.piece(time)
+    need = np.array([slowing(m, c, 1.0) for m, c in zip(moving, static, strict=True)])
+    last = len(stretch) - 1
+    np.maximum.at(stretch, np.minimum(via, last), need)
+    np.maximum.at(stretch, np.maximum(via - turning, 0), need)
+    return stretch
+
+
+def _sampled(legs: Legs, limits: Limits, step: float) -> JointTrajectory:
+    time = _sample_times(legs, step)
+    q, qd, qdd = legs.at(time)
+    q[[0, -1]], qd[[0, -1]], qdd[[0, -1]] = legs.vias[[0, -1]], 0.0, 0.0
+    links = len(limits.velocity) // 3
+    if q.shape[1] == links:
+        return JointTrajectory(time, q, qd, qdd)
+    feed = FeedMotion(q[:, links], qd[:, links], qdd[:, links])
+    return JointTrajectory(time, q[:, :links], qd[:, :links], qdd[:, :links], feed)
+
+
+def _sample_times(legs: Legs, step: float) -> FloatArray:
+    return np.linspace(0.0, legs.duration, max(1, int(np.ceil(legs.duration / step - 1e-9))) + 1)
+
+
+def _distinct(keyframes: FloatArray) -> FloatArray:
+    """The keyframes without those that repeat the one before; the last is kept."""
+    kept = [keyframes[0]]
+    for row in keyframes[1:]:
+        if np.max(np.abs(row - kept[-1])) > NO_LEG:
+            kept.append(row)
+    if len(kept) > 1:
+        kept[-1] = keyframes[-1]
+    return np.array(kept)
+
+
+def _standing(keyframes: FloatArray, step: float) -> Legs:
+    """Standing still for one step."""
+    ends = keyframes[[0, -1]]
+    return Legs(np.array([ends[0], ends[0]]), np.array([0.5 * step]), np.array([0.25 * step, 0.25 * step]))
+
+
+def _polygon(vias: FloatArray) -> BSpline:
+    """The polygon as a spline of degree 1 over [0, 1]."""
+    knots = np.concatenate(([0.0], np.linspace(0.0, 1.0, len(vias)), [1.0]))
+    return BSpline(knots, vias, 1)
+
+
+def _no_speed(limits: Limits, window: float) -> RetimingError:
+    torque = None if limits.torque is None else float(np.min(limits.torque))
+    return RetimingError(
+        Diagnosis(
+            reason="however slow, a transition takes a pose that the joints cannot hold within their torque limits",
+            stage="retiming",
+            advice=("raise the torque limit", 'use planner.retiming = "toppra", which stays on the path'),
+            evidence={"window": window, "least_torque_limit": torque},
+        )
+    )
