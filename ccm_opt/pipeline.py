@@ -45,18 +45,7 @@ def solve(
     path = (planner or CurvePlanner(stages)).plan(problem)
     with stages("dynamics model"):
         inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
-    with stages("retiming"):
-        trajectory = retiming.retime(
-            path, problem.limits, inverse_dynamics, revolutes=partial(revolute_angles, problem.arm)
-        )
-        joints = joint_states(problem.arm, trajectory, inverse_dynamics)
-    with stages("verification"):
-        checks = verification.verify(problem, trajectory, joints)
-    failures = [
-        f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed
-    ]
-    if failures:
-        raise VerificationError(failures)
+    trajectory, joints, checks = timed_and_verified(problem, path, inverse_dynamics, stages)
     with stages("simulation"):
         simulated = simulate(problem.arm, trajectory, joints, problem.simulation, problem.limits)
     return Solution(
@@ -70,6 +59,33 @@ def solve(
         dict(stages.timings),
         versions=versions(),
     )
+
+
+def timed_and_verified(
+    problem: Problem, path: JointPath, inverse_dynamics: InverseDynamics, stages: Stages
+) -> tuple[JointTrajectory, JointStates, tuple[Check, ...]]:
+    """The first timing of a path that passes every check.
+
+    Raises:
+        NoPlanFound: the path cannot be timed within the limits.
+        VerificationError: no timing passes; it names what the last of them fails.
+    """
+    revolutes, method = partial(revolute_angles, problem.arm), problem.planner.retiming
+    timings = retiming.timings(path, problem.limits, inverse_dynamics, revolutes=revolutes, method=method)
+    failures: list[str] = []
+    while True:
+        with stages("retiming"):
+            trajectory = next(timings, None)
+            if trajectory is None:
+                raise VerificationError(failures)
+            joints = joint_states(problem.arm, trajectory, inverse_dynamics)
+        with stages("verification"):
+            checks = verification.verify(problem, trajectory, joints)
+        failures = [
+            f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed
+        ]
+        if not failures:
+            return trajectory, joints, checks
 
 
 def metrics(

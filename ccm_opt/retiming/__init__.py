@@ -1,5 +1,41 @@
-"""Retiming: the fastest motion along a joint path within velocity, acceleration and torque limits (TOPP-RA)."""
+"""Retiming: the fastest motion along a joint path within its limits (TOPP-RA), or Paul's transitions."""
 
+from collections.abc import Iterator
+from functools import partial
+
+from ccm_opt.problem import Limits, RetimingName
+from ccm_opt.retiming.paul import WINDOWS, retime_paul
+from ccm_opt.retiming.rows import InverseDynamics, Revolutes
 from ccm_opt.retiming.timing import retime
+from ccm_opt.solution import JointPath, JointTrajectory
 
-__all__ = ["retime"]
+__all__ = ["retime", "retime_paul", "timings"]
+
+
+def timings(
+    path: JointPath,
+    limits: Limits,
+    inverse_dynamics: InverseDynamics,
+    *,
+    revolutes: Revolutes,
+    method: RetimingName = "toppra",
+) -> Iterator[JointTrajectory]:
+    """Timed motions along a path, the most wanted first; the first that the verifier accepts is the one to take.
+
+    TOPP-RA stays on the path, so there is one; Paul's transitions leave it, by less from motion to motion.
+
+    Args:
+        path: the path and its keyframes.
+        limits: of every revolute, and of the feed axis.
+        inverse_dynamics: angles, velocities, accelerations to torques, as ``retime`` takes it.
+        revolutes: bends to revolute angles.
+        method: how to time.
+
+    Raises:
+        RetimingError: from the first motion, or a later one, that cannot be timed within the limits.
+    """
+    if method == "toppra":
+        yield retime(path, limits, inverse_dynamics, revolutes=revolutes)
+        return
+    turn = partial(retime_paul, path, limits, inverse_dynamics, revolutes=revolutes)
+    yield from (turn(window=window) for window in WINDOWS)
