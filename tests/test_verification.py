@@ -393,7 +393,7 @@ def test_start_rest_and_goal_are_checked() -> None:
     assert failures(verify(replace(problem, goal=JointPose(np.full(6, 0.22))), trajectory, joints)) == {"goal joints"}
     moved = replace(problem, start=JointPose(np.full(6, 2e-6)))
     assert failures(verify(moved, trajectory, joints)) == {"start joints"}
-    cut = JointTrajectory(*(values[:251] for values in vars(trajectory).values()))
+    cut = JointTrajectory(*(values[:251] for values in vars(trajectory).values() if isinstance(values, np.ndarray)))
     assert "rest" in failures(verify(problem, cut, make_states(problem, cut)))
 
 

@@ -20,11 +20,29 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "joint_accelerations": solution.joints.accelerations,
         "joint_torques": solution.joints.torques,
         "joint_positions": solution.joint_positions,
-        "keyframes": solution.path.keyframes,
+        "keyframes": solution.path.keyframes[:, : solution.problem.arm.links],
         **_curve_arrays(solution.path.curves),
         "simulated_angles": solution.simulation.angles,
         "simulated_torques": solution.simulation.torques,
+        "stops": np.array(solution.trajectory.stops, dtype=np.int64),
+        **_feed_arrays(solution),
     }
+
+
+def _feed_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
+    """What the feed axis does; nothing for a fixed base."""
+    feed, simulated = solution.trajectory.feed, solution.simulation.base_feed
+    if feed is None:
+        return {}
+    arrays = {
+        "base_feed": feed.positions,
+        "feed_velocities": feed.velocities,
+        "feed_accelerations": feed.accelerations,
+        "feed_forces": solution.joints.feed_forces,
+        "keyframe_feeds": solution.path.keyframes[:, -1],
+        "simulated_feed": simulated,
+    }
+    return {name: values for name, values in arrays.items() if values is not None}
 
 
 def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]]) -> bytes:

@@ -16,12 +16,14 @@ from ccm_opt.export.folder import ARRAYS, RECORD
 from ccm_opt.export.solution_json import SCHEMA
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import bends_from_revolutes, joint_names
-from ccm_opt.solution import JointStates, JointTrajectory
+from ccm_opt.solution import FeedMotion, JointStates, JointTrajectory
 
 POSITION_TOLERANCE = 1e-9
 """Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
 
-SHAPES: Mapping[str, tuple[str | int, ...]] = {
+Shapes = Mapping[str, tuple[str | int, ...]]
+
+SHAPES: Shapes = {
     "time": ("samples",),
     "bend_angles": ("samples", "links"),
     "joint_names": ("revolutes",),
@@ -38,8 +40,16 @@ SHAPES: Mapping[str, tuple[str | int, ...]] = {
     "base_headings": ("curves",),
     "simulated_angles": ("samples", "revolutes"),
     "simulated_torques": ("samples", "revolutes"),
+    "stops": ("stops",),
 }
 """Arrays of ``solution.npz``; equal words are equal sizes."""
+FEED_SHAPES: Shapes = {
+    "base_feed": ("samples",),
+    "feed_velocities": ("samples",),
+    "feed_accelerations": ("samples",),
+    "feed_forces": ("samples",),
+}
+"""Further arrays of an arm with a feed axis."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +103,25 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     """
     path = folder / ARRAYS
     arrays = _read_arrays(path)
-    _check_shapes(arrays, path, arm.links)
+    arrays.setdefault("stops", np.zeros(0, dtype=np.int64))
+    shapes = SHAPES if arm.feed is None else {**SHAPES, **FEED_SHAPES}
+    _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())
     if names != joint_names(arm):
         raise ProblemError(f"{path}: joint_names are not those of this arm, which begin with {joint_names(arm)[:3]}")
-    numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in SHAPES if name != "joint_names"}
+    numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
     joints = JointStates(
-        names, *(numbers[f"joint_{what}"] for what in ("angles", "velocities", "accelerations", "torques"))
+        names,
+        numbers["joint_angles"],
+        numbers["joint_velocities"],
+        numbers["joint_accelerations"],
+        numbers["joint_torques"],
+        numbers.get("feed_forces"),
     )
+    feed = None if arm.feed is None else FeedMotion(*(numbers[name] for name in list(FEED_SHAPES)[:3]))
+    stops = tuple(int(k) for k in numbers["stops"])
     rates = (bends_from_revolutes(joints.velocities), bends_from_revolutes(joints.accelerations))
-    motion = SavedMotion(JointTrajectory(numbers["time"], numbers["bend_angles"], *rates), joints)
+    motion = SavedMotion(JointTrajectory(numbers["time"], numbers["bend_angles"], *rates, feed, stops), joints)
     _check_positions(motion, numbers["joint_positions"], arm, path)
     return motion
 
@@ -138,10 +157,10 @@ def _read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
         raise ProblemError(f"{path}: not readable as arrays: {error}") from error
 
 
-def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, links: int) -> None:
+def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, links: int, shapes: Shapes) -> None:
     """Every array of the format must be there, numeric, finite, and of one number of samples, links and keyframes."""
     sizes = {"links": links, "revolutes": 3 * links, "points": links + 1}
-    for name, shape in SHAPES.items():
+    for name, shape in shapes.items():
         if name not in arrays:
             raise ProblemError(f"{path}: the array '{name}' is missing")
         array = arrays[name]
@@ -161,7 +180,9 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
 
 def _check_positions(motion: SavedMotion, positions: FloatArray, arm: Arm, path: Path) -> None:
     """The stored positions must be those of the stored bends."""
-    expected = arm.joint_positions(arm.headings(motion.trajectory.bend_angles))
+    feed = motion.trajectory.feed
+    headings = arm.headings(motion.trajectory.bend_angles)
+    expected = arm.joint_positions(headings, 0.0 if feed is None else feed.positions)
     error = float(np.abs(positions - expected).max())
     if not error <= POSITION_TOLERANCE * max(1.0, arm.length):
         raise ProblemError(

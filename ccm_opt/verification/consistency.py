@@ -91,6 +91,7 @@ def _torques(problem: Problem, trajectory: JointTrajectory, joints: JointStates)
         trajectory.bend_angles,
         trajectory.bend_velocities,
         trajectory.bend_accelerations,
+        None if trajectory.feed is None else trajectory.feed.accelerations,
     )
     error = np.abs(own - joints.torques)
     k, j = np.unravel_index(np.argmax(error), error.shape)

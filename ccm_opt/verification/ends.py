@@ -1,12 +1,12 @@
-"""Whether a motion starts at the start, ends at the goal, and rests at both."""
+"""Whether a motion starts at the start, passes its stops, ends at the goal, and rests at all of them."""
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.solution import Check, JointTrajectory
-from ccm_opt.verification.kinematics import chain_points, link_headings
+from ccm_opt.verification.kinematics import axis_direction, chain_points, link_headings
 
 START_TOLERANCE = 1e-6
 """Largest error of a joint at the start [rad]."""
@@ -20,49 +20,77 @@ _ROUNDING = 1e-9
 
 
 def check_ends(problem: Problem, trajectory: JointTrajectory) -> list[Check]:
-    """Check start, rest and goal."""
-    return [*_start(problem, trajectory), _rest(problem, trajectory), *_goal(problem, trajectory)]
+    """Check start, stops and goal, and that the arm rests at all of them."""
+    checks = [*_start(problem, trajectory), *_rest(problem, trajectory)]
+    ends = [
+        (f"stop {number} ", stop.goal, stop.tolerances, k)
+        for number, (stop, k) in enumerate(zip(problem.stops, trajectory.stops, strict=True), start=1)
+    ]
+    ends.append(("goal ", problem.goal, problem.tolerances, len(trajectory.time) - 1))
+    for name, goal, tolerances, k in ends:
+        checks += _goal(problem.arm, trajectory, k, name, goal, tolerances)
+    return checks
 
 
 def _start(problem: Problem, trajectory: JointTrajectory) -> list[Check]:
-    bends = trajectory.bend_angles[0]
-    if isinstance(problem.start, JointPose):
-        return [_same_joints("start joints", bends, problem.start.bends, START_TOLERANCE)]
-    return _on_curve("start", problem.arm, bends, problem.start, CURVE_TIP_TOLERANCE)
+    start, bends = problem.start, trajectory.bend_angles[0]
+    checks = _feed_place("start ", start, trajectory, 0, CURVE_TIP_TOLERANCE)
+    if isinstance(start, JointPose):
+        return [_same_joints("start joints", bends, start.bends, START_TOLERANCE), *checks]
+    return [*_on_curve("start ", problem.arm, bends, start, CURVE_TIP_TOLERANCE), *checks]
 
 
-def _rest(problem: Problem, trajectory: JointTrajectory) -> Check:
-    share = np.abs(trajectory.bend_velocities[[0, -1]]) / problem.limits.velocity[1::3]
+def _rest(problem: Problem, trajectory: JointTrajectory) -> list[Check]:
+    """The arm rests at both ends and at every stop."""
+    places = [0, *trajectory.stops, len(trajectory.time) - 1]
+    share = np.abs(trajectory.bend_velocities[places]) / problem.limits.velocity[1::3]
     k, j = np.unravel_index(np.argmax(share), share.shape)
-    where = f"joint {j + 1} at the {'end' if k else 'start'}"
-    speed = float(np.abs(trajectory.bend_velocities[-1 if k else 0, j]))
-    return Check(
-        "rest",
-        speed,
-        float(REST_SHARE * problem.limits.velocity[3 * j + 1]),
-        "rad/s",
-        where,
-        passed=bool(share[k, j] <= REST_SHARE),
-    )
+    where = f"joint {j + 1} at t = {trajectory.time[places[k]]:.4f} s"
+    speed = float(np.abs(trajectory.bend_velocities[places[k], j]))
+    bound = float(REST_SHARE * problem.limits.velocity[3 * j + 1])
+    checks = [Check("rest", speed, bound, "rad/s", where, passed=bool(share[k, j] <= REST_SHARE))]
+    if trajectory.feed is not None:
+        worst = float(np.max(np.abs(trajectory.feed.velocities[places])))
+        bound = REST_SHARE * (problem.limits.feed_velocity or 0.0)
+        checks.append(Check("feed at rest", worst, bound, "m/s", "at the ends and stops", passed=worst <= bound))
+    return checks
 
 
-def _goal(problem: Problem, trajectory: JointTrajectory) -> list[Check]:
-    bends, goal, tolerances = trajectory.bend_angles[-1], problem.goal, problem.tolerances
+def _goal(arm: Arm, trajectory: JointTrajectory, k: int, name: str, goal: Goal, tolerances: Tolerances) -> list[Check]:
+    bends = trajectory.bend_angles[k]
+    if isinstance(goal, TipGoal):
+        return _tip_checks(arm, trajectory, k, name, goal, tolerances)
+    checks = _feed_place(name, goal, trajectory, k, tolerances.position)
     if isinstance(goal, JointPose):
-        return [_same_joints("goal joints", bends, goal.bends, tolerances.heading)]
-    if isinstance(goal, CurvePose):
-        return _on_curve("goal", problem.arm, bends, goal, tolerances.position)
-    return _tip_checks(problem.arm, bends, goal, tolerances.position, tolerances.heading)
+        return [_same_joints(f"{name}joints", bends, goal.bends, tolerances.heading), *checks]
+    return [*_on_curve(name, arm, bends, goal, tolerances.position), *checks]
 
 
-def _tip_checks(arm: Arm, bends: FloatArray, goal: TipGoal, position: float, heading: float) -> list[Check]:
-    headings = link_headings(arm, bends)
-    error = float(np.linalg.norm(chain_points(arm, headings)[-1] - goal.position))
-    checks = [Check("goal position", error, position, "m", "tip at the end", passed=error <= position + _ROUNDING)]
+def _feed_place(
+    name: str, pose: JointPose | CurvePose, trajectory: JointTrajectory, k: int, tolerance: float
+) -> list[Check]:
+    """Whether the base stands where a whole-arm pose wants it."""
+    if trajectory.feed is None:
+        return []
+    error = abs(float(trajectory.feed.positions[k]) - pose.feed)
+    return [Check(f"{name}feed", error, tolerance, "m", "base", passed=error <= tolerance + _ROUNDING)]
+
+
+def _tip_checks(
+    arm: Arm, trajectory: JointTrajectory, k: int, name: str, goal: TipGoal, tolerances: Tolerances
+) -> list[Check]:
+    headings = link_headings(arm, trajectory.bend_angles[k])
+    tip = chain_points(arm, headings)[-1]
+    if trajectory.feed is not None:
+        tip = tip + trajectory.feed.positions[k] * axis_direction(arm)
+    error, where = float(np.linalg.norm(tip - goal.position)), f"at t = {trajectory.time[k]:.4f} s"
+    bound = tolerances.position
+    checks = [Check(f"{name}position", error, bound, "m", f"tip {where}", passed=error <= bound + _ROUNDING)]
     if goal.heading is not None:
         turn = abs(float(np.remainder(headings[-1] - goal.heading + np.pi, 2.0 * np.pi) - np.pi))
+        bound = tolerances.heading
         checks.append(
-            Check("goal heading", turn, heading, "rad", "last link at the end", passed=turn <= heading + _ROUNDING)
+            Check(f"{name}heading", turn, bound, "rad", f"last link {where}", passed=turn <= bound + _ROUNDING)
         )
     return checks
 
@@ -91,6 +119,6 @@ def _on_curve(name: str, arm: Arm, bends: FloatArray, pose: CurvePose, tip_toler
     tip = float(np.linalg.norm(points[-1] - trace[-1]))
     j = int(np.argmax(off))
     return [
-        Check(f"{name} on the curve", float(off[j]), allowed, "m", f"joint {j + 1}", passed=bool(off[j] <= allowed)),
-        Check(f"{name} tip", tip, tip_tolerance, "m", "tip", passed=tip <= tip_tolerance + _ROUNDING),
+        Check(f"{name}on the curve", float(off[j]), allowed, "m", f"joint {j + 1}", passed=bool(off[j] <= allowed)),
+        Check(f"{name}tip", tip, tip_tolerance, "m", "tip", passed=tip <= tip_tolerance + _ROUNDING),
     ]

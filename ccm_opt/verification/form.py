@@ -3,6 +3,7 @@
 import numpy as np
 
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 
 MAX_STEP = 5e-3
@@ -10,13 +11,17 @@ MAX_STEP = 5e-3
 _TIME_SLACK = 1e-9
 
 
-def check_form(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> Check:
+def check_form(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> Check:
     """Check everything the other checks take for granted; ``worst`` is the largest time step [s]."""
     steps = (
         np.diff(trajectory.time) if np.ndim(trajectory.time) == 1 and len(trajectory.time) > 1 else np.array([np.inf])
     )
     defect = (
-        _shape_defect(arm, trajectory, joints) or _number_defect(trajectory, joints) or _time_defect(trajectory, steps)
+        _shape_defect(problem.arm, trajectory, joints)
+        or _feed_defect(problem.arm, trajectory, joints)
+        or _number_defect(trajectory, joints)
+        or _time_defect(trajectory, steps)
+        or _stop_defect(problem, trajectory)
     )
     where = defect or f"{len(trajectory.time)} samples"
     return Check("samples", float(np.max(steps)), MAX_STEP, "s", where, passed=not defect)
@@ -35,6 +40,28 @@ def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) ->
     return ""
 
 
+def _feed_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> str:
+    feed, forces = trajectory.feed, joints.feed_forces
+    if arm.feed is None:
+        return "" if feed is None and forces is None else "there is a feed motion, but the arm has no feed axis"
+    if feed is None or forces is None:
+        return "the arm has a feed axis, but there is no motion or force of it"
+    wanted = (np.size(trajectory.time),)
+    named = {f"feed {name}": getattr(feed, name) for name in ("positions", "velocities", "accelerations")}
+    for name, values in (named | {"feed forces": forces}).items():
+        if np.shape(values) != wanted:
+            return f"{name} have shape {np.shape(values)}, expected {wanted}"
+    return ""
+
+
+def _stop_defect(problem: Problem, trajectory: JointTrajectory) -> str:
+    stops = np.asarray(trajectory.stops, dtype=np.intp)
+    if len(stops) != len(problem.stops):
+        return f"{len(stops)} stops for {len(problem.stops)} goals on the way"
+    inside = np.concatenate(([-1], stops, [len(trajectory.time) - 1]))
+    return "" if np.all(np.diff(inside) > 0) else f"stops {stops.tolist()} are not increasing samples of the motion"
+
+
 def _number_defect(trajectory: JointTrajectory, joints: JointStates) -> str:
     fields = {
         "time": trajectory.time,
@@ -44,6 +71,9 @@ def _number_defect(trajectory: JointTrajectory, joints: JointStates) -> str:
     fields |= {"bend_accelerations": trajectory.bend_accelerations, "joint angles": joints.angles}
     fields |= {"joint velocities": joints.velocities, "joint accelerations": joints.accelerations}
     fields |= {"joint torques": joints.torques}
+    if trajectory.feed is not None and joints.feed_forces is not None:
+        fields |= {f"feed {name}": values for name, values in vars(trajectory.feed).items()}
+        fields |= {"feed forces": joints.feed_forces}
     for name, values in fields.items():
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):

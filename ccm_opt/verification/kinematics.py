@@ -23,6 +23,11 @@ def chain_points(arm: Arm, headings: FloatArray) -> FloatArray:
     return points
 
 
+def axis_direction(arm: Arm) -> FloatArray:
+    """Unit vector along which a feed axis carries the base, shape (2,)."""
+    return np.array([np.cos(arm.base_heading), np.sin(arm.base_heading)])
+
+
 @dataclass(frozen=True)
 class Nodes:
     """Stretches of time inside sample intervals, each stood for by the pose at its middle.
@@ -53,17 +58,19 @@ class Nodes:
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """The arm between samples, its bends linear in time there.
+    """The arm between samples, its bends and its feed linear in time there.
 
     Attributes:
         arm: the arm.
         time: sample times, shape (T,) [s].
         bends: bends at the samples, shape (T, links) [rad].
+        feed: position of the base on its axis at the samples, shape (T,) [m], or None when it is fixed.
     """
 
     arm: Arm
     time: FloatArray
     bends: FloatArray
+    feed: FloatArray | None = None
 
     @cached_property
     def _headings(self) -> FloatArray:
@@ -75,8 +82,12 @@ class ChainMotion:
 
     @cached_property
     def turned(self) -> FloatArray:
-        """Sum of |heading change| of links 1 to i in each interval, shape (T − 1, links + 1) [rad]; 0 first."""
-        return _running_sum(np.abs(self._heading_steps))
+        """Sum of |heading change| of links 1 to i in each interval, shape (T − 1, links + 1) [rad].
+
+        The first entry, and with it all, holds what the feed moves the base, in link lengths; 0 when it is fixed.
+        """
+        turned = _running_sum(np.abs(self._heading_steps))
+        return turned if self.feed is None else turned + np.abs(np.diff(self.feed))[:, None] / self.arm.link_length
 
     @cached_property
     def bent(self) -> FloatArray:
@@ -97,7 +108,11 @@ class ChainMotion:
     def poses(self, nodes: Nodes) -> FloatArray:
         """Joint and tip positions at the middle of each stretch, shape (N, links + 1, 2) [m]."""
         headings = self._headings[nodes.interval] + nodes.centre[:, None] * self._heading_steps[nodes.interval]
-        return chain_points(self.arm, headings)
+        points = chain_points(self.arm, headings)
+        if self.feed is None:
+            return points
+        feed = self.feed[nodes.interval] + nodes.centre * np.diff(self.feed)[nodes.interval]
+        return points + feed[:, None, None] * axis_direction(self.arm)
 
     def when(self, nodes: Nodes, index: int) -> float:
         """Time of the middle of one stretch [s]."""

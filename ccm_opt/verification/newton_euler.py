@@ -9,13 +9,18 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.verification.kinematics import link_headings
+from ccm_opt.verification.kinematics import axis_direction, link_headings
 
 _OUT = np.array([0.0, 1.0, 0.0])
 
 
 def joint_torques(
-    arm: Arm, gravity: FloatArray, bends: FloatArray, velocities: FloatArray, accelerations: FloatArray
+    arm: Arm,
+    gravity: FloatArray,
+    bends: FloatArray,
+    velocities: FloatArray,
+    accelerations: FloatArray,
+    feed_accelerations: FloatArray | None = None,
 ) -> FloatArray:
     """Torques of all revolutes along a planar motion.
 
@@ -25,15 +30,16 @@ def joint_torques(
         bends: shape (T, links) [rad].
         velocities: of the bends, shape (T, links) [rad/s].
         accelerations: of the bends, shape (T, links) [rad/s²].
+        feed_accelerations: of the base along its axis, shape (T,) [m/s²], or None when it is fixed.
 
     Returns:
         Shape (T, 3 * links) [N m]: yaw, bend, roll (``zyx``) or the paper's three (``zyz``) of each ball in turn.
     """
     headings = link_headings(arm, bends)
     along, across = _directions(headings)
-    moments = _joint_moments(
-        arm, gravity, along, across, np.cumsum(velocities, axis=1), np.cumsum(accelerations, axis=1)
-    )
+    rate, growth = np.cumsum(velocities, axis=1), np.cumsum(accelerations, axis=1)
+    own = _own_forces(arm, gravity, along, across, rate, growth, feed_accelerations)
+    moments = _joint_moments(arm, along, own, growth)
     before = np.concatenate((np.full((len(headings), 1), arm.base_heading), headings[:, :-1]), axis=1)
     last = along if arm.axes == "zyx" else across
     projected = (np.sum(moments * _directions(before)[1], axis=2), moments @ _OUT, np.sum(moments * last, axis=2))
@@ -46,17 +52,49 @@ def _directions(headings: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.stack((cosine, zero, sine), axis=2), np.stack((-sine, zero, cosine), axis=2)
 
 
-def _joint_moments(
-    arm: Arm, gravity: FloatArray, along: FloatArray, across: FloatArray, rate: FloatArray, growth: FloatArray
+def feed_forces(
+    arm: Arm,
+    gravity: FloatArray,
+    bends: FloatArray,
+    velocities: FloatArray,
+    accelerations: FloatArray,
+    feed_accelerations: FloatArray,
 ) -> FloatArray:
+    """Force along the feed axis that moves and carries the whole arm, shape (T,) [N]; arguments as above."""
+    along, across = _directions(link_headings(arm, bends))
+    rate, growth = np.cumsum(velocities, axis=1), np.cumsum(accelerations, axis=1)
+    own = _own_forces(arm, gravity, along, across, rate, growth, feed_accelerations)
+    return np.asarray(np.sum(own, axis=1) @ _axis(arm))
+
+
+def _axis(arm: Arm) -> FloatArray:
+    x, z = axis_direction(arm)
+    return np.array([x, 0.0, z])
+
+
+def _own_forces(
+    arm: Arm,
+    gravity: FloatArray,
+    along: FloatArray,
+    across: FloatArray,
+    rate: FloatArray,
+    growth: FloatArray,
+    feed_accelerations: FloatArray | None,
+) -> FloatArray:
+    """Force that each link's mass needs to move as it does, shape (T, links, 3) [N]."""
+    step = arm.link_length * (growth[..., None] * across - (rate**2)[..., None] * along)
+    centre = np.cumsum(step, axis=1) - 0.5 * step
+    if feed_accelerations is not None:
+        centre += feed_accelerations[:, None, None] * _axis(arm)
+    return np.asarray(arm.masses[:, None] * (centre - gravity))
+
+
+def _joint_moments(arm: Arm, along: FloatArray, own: FloatArray, growth: FloatArray) -> FloatArray:
     """Moment each joint exerts on the links beyond it, about itself, shape (T, links, 3) [N m].
 
     N_i = N_{i+1} + l e_i × F_{i+1} + ½ l e_i × f_i + dL_i/dt, with f_i the force that link i's mass needs.
     """
     l = arm.link_length
-    step = l * (growth[..., None] * across - (rate**2)[..., None] * along)
-    centre = np.cumsum(step, axis=1) - 0.5 * step
-    own = arm.masses[:, None] * (centre - gravity)
     beyond = _sum_from_tip(own) - own
     spin = -(arm.inertia_transverse * growth)[..., None] * _OUT
     return _sum_from_tip(np.cross(l * along, beyond + 0.5 * own) + spin)
