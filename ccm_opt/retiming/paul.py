@@ -1,22 +1,12 @@
-"""Joint-space transitions: straight lines between keyframes, joined by fourth-degree turns (Paul 1981, chapter 5).
+"""Timing by Paul's transitions (Paul 1981, chapter 5): the paper's own trajectory planning (section 5.4).
 
-The paper plans its trajectories so (section 5.4). Joints move at constant speed along a leg, and within ±τ of the time
-of a via point B they go over to the next leg. With A the place at −τ, C the next via point, T the time from B to C,
-ΔB = A − B, ΔC = C − B and h = (t + τ) / 2τ
-
-    q = [(ΔC τ/T + ΔB)(2 − h) h² − 2 ΔB] h + B + ΔB
-    q̇ = [(ΔC τ/T + ΔB)(3 − 2 h) h² − ΔB] / τ,   q̈ = 3 (ΔC τ/T + ΔB)(1 − h) h / τ².
-
-So speed goes from that of one leg to that of the next without passing either, acceleration is continuous, at most
-¾ |Δv| / τ, and the via point is missed by 3/16 τ |Δv|. At the ends the speed before, or after, is zero.
-
-A motion with all times longer by λ has the same shape in space, speeds smaller by λ, accelerations by λ². Transitions
-leave the polygon of keyframes, by less the smaller the window that they may take of a leg; whoever calls this must
-verify the motion.
+Joints move at constant speed along the legs between keyframes and turn smoothly at each, see ``transitions``. The
+times of the legs are found here: every leg is lengthened until speed, acceleration and torque keep their limits, then
+shortened where they leave room. Transitions leave the polygon of keyframes, by less the smaller the window that they
+may take of a leg; whoever calls this must verify the motion.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -25,8 +15,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.diagnosis import check_static_load
-from ccm_opt.retiming.profile import slowing
 from ccm_opt.retiming.rows import InverseDynamics, Revolutes, path_rows
+from ccm_opt.retiming.transitions import Legs
 from ccm_opt.solution import FeedMotion, JointPath, JointTrajectory
 
 WINDOWS = (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)
@@ -37,8 +27,10 @@ LEAST_SAMPLES = 2
 """Samples in half a transition, at least, so that the samples show what happens in it."""
 ROUNDS = 60
 """Most rounds of lengthening legs; what is left after them is met by stretching time."""
-TORQUE_ROUNDS = 12
-"""Most rounds of slowing down legs where torques are too great; what is left is met by stretching time."""
+TORQUE_ROUNDS = 24
+"""Most rounds of slowing down where torques are too great: legs by themselves in the first half, then all of them."""
+LONGEST = 1_000_000
+"""Most samples of a motion; a motion that needs more time than that is given up."""
 SHORTENING = (0.8, 0.9, 0.95, 0.98, 0.99)
 """Factors by which legs are shortened where the limits leave room."""
 SWEEPS = 12
@@ -72,72 +64,6 @@ class Axes:
         return cls(np.append(limits.velocity[bends], feed[0]), np.append(limits.acceleration[bends], feed[1]))
 
 
-@dataclass(frozen=True)
-class Legs:
-    """A motion along a polygon, with transitions at its via points.
-
-    Attributes:
-        vias: shape (K, n) [rad, m].
-        times: from via point to via point, shape (K − 1,) [s].
-        halves: half the time of each transition, shape (K,) [s]; two neighbours fit into the leg between them.
-    """
-
-    vias: FloatArray
-    times: FloatArray
-    halves: FloatArray
-
-    @cached_property
-    def speeds(self) -> FloatArray:
-        """Velocities before, on and after the legs, shape (K + 1, n); zero before the first and after the last."""
-        speeds = np.diff(self.vias, axis=0) / self.times[:, None]
-        rest = np.zeros((1, self.vias.shape[1]))
-        return np.concatenate((rest, speeds, rest))
-
-    @cached_property
-    def passed(self) -> FloatArray:
-        """When each via point is passed, or would be without its transition, shape (K,) [s]."""
-        return self.halves[0] + np.concatenate(([0.0], np.cumsum(self.times)))
-
-    @property
-    def duration(self) -> float:
-        """Time from rest to rest [s]."""
-        return float(self.passed[-1] + self.halves[-1])
-
-    @cached_property
-    def _breaks(self) -> FloatArray:
-        """Begin and end of every transition, in order, shape (2 K,) [s]."""
-        pairs = np.stack((self.passed - self.halves, self.passed + self.halves), axis=1)
-        return np.maximum.accumulate(pairs.ravel())
-
-    def piece(self, time: FloatArray) -> tuple[np.ndarray, np.ndarray]:
-        """The last via point whose transition has begun, and whether that transition is still going on."""
-        number = np.clip(np.searchsorted(self._breaks, time, side="right") - 1, 0, len(self._breaks) - 2)
-        return number // 2, number % 2 == 0
-
-    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Places, velocities and accelerations at given times, each of shape (N, n)."""
-        via, turning = self.piece(time)
-        since = (time - self.passed[via])[:, None]
-        before, after = self.speeds[via], self.speeds[via + 1]
-        tau = self.halves[via][:, None]
-        h = np.clip((since + tau) / (2.0 * tau), 0.0, 1.0)
-        start = -before * tau  # Paul's ΔB
-        bend = after * tau + start  # Paul's ΔC τ/T + ΔB
-        turn = (
-            (bend * (2.0 - h) * h**2 - 2.0 * start) * h + self.vias[via] + start,
-            (bend * (3.0 - 2.0 * h) * h**2 - start) / tau,
-            3.0 * bend * (1.0 - h) * h / tau**2,
-        )
-        straight = (self.vias[via] + after * since, after, np.zeros_like(after))
-        pick = turning[:, None]
-        q, qd, qdd = (np.where(pick, one, other) for one, other in zip(turn, straight, strict=True))
-        return q, qd, qdd
-
-    def slowed(self, factor: float) -> "Legs":
-        """The same motion with all times longer by a factor."""
-        return replace(self, times=self.times * factor, halves=self.halves * factor)
-
-
 def retime_paul(
     path: JointPath,
     limits: Limits,
@@ -166,23 +92,22 @@ def retime_paul(
             torque limits.
     """
     vias, dynamics = _distinct(path.keyframes), (limits, inverse_dynamics, revolutes)
+    polygon = _polygon(vias)
+    if limits.torque is not None:
+        check_static_load(path_rows(polygon, np.linspace(0.0, 1.0, STATIC_POINTS), *dynamics), limits)
     if len(vias) < 2:
         return _sampled(_standing(path.keyframes, step), limits, step)
-    polygon = _polygon(vias)
-    check_static_load(path_rows(polygon, np.linspace(0.0, 1.0, STATIC_POINTS), *dynamics), limits)
     axes, least = Axes.of(limits, vias.shape[1]), LEAST_SAMPLES * step
     legs = fastest_legs(vias, axes, window, least)
-    for _ in range(TORQUE_ROUNDS):
+    for attempt in range(TORQUE_ROUNDS):
         stretch = _torque_stretch(legs, *dynamics, step)
         if np.max(stretch) <= 1.0:
             return _sampled(legs, limits, step)
-        legs = lengthened(vias, legs.times * np.maximum(stretch, 1.0), axes, window, least)
-    for _ in range(TORQUE_ROUNDS):
-        stretch = _torque_stretch(legs, *dynamics, step)
-        if np.max(stretch) <= 1.0:
-            return _sampled(legs, limits, step)
-        legs = legs.slowed(float(np.max(stretch)) * (1.0 + 1e-6))
-    raise _no_speed(limits, window)
+        if 2 * attempt < TORQUE_ROUNDS:
+            legs = lengthened(vias, legs.times * np.maximum(stretch, 1.0), axes, window, least)
+        else:
+            legs = legs.slowed(float(np.max(stretch)) * (1.0 + 1e-6))
+    raise _no_speed(limits)
 
 
 def fastest_legs(vias: FloatArray, axes: Axes, window: float, least: float) -> Legs:
@@ -230,7 +155,7 @@ def needed(legs: Legs, axes: Axes) -> FloatArray:
     change = np.abs(np.diff(legs.speeds, axis=0))
     growth = 0.75 * np.max(change / (SHARE * axes.acceleration), axis=1) / legs.halves
     turn = np.sqrt(growth)
-    return np.maximum(speed, np.maximum(turn[:-1], turn[1:]))
+    return np.asarray(np.maximum(speed, np.maximum(turn[:-1], turn[1:])))
 
 
 def _shortened(legs: Legs, axes: Axes, window: float, least: float, factor: float, colour: int) -> Legs:
@@ -239,7 +164,7 @@ def _shortened(legs: Legs, axes: Axes, window: float, least: float, factor: floa
     times[colour::2] = np.maximum(factor * times[colour::2], least / window)
     trial = with_transitions(legs.vias, times, axes, window, least)
     fails = needed(trial, axes) > 1.0 + 1e-12
-    near = fails | np.append(fails[1:], False) | np.append(False, fails[:-1])  # noqa: FBT003 - values, no flags
+    near = fails | np.append(fails[1:], False) | np.append(False, fails[:-1])
     return with_transitions(legs.vias, np.where(near, legs.times, times), axes, window, least)
 
 
@@ -250,12 +175,16 @@ def _torque_stretch(
     stretch = np.zeros(len(legs.times))
     if limits.torque is None:
         return stretch
+    if legs.duration > LONGEST * step:
+        raise _no_speed(limits)
     time = _sample_times(legs, step)
     q, qd, qdd = (revolutes(values[:, : len(limits.velocity) // 3]) for values in legs.at(time))
     static = inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q)) / limits.torque
     moving = inverse_dynamics(q, qd, qdd) / limits.torque - static
     via, turning = legs.piece(time)
-    need = np.array([slowing(m, c, 1.0) for m, c in zip(moving, static, strict=True)])
+    if np.max(np.abs(static)) >= 1.0:
+        raise _no_speed(limits)
+    need = np.sqrt(np.max(np.abs(moving) / (1.0 - np.sign(moving) * static), axis=1))
     last = len(stretch) - 1
     np.maximum.at(stretch, np.minimum(via, last), need)
     np.maximum.at(stretch, np.maximum(via - turning, 0), need)
@@ -295,18 +224,19 @@ def _standing(keyframes: FloatArray, step: float) -> Legs:
 
 
 def _polygon(vias: FloatArray) -> BSpline:
-    """The polygon as a spline of degree 1 over [0, 1]."""
+    """The polygon as a spline of degree 1 over [0, 1]; one via point alone counts twice."""
+    vias = vias if len(vias) > 1 else np.repeat(vias, 2, axis=0)
     knots = np.concatenate(([0.0], np.linspace(0.0, 1.0, len(vias)), [1.0]))
     return BSpline(knots, vias, 1)
 
 
-def _no_speed(limits: Limits, window: float) -> RetimingError:
+def _no_speed(limits: Limits) -> RetimingError:
     torque = None if limits.torque is None else float(np.min(limits.torque))
     return RetimingError(
         Diagnosis(
             reason="however slow, a transition takes a pose that the joints cannot hold within their torque limits",
             stage="retiming",
             advice=("raise the torque limit", 'use planner.retiming = "toppra", which stays on the path'),
-            evidence={"window": window, "least_torque_limit": torque},
+            evidence={"least_torque_limit": torque},
         )
     )
