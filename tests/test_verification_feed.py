@@ -1,0 +1,172 @@
+"""The verifier on an arm with a feed axis and on motions with stops: sound, and strict against tampering."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.frames import joint_names, revolute_angles
+from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.solution import Check, FeedMotion, JointStates, JointTrajectory
+from ccm_opt.verification import verify
+from ccm_opt.verification.kinematics import ChainMotion
+from ccm_opt.verification.newton_euler import feed_forces, joint_torques
+from ccm_opt.verification.walls import check_walls
+
+LINKS = 6
+ROOM = shapely.box(-3.0, -3.0, 3.0, 3.0)
+
+
+def make_arm(hole: float = 0.0, **changes: object) -> Arm:
+    """An arm of six links on an axis of 0.3 m at 30°."""
+    one = np.ones(LINKS)
+    masses = {"masses": 0.1 * one, "inertia_axial": 3e-5 * one, "inertia_transverse": 4e-5 * one}
+    arm = Arm(LINKS, 0.1, 0.02, np.zeros(2), np.pi / 6, 2.0, 6.3, self_collision=True, mount_length=0.0, **masses)
+    return replace(arm, feed=Feed(0.0, 0.3, hole), **changes)
+
+
+def quintic(start: FloatArray, end: FloatArray) -> tuple[FloatArray, ...]:
+    """Time and the values, rates and accelerations of a rest-to-rest motion of 2 s."""
+    t = np.linspace(0.0, 1.0, 501)
+    s = 10 * t**3 - 15 * t**4 + 6 * t**5, 30 * t**2 - 60 * t**3 + 30 * t**4, 60 * t - 180 * t**2 + 120 * t**3
+    parts = [value[:, None] * (end - start) for value in s]
+    return 2.0 * t, start + parts[0], parts[1] / 2.0, parts[2] / 4.0
+
+
+def make_case(
+    end: FloatArray, fed: float = 0.2, arm: Arm | None = None, obstacles: tuple[Obstacle, ...] = ()
+) -> tuple[Problem, JointTrajectory]:
+    """A problem of a whole-arm goal, and a motion that solves it when nothing is in the way."""
+    arm = arm or make_arm()
+    time, *values = quintic(np.zeros(LINKS + 1), np.append(end, fed))
+    bends, rates, growth = (value[:, :LINKS] for value in values)
+    feed = FeedMotion(*(value[:, LINKS] for value in values))
+    one = np.ones(3 * LINKS)
+    limits = Limits(2.0 * one, 10.0 * one, 20.0 * one, feed_velocity=0.25, feed_acceleration=0.5, feed_force=20.0)
+    problem = Problem("fed", Workspace(ROOM, obstacles), arm, limits, JointPose(np.zeros(LINKS)), JointPose(end, fed))
+    return problem, JointTrajectory(time, bends, rates, growth, feed)
+
+
+def states(problem: Problem, trajectory: JointTrajectory) -> JointStates:
+    """The revolutes' view of a planar motion on a moving base."""
+    planar = trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations
+    assert trajectory.feed is not None
+    pushed = trajectory.feed.accelerations
+    torques = joint_torques(problem.arm, problem.simulation.gravity, *planar, pushed)
+    forces = feed_forces(problem.arm, problem.simulation.gravity, *planar, pushed)
+    return JointStates(joint_names(problem.arm), *(revolute_angles(problem.arm, v) for v in planar), torques, forces)
+
+
+def failing(problem: Problem, trajectory: JointTrajectory, joints: JointStates | None = None) -> set[str]:
+    """Names of the checks that do not hold."""
+    checks: tuple[Check, ...] = verify(problem, trajectory, joints or states(problem, trajectory))
+    return {check.name for check in checks if not check.passed}
+
+
+def test_a_good_motion_on_a_feed_axis_passes() -> None:
+    """Every check of the axis is made and holds."""
+    problem, trajectory = make_case(np.full(LINKS, 0.2))
+    checks = verify(problem, trajectory, states(problem, trajectory))
+    assert all(check.passed for check in checks)
+    names = {check.name for check in checks}
+    assert {"feed range", "feed velocity", "feed acceleration", "feed force", "joints inside the guide"} <= names
+    assert {"feed force against dynamics", "feed velocity against positions", "start feed", "goal feed"} <= names
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"feed_velocity": 0.18}, "feed velocity"),
+        ({"feed_acceleration": 0.25}, "feed acceleration"),
+        ({"feed_force": 2.0}, "feed force"),
+    ],
+)
+def test_limits_of_the_axis_are_held(change: dict[str, float], name: str) -> None:
+    """A limit a little below what the motion needs is found."""
+    problem, trajectory = make_case(np.full(LINKS, 0.2))
+    assert failing(replace(problem, limits=replace(problem.limits, **change)), trajectory) == {name}
+
+
+def test_a_false_report_of_the_axis_is_found() -> None:
+    """Rates and forces that do not belong to the positions, and positions beyond the range, are refused."""
+    problem, trajectory = make_case(np.full(LINKS, 0.2))
+    feed, joints = trajectory.feed, states(problem, trajectory)
+    assert feed is not None
+    assert joints.feed_forces is not None
+    slow = replace(trajectory, feed=replace(feed, velocities=0.9 * feed.velocities))
+    assert "feed velocity against positions" in failing(problem, slow, joints)
+    light = replace(joints, feed_forces=0.9 * joints.feed_forces)
+    assert failing(problem, trajectory, light) == {"feed force against dynamics"}
+    moved = replace(trajectory, feed=replace(feed, positions=feed.positions + 0.15))
+    assert {"feed range", "start feed", "goal feed"} <= failing(problem, moved, joints)
+    assert failing(problem, replace(trajectory, feed=None), joints) == {"samples"}
+
+
+def test_joints_inside_the_guide_stay_straight() -> None:
+    """A joint that bends before it has passed the hole is refused, and so is one that bends while it passes."""
+    arm = make_arm(hole=0.25)
+    bent = np.array([0.0, 0.3, 0.2, 0.2, 0.2, 0.2])
+    problem, trajectory = make_case(bent, 0.2, arm)
+    assert failing(problem, trajectory) == {"joints inside the guide"}
+    free = np.array([0.0, 0.0, 0.0, 0.2, 0.2, 0.2])
+    problem, trajectory = make_case(free, 0.2, arm)
+    assert failing(problem, trajectory) == set()
+
+
+def test_walls_are_met_by_a_base_that_moves() -> None:
+    """An arm that keeps its shape and is pushed into a wall is refused; pushed less far, it is not."""
+    along = np.array([np.cos(np.pi / 6), np.sin(np.pi / 6)])
+    post = Obstacle("post", shapely.Point(0.8 * along), 0.05)
+    reach = 0.8 - 0.05 - 0.02 - 0.6
+    for fed, hits in ((reach - 1e-3, False), (reach + 1e-3, True)):
+        problem, trajectory = make_case(np.zeros(LINKS), fed, obstacles=(post,))
+        assert ("wall clearance" in failing(problem, trajectory)) is hits
+
+
+def test_a_wall_passed_between_two_samples_is_met() -> None:
+    """The motion of the base between samples counts too."""
+    wall = Obstacle("foil", shapely.LineString([(0.75, -0.5), (0.75, 0.5)]))
+    arm = make_arm(base_heading=0.0)
+    arm = replace(arm, feed=Feed(0.0, 2.0, 0.0))
+    motion = ChainMotion(arm, np.array([0.0, 0.005]), np.zeros((2, LINKS)), np.array([0.0, 2.0]))
+    assert not check_walls(motion, Workspace(ROOM, (wall,))).passed
+
+
+def test_stops_are_checked_like_goals() -> None:
+    """A stop must be near its goal, at rest, and there at all."""
+    problem, trajectory = make_case(np.full(LINKS, 0.2))
+    arm, k = problem.arm, 250
+    assert trajectory.feed is not None
+    tip = arm.joint_positions(arm.headings(trajectory.bend_angles[k]), trajectory.feed.positions[k])[-1]
+    near = replace(problem, stops=(Stop(TipGoal(tip + np.array([0.0, 9e-4])), Tolerances()),))
+    far = replace(problem, stops=(Stop(TipGoal(tip + np.array([0.0, 1.1e-3])), Tolerances()),))
+    told = replace(trajectory, stops=(k,))
+    assert failing(near, told) == {"rest", "feed at rest"}
+    assert failing(far, told) == {"rest", "feed at rest", "stop 1 position"}
+    assert failing(near, trajectory) == {"samples"}
+    assert failing(problem, told) == {"samples"}
+
+
+def test_the_force_on_the_axis_is_newtons() -> None:
+    """Whatever the joints do, the force is the change of the arm's momentum along the axis, less gravity's part."""
+    problem, trajectory = make_case(np.linspace(-0.4, 0.6, LINKS))
+    arm, feed = problem.arm, trajectory.feed
+    assert feed is not None
+    points = arm.joint_positions(arm.headings(trajectory.bend_angles), feed.positions)
+    centres = 0.5 * (points[:, 1:] + points[:, :-1])
+    momentum = np.gradient(np.tensordot(centres, arm.masses, axes=(1, 0)), trajectory.time, axis=0)
+    gravity = problem.simulation.gravity[[0, 2]] * arm.masses.sum()
+    force = (np.gradient(momentum, trajectory.time, axis=0) - gravity) @ arm.feed_direction
+    own = feed_forces(
+        arm,
+        problem.simulation.gravity,
+        trajectory.bend_angles,
+        trajectory.bend_velocities,
+        trajectory.bend_accelerations,
+        feed.accelerations,
+    )
+    np.testing.assert_allclose(own[3:-3], force[3:-3], atol=2e-3 * np.ptp(force))
