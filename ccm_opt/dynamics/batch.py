@@ -14,7 +14,7 @@ BATCH = 32  # states in one call of the mapped function
 
 
 class BatchedDynamics:
-    """A function (state, state, state, bodies, gravity) -> state of an arm, for one state or many.
+    """A function (state, state, state, feed, bodies, drives, world) -> (state, feed) of an arm, for one state or many.
 
     Args:
         name: of the function that ``build`` makes.
@@ -30,29 +30,40 @@ class BatchedDynamics:
         self._joints = model.structure.joints
         self._single, self._batch = BufferedFunction(functions[name]), BufferedFunction(functions[batch])
         for function in (self._single, self._batch):
-            function.inputs[3][...] = model.bodies
-            function.inputs[4][...] = model.gravity
+            for array, value in zip(function.inputs[4:], (model.bodies, model.drives, model.world), strict=True):
+                array[...] = value
 
-    def __call__(self, *states: FloatArray) -> FloatArray:
-        """Evaluate at states of shape (3 * links,) or (N, 3 * links), all three alike."""
+    def __call__(self, *states: FloatArray, feed: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Evaluate at states of shape (3 * links,) or (N, 3 * links), all three alike.
+
+        Args:
+            states: three, for example angles, velocities and accelerations.
+            feed: of the base, shape () or (N,).
+
+        Returns:
+            The result for the joints, of the states' shape, and for the base, of shape () or (N,).
+        """
         shape = states[0].shape
         if any(state.shape != shape for state in states) or shape[-1:] != (self._joints,) or len(shape) > 2:
             shapes = ", ".join(str(state.shape) for state in states)
             raise ProblemError(f"joint states have shapes {shapes}; expected three of (N, {self._joints})")
         if len(shape) == 1:
-            return self._single(*states)[0].copy()
-        return self._many(states)
+            joints, base = self._single(*states, feed)
+            return joints.copy(), base[0].copy()
+        return self._many(states, np.broadcast_to(feed, shape[:1]))
 
-    def _many(self, states: tuple[FloatArray, ...]) -> FloatArray:
-        result = np.empty(states[0].shape)
-        for start in range(0, len(result), BATCH):
-            count = min(BATCH, len(result) - start)
-            for array, state in zip(self._batch.inputs, states, strict=False):
-                array[:count] = state[start : start + count]
-            result[start : start + count] = self._batch()[0][:count]
-        return result
+    def _many(self, states: tuple[FloatArray, ...], feed: FloatArray) -> tuple[FloatArray, FloatArray]:
+        joints, base = np.empty(states[0].shape), np.empty(len(feed))
+        for start in range(0, len(feed), BATCH):
+            rows = slice(start, min(start + BATCH, len(feed)))
+            count = rows.stop - rows.start
+            for array, values in zip(self._batch.inputs, (*states, feed[:, None]), strict=False):
+                array[:count] = values[rows]
+            results = self._batch()
+            joints[rows], base[rows] = results[0][:count], results[1][:count, 0]
+        return joints, base
 
 
 def _single_and_batch(function: Any, name: str) -> tuple[Any, Any]:
-    """A function and its map over a batch, with bodies and gravity in common."""
-    return function, function.map(name, "serial", BATCH, [3, 4], [])
+    """A function and its map over a batch, with the arm's numbers in common."""
+    return function, function.map(name, "serial", BATCH, [4, 5, 6], [])

@@ -52,7 +52,7 @@ class BufferedFunction:
         for i, array in enumerate(self.outputs):
             self._buffer.set_res(i, array.data)
 
-    def __call__(self, *arguments: FloatArray) -> list[FloatArray]:
+    def __call__(self, *arguments: FloatArray | float) -> list[FloatArray]:
         """Evaluate; the returned arrays are overwritten by the next call.
 
         Args:

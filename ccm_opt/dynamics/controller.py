@@ -41,7 +41,7 @@ def gains(options: SimulationOptions) -> Gains:
 
 
 def control_law(controller: ControllerName, rnea: Any, joints: int) -> Any:
-    """CasADi function ``control(q, qd, reference, settings, limit, bodies, gravity) -> torques``.
+    """CasADi function ``control(q, qd, reference, settings, limit, bodies, drives, world) -> torques``.
 
     - ``computed-torque``: τ = RNEA(q + ½ q̇ dt, q̇ + ½ a dt, a) with a = q̈_r + Kp e + Kd ė: the torque that makes the
       acceleration a at the middle of the step, for it is held over the whole of it.
@@ -56,16 +56,16 @@ def control_law(controller: ControllerName, rnea: Any, joints: int) -> Any:
     """
     q, qd, reference = ca.MX.sym("q", joints), ca.MX.sym("qd", joints), ca.MX.sym("reference", joints, 3)
     settings, limit = ca.MX.sym("settings", 3), ca.MX.sym("limit", joints)
-    bodies, gravity = ca.MX.sym("bodies", rnea.size_in(3)), ca.MX.sym("gravity", 3)
+    arm = [ca.MX.sym(rnea.name_in(i), *rnea.size_in(i)) for i in (4, 5, 6)]
     q_r, qd_r, qdd_r = ca.horzsplit(reference)
     feedback = settings[0] * (q_r - q) + settings[1] * (qd_r - qd)
     if controller == "computed-torque":
         wanted, half = qdd_r + feedback, 0.5 * settings[2]
-        torques = rnea(q + half * qd, qd + half * wanted, wanted, bodies, gravity)
+        torques = rnea(q + half * qd, qd + half * wanted, wanted, 0, *arm)[0]
     else:
-        torques = feedback + rnea(q, ca.DM.zeros(joints), ca.DM.zeros(joints), bodies, gravity)
+        torques = feedback + rnea(q, ca.DM.zeros(joints), ca.DM.zeros(joints), 0, *arm)[0]
     saturated = ca.fmax(-limit, ca.fmin(limit, torques))
-    return ca.Function("control", [q, qd, reference, settings, limit, bodies, gravity], [saturated])
+    return ca.Function("control", [q, qd, reference, settings, limit, *arm], [saturated])
 
 
 def check_stability(arm: Arm, angles: FloatArray, options: SimulationOptions, *, planar: bool) -> None:

@@ -21,7 +21,8 @@ class ForwardDynamics:
     def __call__(self, angles: FloatArray, velocities: FloatArray, torques: FloatArray) -> FloatArray:
         """Accelerations [rad/s²], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
 
-        Not finite where the ball joint is singular: |θ2| = 90° under ``zyx``, θ2 = 0 under ``zyz``.
+        The thrust on a feed axis is zero. Not finite where the ball joint is singular and its drives have no rotor
+        inertia: |θ2| = 90° under ``zyx``, θ2 = 0 under ``zyz``.
 
         Args:
             angles: [rad].
@@ -31,4 +32,17 @@ class ForwardDynamics:
         Raises:
             ProblemError: when the shapes do not fit the arm.
         """
-        return self._aba(angles, velocities, torques)
+        return self._aba(angles, velocities, torques)[0]
+
+    def with_feed(
+        self, angles: FloatArray, velocities: FloatArray, torques: FloatArray, thrust: FloatArray | float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Accelerations of the joints, and of the base along its feed axis, shape (N,) or () [m/s²].
+
+        Args:
+            angles: [rad].
+            velocities: [rad/s].
+            torques: [N m].
+            thrust: on the base along the base heading, shape (N,) or () [N].
+        """
+        return self._aba(angles, velocities, torques, feed=thrust)

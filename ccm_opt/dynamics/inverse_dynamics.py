@@ -20,24 +20,51 @@ class InverseDynamics:
     def __init__(self, arm: Arm, gravity: FloatArray) -> None:
         self._rnea = BatchedDynamics("rnea", build_rnea, arm_model(arm, gravity))
 
-    def __call__(self, angles: FloatArray, velocities: FloatArray, accelerations: FloatArray) -> FloatArray:
+    def __call__(
+        self,
+        angles: FloatArray,
+        velocities: FloatArray,
+        accelerations: FloatArray,
+        feed_accelerations: FloatArray | float | None = None,
+    ) -> FloatArray:
         """Torques [N m], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
 
         Args:
             angles: [rad].
             velocities: [rad/s].
             accelerations: [rad/s²].
+            feed_accelerations: of the base along the base heading, shape (N,) or () [m/s²]; None: the base rests or
+                moves evenly.
 
         Raises:
             ProblemError: when the shapes do not fit the arm.
         """
-        return self._rnea(angles, velocities, accelerations)
+        return self._rnea(angles, velocities, accelerations, feed=_feed(feed_accelerations))[0]
+
+    def feed_forces(
+        self,
+        angles: FloatArray,
+        velocities: FloatArray,
+        accelerations: FloatArray,
+        feed_accelerations: FloatArray | float | None = None,
+    ) -> FloatArray:
+        """Force on the feed axis [N], shape (N,), or () for one state; arguments as for the torques.
+
+        It is the component along the base heading of what the base must bear to move the whole arm, gravity included.
+        """
+        return self._rnea(angles, velocities, accelerations, feed=_feed(feed_accelerations))[1]
+
+
+def _feed(accelerations: FloatArray | float | None) -> FloatArray | float:
+    return 0.0 if accelerations is None else accelerations
 
 
 def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
-    """A planar trajectory as motion and torques of all revolutes."""
+    """A planar trajectory as motion and torques of all revolutes, and forces on the feed axis when there is one."""
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)
-    torques = inverse_dynamics(angles, velocities, accelerations)
-    return JointStates(joint_names(arm), angles, velocities, accelerations, torques)
+    feed = None if trajectory.feed is None else trajectory.feed.accelerations
+    motion = (angles, velocities, accelerations)
+    forces = None if feed is None else inverse_dynamics.feed_forces(*motion, feed)
+    return JointStates(joint_names(arm), *motion, inverse_dynamics(*motion, feed), forces)

@@ -22,7 +22,7 @@ from ccm_opt.jointed.arm import Arm, Axes
 
 
 class MassMatrix:
-    """Mass matrix of an arm, evaluated by CasADi's virtual machine.
+    """Mass matrix of an arm, payload and rotors included, evaluated by CasADi's virtual machine.
 
     Args:
         arm: the arm.
@@ -30,25 +30,35 @@ class MassMatrix:
 
     def __init__(self, arm: Arm) -> None:
         model = arm_model(arm, np.zeros(3))
-        self._bodies = model.bodies.T
+        self._numbers = model.bodies.T, model.drives.T, model.world
         self._function = build_mass_matrix(model.structure)
 
     def __call__(self, angles: FloatArray) -> FloatArray:
         """Mass matrix M, shape (3 * links, 3 * links) [kg m²], at angles of shape (3 * links,) [rad]."""
-        return np.asarray(self._function(angles, self._bodies), dtype=np.float64)
+        return np.asarray(self._function(angles, *self._numbers)[0], dtype=np.float64)
+
+    def with_feed(self, angles: FloatArray) -> FloatArray:
+        """Mass matrix with the feed axis first, shape (3 * links + 1, 3 * links + 1); units with kg and kg m."""
+        M, coupling, mass = (np.asarray(part) for part in self._function(angles, *self._numbers))
+        return np.block([[mass, coupling], [coupling.T, M]])
 
 
 def build_mass_matrix(structure: Structure) -> Any:
-    """CasADi function ``mass_matrix(q, bodies) -> M``; arguments as in ``build_rnea``."""
+    """CasADi function ``mass_matrix(q, bodies, drives, world) -> (M, coupling, mass)``; arguments as in ``build_rnea``.
+
+    ``coupling``, shape (1, 3 * links), is the force along the base heading that unit accelerations of the joints need.
+    """
     s = Symbols(structure.links, structure.folded)
-    q, bodies = s.column("q"), s.matrix("bodies", 4, s.links)
+    q, world = s.column("q"), s.matrix("world", 5, 1)
+    bodies, drives = s.matrix("bodies", 4, s.links), s.matrix("drives", 6, s.links)
     trig = sines_and_cosines(s.per_ball(q))
     at_base = ca.vertcat(ca.vec(ca.DM.eye(3)), ca.DM.zeros(3))
-    placed = outward(_placement_step(structure.axes), at_base, [trig, bodies])
+    _, placed = outward(_placement_step(structure.axes), at_base, [trig, bodies])
     axes, levers, _ = placed
-    forces, moments = inward(_composite_step(), ca.DM.zeros(13), [*placed, bodies])
+    whole, (forces, moments) = inward(_composite_step(), ca.vertcat(world[3], ca.DM.zeros(12)), [*placed, bodies])
     Z, Y, F, A = (ca.reshape(m, 3, structure.joints) for m in (axes, levers, forces, moments))
-    return ca.Function("mass_matrix", [q, bodies], [_symmetric(Z.T @ A + Y.T @ F)], ["q", "bodies"], ["M"])
+    M = _symmetric(Z.T @ A + Y.T @ F) + ca.diag(ca.vec(drives[:3, :]))
+    return ca.Function("mass_matrix", [q, bodies, drives, world], [M, F[0, :], whole[0]])
 
 
 def _placement_step(axes: Axes) -> Any:

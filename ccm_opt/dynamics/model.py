@@ -13,17 +13,19 @@ UNROLLED_DOF = 72  # up to here one straight-line expression; above it one funct
 
 @dataclass(frozen=True)
 class Structure:
-    """What decides the generated code; masses, inertias, lengths and gravity are its run-time inputs.
+    """What decides the generated code; masses, inertias, lengths, drives and gravity are its run-time inputs.
 
     Attributes:
         links: number of links.
         axes: order of the three revolutes of a ball joint.
-        folded: whether the recursions loop over one compiled link instead of being written out.
+        folded: whether the recursions loop over one link's function instead of being written out.
+        geared: whether drives have rotor inertia, for which forward dynamics carry moments from link to link too.
     """
 
     links: int
     axes: Axes
     folded: bool
+    geared: bool = False
 
     @property
     def joints(self) -> int:
@@ -39,21 +41,26 @@ class ArmModel:
         structure: what decides the generated code.
         bodies: mass [kg], axial inertia [kg m²], transverse inertia about the centre [kg m²] and length [m] of every
             link, shape (links, 4).
-        gravity: in the base frame, shape (3,) [m/s²].
+        drives: rotor inertia [kg m²] of the three revolutes of a ball, then their friction [N m s/rad], shape
+            (links, 6).
+        world: gravity in the base frame [m/s²], the mass of the payload [kg], and 1 when the base slides, else 0,
+            shape (5,).
     """
 
     structure: Structure
     bodies: FloatArray
-    gravity: FloatArray
+    drives: FloatArray
+    world: FloatArray
 
 
 def arm_structure(arm: Arm) -> Structure:
     """Structure of an arm, unrolled up to 72 revolutes and folded above."""
-    return Structure(arm.links, arm.axes, folded=3 * arm.links > UNROLLED_DOF)
+    geared = bool(np.any(np.asarray(arm.rotor_inertia) > 0.0))
+    return Structure(arm.links, arm.axes, folded=3 * arm.links > UNROLLED_DOF, geared=geared)
 
 
 def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
-    """Dynamic model of an arm: solid links with the arm's masses and inertias.
+    """Dynamic model of an arm: solid links with the arm's masses and inertias, a point mass at the tip.
 
     Args:
         arm: the arm.
@@ -61,5 +68,9 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     """
     lengths = np.full(arm.links, arm.link_length)
     bodies = np.column_stack((arm.masses, arm.inertia_axial, arm.inertia_transverse, lengths))
+    rotors, friction = (
+        np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3) for value in (arm.rotor_inertia, arm.friction)
+    )
     local = base_rotation(arm).T @ np.asarray(gravity, dtype=np.float64)
-    return ArmModel(arm_structure(arm), bodies, local)
+    world = np.array([*local, arm.payload, float(arm.feed is not None)])
+    return ArmModel(arm_structure(arm), bodies, np.hstack((rotors, friction)), world)

@@ -135,15 +135,16 @@ def _closed_loop(arm: Arm, options: SimulationOptions, limits: Limits) -> Buffer
 
 def _fill(loop: BufferedFunction, model: ArmModel, options: SimulationOptions, limits: Limits) -> None:
     gain = gains(options)
-    _, _, settings, limit, bodies, gravity = loop.inputs
+    _, _, settings, limit, bodies, drives, world = loop.inputs
     settings[...] = (gain.proportional, gain.derivative, options.step)
     limit[...] = np.inf if limits.torque is None else limits.torque
     bodies[...] = model.bodies
-    gravity[...] = model.gravity
+    drives[...] = model.drives
+    world[...] = model.world
 
 
 def build_closed_loop(structure: Structure, controller: ControllerName) -> Any:
-    """CasADi function ``simulate(x, references, settings, limit, bodies, gravity) -> (states, torques)``.
+    """CasADi function ``simulate(x, references, settings, limit, bodies, drives, world) -> (states, torques)``.
 
     One call makes CHUNK steps. ``x`` is (q, q̇); ``references`` holds q_r, q̇_r, q̈_r of every step, shape
     (joints, 3 * CHUNK); ``settings`` are Kp, Kd and dt.
@@ -158,15 +159,20 @@ def build_closed_loop(structure: Structure, controller: ControllerName) -> Any:
 
 
 def _step_function(structure: Structure, controller: ControllerName) -> Any:
-    """One step (x, reference, settings, limit, bodies, gravity) -> (x, torques)."""
+    """One step (x, reference, settings, limit, bodies, drives, world) -> (x, torques)."""
     n = structure.joints
     x, reference, settings = ca.MX.sym("x", 2 * n), ca.MX.sym("reference", n, 3), ca.MX.sym("settings", 3)
-    limit, bodies, gravity = ca.MX.sym("limit", n), ca.MX.sym("bodies", 4, structure.links), ca.MX.sym("gravity", 3)
+    limit, bodies, drives = (
+        ca.MX.sym("limit", n),
+        ca.MX.sym("bodies", 4, structure.links),
+        ca.MX.sym("drives", 6, structure.links),
+    )
+    world = ca.MX.sym("world", 5)
     law, aba = control_law(controller, build_rnea(structure), n), build_aba(structure)
-    torques = law(x[:n], x[n:], reference, settings, limit, bodies, gravity)
-    after = _runge_kutta(lambda q, qd: aba(q, qd, torques, bodies, gravity), x[:n], x[n:], settings[2])
-    names = ["x", "reference", "settings", "limit", "bodies", "gravity"]
-    inputs = [x, reference, settings, limit, bodies, gravity]
+    torques = law(x[:n], x[n:], reference, settings, limit, bodies, drives, world)
+    after = _runge_kutta(lambda q, qd: aba(q, qd, torques, 0, bodies, drives, world)[0], x[:n], x[n:], settings[2])
+    names = ["x", "reference", "settings", "limit", "bodies", "drives", "world"]
+    inputs = [x, reference, settings, limit, bodies, drives, world]
     return ca.Function("step", inputs, [after, torques], names, ["x_next", "torques"])
 
 

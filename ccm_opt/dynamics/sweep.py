@@ -41,7 +41,7 @@ def angles_of(trigonometry: Any) -> Angles:
     return Angles(trigonometry[:3], trigonometry[3:])
 
 
-def outward(step: Any, state: Any, columns: Sequence[Any]) -> list[Any]:
+def outward(step: Any, state: Any, columns: Sequence[Any]) -> tuple[Any, list[Any]]:
     """Run ``step(state, *columns) -> (state, *outputs)`` from base to tip.
 
     Args:
@@ -50,22 +50,24 @@ def outward(step: Any, state: Any, columns: Sequence[Any]) -> list[Any]:
         columns: inputs with one column a link.
 
     Returns:
-        The outputs, one column a link.
+        The state at the tip, and the outputs, one column a link.
     """
     links = columns[0].shape[1]
     if isinstance(columns[0], ca.MX):
         folded = step.mapaccum(f"{step.name()}_sweep", links, {"base": FOLD_BASE})
-        return list(folded(state, *columns)[1:])
+        states, *outputs = folded(state, *columns)
+        return states[:, -1], outputs
     results = []
     for k in range(links):
         state, *outputs = step(state, *(column[:, k] for column in columns))
         results.append(outputs)
-    return [ca.horzcat(*rows) for rows in zip(*results, strict=True)]
+    return state, [ca.horzcat(*rows) for rows in zip(*results, strict=True)]
 
 
-def inward(step: Any, state: Any, columns: Sequence[Any]) -> list[Any]:
+def inward(step: Any, state: Any, columns: Sequence[Any]) -> tuple[Any, list[Any]]:
     """Run a step from tip to base; inputs and outputs keep their order from base to tip."""
-    return [_reversed(output) for output in outward(step, state, [_reversed(column) for column in columns])]
+    state, outputs = outward(step, state, [_reversed(column) for column in columns])
+    return state, [_reversed(output) for output in outputs]
 
 
 def _reversed(columns: Any) -> Any:
@@ -81,3 +83,24 @@ def centripetal(omega: Any) -> Any:
     """ω × (ω × x̂), (3,): acceleration of a unit point on the link's axis due to its angular velocity alone."""
     x, y, z = omega[0], omega[1], omega[2]
     return ca.vertcat(-y * y - z * z, x * y, x * z)
+
+
+def gyroscopic(axial: Any, transverse: Any, omega: Any) -> Any:
+    """ω × I ω of a body that is symmetric about x, (3,)."""
+    spin = (axial - transverse) * omega[0]
+    return ca.vertcat(0, spin * omega[2], -spin * omega[1])
+
+
+def pack(M: Any) -> Any:
+    """Upper triangle of a square matrix, row by row."""
+    size = M.shape[0]
+    return ca.vertcat(*(M[i, j] for i in range(size) for j in range(i, size)))
+
+
+def unpack(packed: Any) -> Any:
+    """Symmetric matrix from its packed upper triangle."""
+    size = int((2 * packed.shape[0]) ** 0.5)
+    places = iter(ca.vertsplit(packed))
+    upper = {(i, j): next(places) for i in range(size) for j in range(i, size)}
+    rows = [[upper[min(i, j), max(i, j)] for j in range(size)] for i in range(size)]
+    return ca.vertcat(*(ca.horzcat(*row) for row in rows))

@@ -47,6 +47,9 @@ class Arm:
         inertia_transverse: about the link's centre, across its axis, shape (links,) [kg m²].
         axes: order of the three revolutes of a ball joint.
         feed: the axis that carries the base, or None when the base is fixed.
+        payload: mass of a point carried at the tip [kg].
+        rotor_inertia: of the drives as seen at the joints, one number or shape (3 * links,) [kg m²].
+        friction: viscous, of the joints, one number or shape (3 * links,) [N m s/rad].
     """
 
     links: int
@@ -63,6 +66,9 @@ class Arm:
     inertia_transverse: FloatArray
     axes: Axes = "zyx"
     feed: Feed | None = None
+    payload: float = 0.0
+    rotor_inertia: FloatArray | float = 0.0
+    friction: FloatArray | float = 0.0
 
     @property
     def length(self) -> float:
