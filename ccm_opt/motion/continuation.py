@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
+from ccm_opt.motion.goal import OWN_MET, POLISH_TOLERANCE, GoalPose, polish
 from ccm_opt.motion.step import LIMIT_SHARE, Pose, Stepper, Term, allowed_shortfall, keeps_clear, smoothness_terms
 
 BENDING, JERK = 1e-4, 1e-4
@@ -126,7 +126,7 @@ def polished(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
     final = stepper.pose(polish(stepper.space, goal, pose.v))
     arm = stepper.space.arm
     within = np.all(np.abs(arm.bends(final.headings)) <= 0.5 * (1.0 + LIMIT_SHARE) * arm.bend_limits)
-    if max(goal.errors(final)) > 10.0 * POLISH_TOLERANCE or not within:
+    if max(goal.errors(final)) > 10.0 * POLISH_TOLERANCE or goal.own_miss(final) > OWN_MET or not within:
         return None
     allowed = allowed_shortfall(stepper.finder.find(pose.points))
     clear = keeps_clear(stepper.finder.find(final.points), allowed) and not stepper.finder.crosses(final.points)

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import daqp
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.arrays import FloatArray, IntArray, IntcArray
 from ccm_opt.motion.contacts import WALL, ContactFinder, Contacts
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
+from ccm_opt.motion.own_rows import PULL, OwnRows, StepRows
 
 LINK_TURN = 0.15
 """Largest turn of a link in one step [rad]."""
@@ -58,10 +59,12 @@ class Stepper:
     Attributes:
         space: the link space.
         finder: of contacts with walls and of the arm with itself.
+        own: rows of the user's constraints, or None.
     """
 
     space: LinkSpace
     finder: ContactFinder
+    own: OwnRows | None = None
 
     def pose(self, v: FloatArray) -> Pose:
         """The pose at coordinates."""
@@ -78,12 +81,18 @@ class Stepper:
         """
         contacts = self.finder.find(pose.points)
         rows = contact_rows(contacts, jacobians)
-        hessian, gradient = normal_equations([*terms, self._push(contacts, rows)])
+        pushes = [self._push(contacts, rows)]
         matrix, upper, lower = self._constraints(pose, contacts, rows, turn)
-        delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, np.zeros(len(upper), dtype=np.intc))
+        sense = np.zeros(len(upper), dtype=np.intc)
+        if self.own is not None:
+            own = self.own.step_rows(self.own.values(pose.headings), turn)
+            pushes.append(Term(own.wanted_rows, own.wanted, PULL))
+            matrix, upper, lower, sense = _joined((matrix, upper, lower, sense), own)
+        hessian, gradient = normal_equations([*terms, *pushes])
+        delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, sense)
         if flag < 1:
             return pose
-        return self._accept(pose, np.asarray(delta), contacts)
+        return self._accept(pose, np.asarray(delta), contacts, turn)
 
     def _push(self, contacts: Contacts, rows: FloatArray) -> Term:
         """Ask contacts inside their margin to be mended."""
@@ -108,15 +117,40 @@ class Stepper:
         lower = np.concatenate((contact_lower, np.full(arm.links, -turn), np.minimum(-limits - bends, 0.0)[tight]))
         return np.ascontiguousarray(np.vstack((rows, matrix, bend_rows[tight]))), upper, lower
 
-    def _accept(self, pose: Pose, delta: FloatArray, before: Contacts) -> Pose:
-        """Backtrack until the true clearance holds, self-contacts and crossings included."""
+    def _accept(self, pose: Pose, delta: FloatArray, before: Contacts, turn: float) -> Pose:
+        """Backtrack until the true clearance holds, self-contacts, crossings and the user's constraints included."""
         allowed = allowed_shortfall(before)
         for k in range(_BACKTRACKS):
-            trial = self.pose(pose.v + delta * 0.5**k)
+            trial = self._trial(pose, delta * 0.5**k, turn)
+            if trial is None:
+                continue
             contacts = self.finder.find(trial.points)
             if keeps_clear(contacts, allowed) and not self.finder.crosses(trial.points):
                 return trial
         return pose
+
+    def _trial(self, pose: Pose, delta: FloatArray, turn: float) -> Pose | None:
+        """The pose after a step, on the user's equations; None when it breaks the user's constraints."""
+        if self.own is None:
+            return self.pose(pose.v + delta)
+        v = self.own.returned(pose.v + delta, turn)
+        trial = self.pose(pose.v + delta if v is None else v)
+        before, after = (self.own.values(each.headings) for each in (pose, trial))
+        nearer = v is not None or np.abs(after.equations).sum() < np.abs(before.equations).sum()
+        return trial if nearer and self.own.keeps(before, after) else None
+
+
+def _joined(
+    constraints: tuple[FloatArray, FloatArray, FloatArray, IntcArray], own: StepRows
+) -> tuple[FloatArray, FloatArray, FloatArray, IntcArray]:
+    """Rows, upper and lower bounds and the solver's marks, with the user's rows added."""
+    matrix, upper, lower, sense = constraints
+    return (
+        np.ascontiguousarray(np.vstack((matrix, own.matrix))),
+        np.concatenate((upper, own.upper)),
+        np.concatenate((lower, own.lower)),
+        np.concatenate((sense, own.sense)),
+    )
 
 
 def pose_in(space: LinkSpace, v: FloatArray) -> Pose:

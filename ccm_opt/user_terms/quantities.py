@@ -1,0 +1,130 @@
+"""The symbolic quantities that constraints and costs are written in, all built on the link headings φ."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.polygons import counter_clockwise, half_planes, is_convex
+from ccm_opt.jointed.arm import Arm
+
+
+@dataclass(frozen=True, eq=False)
+class Quantities:
+    """What the arm is, in CasADi's scalar symbols; lengths in metres, angles in radians, points as (2, 1) columns.
+
+    The curve is read off the links: it passes through the joints, its heading is that of a link at the link's middle,
+    its curvature at a joint is bend over link length; between these places both are linear.
+
+    Attributes:
+        arm: the arm, for its numbers: masses, lengths, base.
+        link_headings: φ, shape (links, 1) [rad].
+        base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
+        path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
+    """
+
+    arm: Arm
+    link_headings: Any
+    base_feed: Any
+    path_parameter: Any
+
+    @classmethod
+    def of(cls, arm: Arm) -> "Quantities":
+        """Fresh symbols for an arm."""
+        return cls(arm, ca.SX.sym("heading", arm.links), ca.SX.sym("feed"), ca.SX.sym("path_parameter"))
+
+    @property
+    def symbols(self) -> tuple[Any, Any, Any]:
+        """Link headings, feed and path parameter: the symbols that an expression may hold."""
+        return self.link_headings, self.base_feed, self.path_parameter
+
+    @cached_property
+    def joint_angles(self) -> Any:
+        """Bend of every joint, the first against the base heading, shape (links, 1) [rad]."""
+        return self.link_headings - ca.vertcat(self.arm.base_heading, self.link_headings[:-1])
+
+    @cached_property
+    def joint_positions(self) -> Any:
+        """Positions of the base, the other joints and the tip, shape (2, links + 1) [m]."""
+        base = ca.SX(ca.DM(self.arm.base))
+        if self.arm.feed is not None:
+            base += self.base_feed * ca.DM(self.arm.feed_direction)
+        steps = self.arm.link_length * ca.horzcat(ca.cos(self.link_headings), ca.sin(self.link_headings)).T
+        points = [base]
+        for link in range(self.arm.links):
+            points.append(points[-1] + steps[:, link])
+        return ca.horzcat(*points)
+
+    @property
+    def tip(self) -> Any:
+        """Position of the tip, shape (2, 1) [m]."""
+        return self.joint_positions[:, -1]
+
+    @property
+    def tip_heading(self) -> Any:
+        """Heading of the last link [rad]; whole turns count."""
+        return self.link_headings[-1]
+
+    def point_at(self, s: float) -> Any:
+        """Position at arc length ``s`` from the base, shape (2, 1) [m]."""
+        link, share = self._link_at(s)
+        points = self.joint_positions
+        return (1.0 - share) * points[:, link] + share * points[:, link + 1]
+
+    def heading_at(self, s: float) -> Any:
+        """Heading at arc length ``s`` from the base [rad]."""
+        return _linear(self.link_headings, self._checked(s) / self.arm.link_length - 0.5)
+
+    def curvature_at(self, s: float) -> Any:
+        """Curvature at arc length ``s`` from the base [1/m]; the bend at the base itself does not count."""
+        if self.arm.links < 2:
+            raise ProblemError("an arm of one link has no curvature")
+        return _linear(self.joint_angles[1:], self._checked(s) / self.arm.link_length - 1.0) / self.arm.link_length
+
+    def inside(self, region: shapely.Polygon, point: Any = None) -> Any:
+        """Distances of a point inside every side of a convex region, shape (sides, 1) [m]: membership is all ≥ 0.
+
+        Args:
+            region: convex polygon.
+            point: shape (2, 1); the tip when None.
+        """
+        normals, offsets = _half_planes(region)
+        return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
+
+    def _link_at(self, s: float) -> tuple[int, float]:
+        links = self._checked(s) / self.arm.link_length
+        link = min(int(links), self.arm.links - 1)
+        return link, links - link
+
+    def _checked(self, s: float) -> float:
+        length = self.arm.length
+        if not isinstance(s, int | float | np.floating) or not -1e-9 * length <= s <= (1.0 + 1e-9) * length:
+            raise ProblemError(f"an arc length must be a number from 0 to the arm's length {length:g} m, got {s!r}")
+        return float(min(max(s, 0.0), length))
+
+
+def _linear(values: Any, at: float) -> Any:
+    """Linear interpolation between the entries of a column, constant beyond both ends."""
+    last = int(values.shape[0]) - 1
+    at = min(max(at, 0.0), float(last))
+    k = min(int(at), max(last - 1, 0))
+    return values[k] + (at - k) * (values[min(k + 1, last)] - values[k])
+
+
+def _half_planes(region: shapely.Polygon) -> tuple[FloatArray, FloatArray]:
+    """Outward unit normals and offsets of the sides of a convex polygon.
+
+    Raises:
+        ProblemError: the region is not a convex polygon.
+    """
+    if not isinstance(region, shapely.Polygon) or region.is_empty or region.interiors:
+        raise ProblemError(f"a region must be a convex polygon without holes, got {region}")
+    corners = counter_clockwise(np.asarray(region.exterior.coords)[:-1])
+    if not is_convex(corners, 1e-9):
+        raise ProblemError(f"a region must be convex, got {region}; split it, or take its convex_hull")
+    return half_planes(corners)

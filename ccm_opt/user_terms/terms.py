@@ -1,0 +1,153 @@
+"""What a user hands in: constraints and costs as functions of symbolic quantities, with bounds, a name and a place."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from ccm_opt.errors import ProblemError
+
+if TYPE_CHECKING:
+    from ccm_opt.user_terms.quantities import Quantities
+
+Expression: TypeAlias = "Callable[[Quantities], Any]"
+"""Makes a CasADi expression, a scalar or a vector, from the symbolic quantities of the arm."""
+Bound: TypeAlias = float | Sequence[float]
+PLACES = ("goal", "keyframes", "motion")
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A part of the motion, in the path parameter: 0 at the start, 1 at the goal.
+
+    Attributes:
+        first: where it begins.
+        last: where it ends.
+    """
+
+    first: float
+    last: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.first <= self.last <= 1.0:
+            raise ProblemError(
+                f"an interval of the motion needs 0 <= first <= last <= 1, got {self.first} and {self.last}"
+            )
+
+
+Where: TypeAlias = Literal["goal", "keyframes", "motion"] | Interval
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """Bounds on an expression: ``lower <= expression <= upper``; equal bounds make an equation.
+
+    Attributes:
+        name: for messages, metrics and the record.
+        expression: makes the expression, a scalar or a vector.
+        lower: least value, a number or one for each entry; minus infinity for none.
+        upper: greatest value, likewise.
+        where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
+        soft: whether it may be missed: then the square of the miss is a cost, and the miss is reported.
+        weight: of that cost.
+    """
+
+    name: str
+    expression: Expression
+    lower: Bound = -math.inf
+    upper: Bound = math.inf
+    where: Where = "motion"
+    soft: bool = False
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check(self, "constraint")
+
+    def __call__(self, quantities: "Quantities") -> Any:
+        """The expression."""
+        return self.expression(quantities)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A scalar expression to be made small, averaged over the keyframes it applies to.
+
+    Attributes:
+        name: for messages, metrics and the record.
+        expression: makes the scalar expression.
+        weight: what one unit of it is worth, against half a squared radian of joint travel.
+        where: at the goal, over the whole motion (keyframes stand for it), or over an interval of it.
+    """
+
+    name: str
+    expression: Expression
+    weight: float = 1.0
+    where: Where = "motion"
+
+    def __post_init__(self) -> None:
+        _check(self, "cost")
+
+    def __call__(self, quantities: "Quantities") -> Any:
+        """The expression."""
+        return self.expression(quantities)
+
+
+def constraint(
+    *,
+    name: str | None = None,
+    lower: Bound = -math.inf,
+    upper: Bound = math.inf,
+    where: Where = "motion",
+    soft: bool = False,
+    weight: float = 1.0,
+) -> Callable[[Expression], Constraint]:
+    """Decorator: a function of the quantities as a constraint, named after the function unless told otherwise.
+
+    Args:
+        name: for messages, metrics and the record.
+        lower: least value, a number or one for each entry.
+        upper: greatest value, likewise.
+        where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
+        soft: whether it may be missed.
+        weight: what the squared miss of a soft one costs.
+    """
+
+    def decorate(expression: Expression) -> Constraint:
+        return Constraint(name or _name_of(expression), expression, lower, upper, where, soft, weight)
+
+    return decorate
+
+
+def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion") -> Callable[[Expression], Cost]:
+    """Decorator: a function of the quantities as a cost, named after the function unless told otherwise.
+
+    Args:
+        name: for messages, metrics and the record.
+        weight: what one unit of it is worth, against half a squared radian of joint travel.
+        where: at the goal, over the whole motion, or over an interval of it.
+    """
+
+    def decorate(expression: Expression) -> Cost:
+        return Cost(name or _name_of(expression), expression, weight, where)
+
+    return decorate
+
+
+def _name_of(expression: Expression) -> str:
+    name = getattr(expression, "__name__", type(expression).__name__)
+    return name.replace("_", " ")
+
+
+def _check(term: Constraint | Cost, kind: str) -> None:
+    if not (isinstance(term.name, str) and term.name.strip()):
+        raise ProblemError(f"a {kind} needs a name, got {term.name!r}")
+    if not callable(term.expression):
+        raise ProblemError(
+            f"{kind} '{term.name}': expected a function of the quantities, got a {type(term.expression).__name__}"
+        )
+    if not (isinstance(term.where, Interval) or term.where in PLACES):
+        raise ProblemError(
+            f"{kind} '{term.name}': where must be one of {', '.join(PLACES)} or an Interval, got {term.where!r}"
+        )
+    if not (math.isfinite(term.weight) and term.weight >= 0.0):
+        raise ProblemError(f"{kind} '{term.name}': the weight must be finite and not negative, got {term.weight}")
