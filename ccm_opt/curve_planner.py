@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, MotionNotFound, UnreachableGoal
-from ccm_opt.freespace.corridor import Route
+from ccm_opt.freespace.corridor import Corridor, Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.polygons import path_length
 from ccm_opt.jointed.mapping import map_curve
@@ -23,7 +23,7 @@ from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.spline_path import certified_spline
-from ccm_opt.motion.task import Motion, MotionTask, Remembered
+from ccm_opt.motion.task import Motion, MotionTask, Remembered, Slowness
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by
 from ccm_opt.nlp.configuration import find_configuration
 from ccm_opt.nlp.task import ConfigurationTask
@@ -95,8 +95,15 @@ class CurvePlanner:
                 further_guesses=further,
                 optimiser=problem.planner.optimiser,
                 seed=problem.planner.seed,
+                weights=problem.planner.weights,
+                slowness=slowness(problem),
             )
             return joint_path(problem, task, find_motion(task))
+
+
+def slowness(problem: Problem) -> Slowness:
+    """What the joints can do by their limits; planar motion turns the second revolute of every ball."""
+    return Slowness.of(problem.limits.velocity[1::3], problem.limits.acceleration[1::3])
 
 
 def route_margin(problem: Problem, ends: Ends) -> float:
@@ -210,6 +217,8 @@ def configuration_task(problem: Problem, ends: Ends, room: FreeSpace, route: Rou
     """The configuration NLP's question along one route."""
     arm = problem.arm
     taut = room.path_of_sleeve(route.sleeve, arm.base, ends.goal.position)
+    corridor = room.corridor(Route(route.sleeve, taut, path_length(taut)))
+    weights = problem.planner.weights
     return ConfigurationTask(
         base=arm.base,
         base_heading_range=base_heading_range(problem, ends),
@@ -217,9 +226,28 @@ def configuration_task(problem: Problem, ends: Ends, room: FreeSpace, route: Rou
         curvature_limit=CURVATURE_SHARE * arm.joint_limit / arm.link_length,
         goal=ends.goal.position,
         goal_heading=ends.goal.heading,
-        corridor=room.corridor(Route(route.sleeve, taut, path_length(taut))),
+        corridor=corridor,
         mount_length=arm.mount_length,
+        bending_weight=weights.bending,
+        clearance_weight=weights.clearance,
+        side_gaps=side_gaps(room, corridor) if weights.clearance > 0.0 else (),
     )
+
+
+def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
+    """How far behind every side of every region the inflated walls begin [m], for sides may lie in the open.
+
+    Measured where the side is nearest to the route.
+    """
+    walls = room.workspace.walls
+    cores, rounding = np.array([wall.core for wall in walls]), np.array([wall.rounding for wall in walls])
+    route, gaps = shapely.LineString(corridor.route.taut), []
+    for region in corridor.regions:
+        sides = shapely.linestrings(np.stack((region.vertices, np.roll(region.vertices, -1, axis=0)), axis=1))
+        nearest = shapely.get_point(shapely.shortest_line(sides, route), 0)
+        least = (shapely.distance(np.asarray(nearest)[:, None], cores) - rounding).min(axis=1)
+        gaps.append(np.maximum(least - room.margin, 0.0))
+    return tuple(gaps)
 
 
 def base_heading_range(problem: Problem, ends: Ends) -> tuple[float, float]:

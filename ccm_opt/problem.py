@@ -1,7 +1,7 @@
 """A motion-planning problem: frozen data, SI units, radians. ``problem_file`` makes one from TOML."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -107,6 +107,27 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Weights:
+    """How much each thing counts that planning makes small: 1 as usual, 0 not at all, 10 ten times as much.
+
+    They weigh the optimisation of motions; bending and clearance weigh the goal configuration too.
+
+    Attributes:
+        path_length: turns of the joints along the motion.
+        smoothness: changes of these turns.
+        bending: the arm's curvature.
+        clearance: nearness to walls; by default only the clearance of the workspace is kept, and no more is asked for.
+        duration: a stand-in for the duration: turns, and changes of turns, of every joint against its own limits.
+    """
+
+    path_length: float = 1.0
+    smoothness: float = 1.0
+    bending: float = 1.0
+    clearance: float = 0.0
+    duration: float = 0.0
+
+
+@dataclass(frozen=True)
 class PlannerOptions:
     """Which planner, how long, and with what.
 
@@ -118,6 +139,7 @@ class PlannerOptions:
         seed: of every random choice.
         optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.
         retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
+        weights: what counts how much when configurations and motions are optimised.
     """
 
     method: MethodName = "nlp"
@@ -127,6 +149,7 @@ class PlannerOptions:
     seed: int = 0
     optimiser: OptimiserName = "sequential-convex"
     retiming: RetimingName = "toppra"
+    weights: Weights = field(default_factory=Weights)
 
 
 @dataclass(frozen=True)
@@ -200,7 +223,14 @@ def _defects(problem: Problem) -> Iterator[str]:
     for name, value, shape in _plain_arrays(problem):
         yield from _array_defects(name, value, shape, positive=False)
     yield from _name_defects(problem)
+    yield from _weight_defects(problem.planner.weights)
     yield from _feed_defects(problem)
+
+
+def _weight_defects(weights: Weights) -> Iterator[str]:
+    for name, value in asdict(weights).items():
+        if not 0.0 <= value < np.inf:
+            yield f"planner.weights.{name} must be finite and not negative, got {value}"
 
 
 def _feed_defects(problem: Problem) -> Iterator[str]:

@@ -17,10 +17,33 @@ from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.motion.walls import Walls
-from ccm_opt.problem import OptimiserName
+from ccm_opt.problem import OptimiserName, Weights
 
 SPARE = 1e-4
 """Gap beyond contact that the certificate asks for, as a share of the arm's length."""
+
+
+@dataclass(frozen=True)
+class Slowness:
+    """What joints can do less than the average joint, as factors.
+
+    Attributes:
+        speed: mean of all speed limits over a joint's own, shape (links,).
+        acceleration: the same of the acceleration limits, shape (links,).
+    """
+
+    speed: FloatArray
+    acceleration: FloatArray
+
+    @classmethod
+    def of(cls, speeds: FloatArray, accelerations: FloatArray) -> "Slowness":
+        """From the limits of the joints, each of shape (links,)."""
+        return cls(speeds.mean() / speeds, accelerations.mean() / accelerations)
+
+    def resampled(self, links: int) -> "Slowness":
+        """The same along an arm with another number of links."""
+        middles, wanted = ((np.arange(count) + 0.5) / count for count in (len(self.speed), links))
+        return Slowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
 
 
 @dataclass(frozen=True)
@@ -40,6 +63,8 @@ class MotionTask:
         further_guesses: makes more such poses, when the first do not help.
         optimiser: how the motion that is found is optimised.
         seed: of all chance.
+        weights: what counts how much when the motion is optimised.
+        slowness: of the joints; None when all are alike.
     """
 
     arm: Arm
@@ -54,6 +79,8 @@ class MotionTask:
     further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
     optimiser: OptimiserName = "sequential-convex"
     seed: int = 0
+    weights: Weights = field(default_factory=Weights)
+    slowness: Slowness | None = None
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -129,4 +156,5 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
         goal_headings=None if task.goal_headings is None else resampled(task.goal_headings),
         guesses=tuple(resampled(guess) for guess in task.guesses),
         further_guesses=lambda: (resampled(guess) for guess in task.further_guesses()),
+        slowness=None if task.slowness is None else task.slowness.resampled(links),
     )

@@ -6,9 +6,14 @@ leave no direction of the variables without curvature.
 
 import casadi as ca
 
+from ccm_opt.arrays import FloatArray
+
 KNOT_WEIGHT = 4.0
 BOUND_WEIGHT = 0.1
 SLOPE_WEIGHT = 1e-3
+NEARNESS_WEIGHT = 10.0
+NEARNESS_DISTANCE = 0.03
+"""Sides of regions farther away than this, in units of the arm's length, cost nothing."""
 
 
 def bending(squared_curvature: ca.SX) -> ca.SX:
@@ -33,10 +38,22 @@ def curvature_steps(state: ca.SX, control: ca.SX) -> ca.SX:
     return ca.sumsqr(values[1:] - values[:-1])
 
 
-def configuration_cost(state: ca.SX, control: ca.SX, squared_curvature: ca.SX) -> ca.SX:
-    """Objective of one segment: ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + a small slope term."""
+def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
+    """Σ max(0, 1 - slack/D)² of points behind sides of their region: what they lack to the distance D of each.
+
+    Args:
+        points: shape (2, m).
+        normals: of the sides, shape (k, 2).
+        offsets: shape (k,).
+    """
+    slack = ca.repmat(ca.DM(offsets), 1, points.shape[1]) - ca.DM(normals) @ points
+    return NEARNESS_WEIGHT * ca.sumsqr(ca.fmax(1.0 - slack / NEARNESS_DISTANCE, 0.0)) / points.shape[1]
+
+
+def configuration_cost(state: ca.SX, control: ca.SX, squared_curvature: ca.SX, weight: ca.SX) -> ca.SX:
+    """Objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + a small slope term."""
     return (
-        bending(squared_curvature)
+        weight * bending(squared_curvature)
         + KNOT_WEIGHT * uneven_knots(control)
         + BOUND_WEIGHT * curvature_bounds(control)
         + SLOPE_WEIGHT * curvature_steps(state, control)

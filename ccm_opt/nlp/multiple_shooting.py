@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.nlp import constraints
-from ccm_opt.nlp.costs import configuration_cost
+from ccm_opt.nlp.costs import configuration_cost, nearness
 from ccm_opt.nlp.curve_ode import CONTROLS, PIECES, STATES, SegmentFlow, segment_function
 from ccm_opt.nlp.task import END_TOLERANCE, ConfigurationTask
 
@@ -33,7 +33,8 @@ class Program:
         segments: number of curvature segments.
         half_planes: rows kept for each segment's region; unused ones are padded.
         variables: X_0, U_0, X_1, U_1, .., X_K in one column.
-        parameters: a column: normals, offsets of each segment, knot fraction, stub length.
+        parameters: a column: normals, offsets of each segment, knot fraction, stub length,
+            weight of the bending.
         objective: scalar.
         constraints: one column, ``lower <= constraints <= upper``.
         row_names: what each row says.
@@ -111,7 +112,21 @@ def build_configuration_nlp(
     parameters = _parameter_values(task, regions, half_planes)
     if task.fixed_knots:
         program = _with_fixed_knots(program)
-    return ConfigurationNLP(task, program, regions, tip_heading, lower, upper, parameters)
+    nlp = ConfigurationNLP(task, program, regions, tip_heading, lower, upper, parameters)
+    return nlp.with_cost(_nearness(nlp)) if task.clearance_weight > 0.0 and task.side_gaps else nlp
+
+
+def _nearness(nlp: ConfigurationNLP) -> ca.SX:
+    """What nearness of the curve's points to the walls behind their regions' sides costs."""
+    task, total = nlp.task, ca.SX(0)
+    variables = nlp.program.variables
+    for k, index in enumerate(nlp.regions):
+        stage = variables[STAGE * k : STAGE * (k + 1)]
+        points = SegmentFlow(*segment_function()(stage[:STATES], stage[STATES:])).points
+        region = task.corridor.regions[index]
+        walls = (region.offsets + task.side_gaps[index] - region.normals @ task.base) / task.length
+        total += nearness(points, region.normals, walls) / len(nlp.regions)
+    return task.clearance_weight * total
 
 
 def padded_rows(count: int) -> int:
@@ -137,11 +152,11 @@ def symbolic_program(segments: int, half_planes: int) -> Program:
     controls = [ca.SX.sym(f"U{k}", CONTROLS) for k in range(segments)]
     normals = [ca.SX.sym(f"A{k}", half_planes, 2) for k in range(segments)]
     offsets = [ca.SX.sym(f"b{k}", half_planes) for k in range(segments)]
-    fraction, stub = ca.SX.sym("fraction"), ca.SX.sym("stub")
+    fraction, stub, weight = ca.SX.sym("fraction"), ca.SX.sym("stub"), ca.SX.sym("bending")
     objective, blocks = ca.SX(0), []
     for k in range(segments):
         flow = SegmentFlow(*segment_function()(states[k], controls[k]))
-        objective += configuration_cost(states[k], controls[k], flow.bending)
+        objective += configuration_cost(states[k], controls[k], flow.bending, weight)
         blocks += [
             constraints.gap_closing(k, flow, states[k + 1]),
             constraints.knot_spacing(k, controls[k], fraction),
@@ -157,7 +172,7 @@ def symbolic_program(segments: int, half_planes: int) -> Program:
         segments,
         half_planes,
         ca.vertcat(*stages, states[-1]),
-        ca.vertcat(*region_symbols, fraction, stub),
+        ca.vertcat(*region_symbols, fraction, stub, weight),
         objective,
         ca.vertcat(*(block.expression for block in blocks)),
         tuple(name for block in blocks for name in block.names),
@@ -202,7 +217,7 @@ def _variable_bounds(
 def _parameter_values(task: ConfigurationTask, regions: tuple[int, ...], half_planes: int) -> FloatArray:
     blocks = [_half_planes(task, task.corridor.regions[index], half_planes) for index in regions]
     fraction = 1.0 / PIECES if task.fixed_knots else LEAST_SPACING
-    return np.concatenate([*blocks, [fraction, task.stub / task.length]])
+    return np.concatenate([*blocks, [fraction, task.stub / task.length, task.bending_weight]])
 
 
 def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> FloatArray:

@@ -28,6 +28,9 @@ class ConfigurationTask:
         mount_length: arm length from the base that may lie outside the first region [m]. It is used only when the
             base itself does: the arm then starts with a straight stub of that length.
         fixed_knots: keep the spline knots of every segment at a quarter, a half and three quarters.
+        bending_weight: of the arm's bending in the objective.
+        clearance_weight: of nearness to walls in the objective.
+        side_gaps: how far behind each side of each region the walls begin [m]; needed for the clearance's weight.
     """
 
     base: FloatArray
@@ -40,6 +43,9 @@ class ConfigurationTask:
     segments_per_region: int = 1
     mount_length: float = 0.0
     fixed_knots: bool = False
+    bending_weight: float = 1.0
+    clearance_weight: float = 0.0
+    side_gaps: tuple[FloatArray, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = self.base_heading_range

@@ -22,6 +22,7 @@ from ccm_opt.problem import (
     Stop,
     TipGoal,
     Tolerances,
+    Weights,
 )
 from ccm_opt.problem_file.schema import (
     ArmTable,
@@ -74,7 +75,7 @@ def build_problem(tables: Tables, source: str) -> Problem:
         goal=build_goal(last, arm),
         tolerances=build_tolerances(last),
         stops=tuple(Stop(build_goal(stop, arm), build_tolerances(stop), stop.pause) for stop in stops),
-        planner=PlannerOptions(**tables.planner.model_dump()),
+        planner=build_options(tables.planner),
         simulation=_simulation(tables.simulation),
         source=source,
     )
@@ -189,6 +190,11 @@ def _configuration(segments: Sequence[SegmentTable], heading: float | None, arm:
         [np.array(segment.curvature) for segment in segments],
         [(segment.knots[0], segment.knots[1], segment.knots[2]) for segment in segments],
     )
+
+
+def build_options(table: PlannerTable) -> PlannerOptions:
+    """The planner's options."""
+    return PlannerOptions(**table.model_dump() | {"weights": Weights(**table.weights.model_dump())})
 
 
 def _simulation(table: SimulationTable) -> SimulationOptions:

@@ -20,6 +20,7 @@ from ccm_opt.problem import (
     RetimingName,
     SimulationOptions,
     Tolerances,
+    Weights,
 )
 from ccm_opt.problem_file.quantities import (
     BendLimitDegrees,
@@ -202,6 +203,19 @@ def _supported_method(method: object) -> object:
     return method
 
 
+Weight = Annotated[float, Field(ge=0.0)]
+
+
+class WeightsTable(Table):
+    """How much each thing counts that planning makes small."""
+
+    path_length: Weight = Weights.path_length
+    smoothness: Weight = Weights.smoothness
+    bending: Weight = Weights.bending
+    clearance: Weight = Weights.clearance
+    duration: Weight = Weights.duration
+
+
 class PlannerTable(Table):
     """Which planner, how long, and with what."""
 
@@ -212,6 +226,7 @@ class PlannerTable(Table):
     seed: Annotated[int, Field(ge=0)] = PlannerOptions.seed
     optimiser: OptimiserName = PlannerOptions.optimiser
     retiming: RetimingName = PlannerOptions.retiming
+    weights: WeightsTable = WeightsTable()
 
 
 class GainsTable(Table):

@@ -11,6 +11,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.ipopt_call import ipopt_call
 from ccm_opt.motion.optimisation.kinematics import Sweep, mount_end
+from ccm_opt.motion.optimisation.nearness import Nearness
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.rows import Rows
 from ccm_opt.motion.optimisation.sequential_convex import PRICE, Program, active_rows
@@ -39,8 +40,7 @@ def interior_point(program: Program, coordinates: FloatArray, rounds: int = ROUN
         if program.deadline.passed():
             break
         sweep = Sweep(program.space, coordinates)
-        rows = active_rows(program.make_rows(sweep), sweep, WIDER * program.active)
-        coordinates = _certified_part(program, sweep, _solution(program, sweep, rows))
+        coordinates = _certified_part(program, sweep, _solution(program, sweep, program.make_rows(sweep)))
     return coordinates
 
 
@@ -54,11 +54,12 @@ def _certified_part(program: Program, sweep: Sweep, solution: FloatArray) -> Flo
     return sweep.coordinates
 
 
-def _solution(program: Program, sweep: Sweep, rows: Rows) -> FloatArray:
+def _solution(program: Program, sweep: Sweep, all_rows: Rows) -> FloatArray:
     """Keyframes at which IPOPT ends, shape (K + 1, p)."""
     import casadi as ca  # noqa: PLC0415 - loaded only when asked for
 
     space, (frames, p) = program.space, sweep.coordinates.shape
+    rows, objective = active_rows(all_rows, sweep, WIDER * program.active), program.objective(frames - 1)
     moving = ca.SX.sym("v", p, frames - 1)
     turning = ca.SX.sym("phi", space.arm.links, frames - 1)  # tied to v: keeps the derivatives sparse
     slack = ca.SX.sym("s", frames - 1)
@@ -69,11 +70,12 @@ def _solution(program: Program, sweep: Sweep, rows: Rows) -> FloatArray:
     unit = space.arm.length / 24.0
     inequalities = _row_values(ca, rows, points, headings, space.arm.link_length) / unit - slack[rows.interval.tolist()]
     ends = _end_values(ca, program, sweep, v, points)
-    bends = ca.vec(ca.DM(Objective(space, 1).bend_rows) @ (moving - ca.DM(sweep.coordinates[1:].T)))
+    bends = ca.vec(ca.DM(objective.bend_rows) @ (moving - ca.DM(sweep.coordinates[1:].T)))
+    near = _nearness(ca, program.nearness(all_rows, sweep), points, headings, space.arm.link_length)
     low, high = _bend_bounds(sweep)
     problem = {
         "x": ca.vertcat(ca.vec(moving), ca.vec(turning), slack),
-        "f": _objective(ca, Objective(space, frames - 1), v) + PRICE * ca.sum1(slack),
+        "f": _objective(ca, objective, v) + near + PRICE * ca.sum1(slack),
         "g": ca.vertcat(inequalities, ends, tie, bends),
     }
     options = {"ipopt.max_iter": ITERATIONS, "ipopt.tol": 1e-5, "ipopt.print_level": 0, "print_time": False}
@@ -114,6 +116,15 @@ def _row_values(ca: Any, rows: Rows, points: tuple[Any, Any], headings: Any, lin
     apart = [ca.vec(q)[plus] - ca.vec(q)[minus] for q in points]
     across = ca.DM(rows.normal[:, 0]) * apart[0] + ca.DM(rows.normal[:, 1]) * apart[1]
     return across + ca.vec(sag)[high] - ca.vec(sag)[low] + ca.DM(rows.constant)
+
+
+def _nearness(ca: Any, near: Nearness | None, points: tuple[Any, Any], headings: Any, link_length: float) -> Any:
+    """What nearness to walls costs, as ``Nearness.value``."""
+    if near is None:
+        return 0.0
+    lack = ca.fmax(1.0 + _row_values(ca, near.rows, points, headings, link_length) / near.distance, 0.0)
+    links, frames = headings.shape
+    return near.share(links, frames - 1) * ca.sumsqr(lack)
 
 
 def _end_values(ca: Any, program: Program, sweep: Sweep, v: Any, points: tuple[Any, Any]) -> Any:

@@ -1,17 +1,21 @@
 """What the optimisation makes small: the joint path's length, its unevenness in time, and the curve's bending.
 
+Nearness to walls, which is not quadratic, is in ``nearness``.
+
 With K intervals of equal parameter length the squared length of a path q(u) is ∫|q'|² ≈ K Σ|q_{k+1} − q_k|², whose
 least value has evenly spaced keyframes, and ∫|q''|² ≈ K³ Σ|q_{k+1} − 2 q_k + q_{k−1}|². Bends q count, not headings:
 the joints' speed and acceleration limits decide the duration.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
+from ccm_opt.motion.task import Slowness
+from ccm_opt.problem import Weights
 
 HEADING = 1e-3
 """Weight of the turns of the links beside the turns of the joints."""
@@ -31,10 +35,14 @@ class Objective:
     Attributes:
         space: the link space; p coordinates.
         intervals: K.
+        weights: how much each part counts.
+        slowness: of the joints, for the weight of the duration; None when all are alike.
     """
 
     space: LinkSpace
     intervals: int
+    weights: Weights = field(default_factory=Weights)
+    slowness: Slowness | None = None
 
     @cached_property
     def bend_rows(self) -> FloatArray:
@@ -47,19 +55,24 @@ class Objective:
         headings = HEADING * self._share * self.space.matrix.T @ self.space.matrix
         curvature, unevenness = self._curvature_rows
         shape = 0.1 * SHAPE * curvature.T @ curvature + SHAPE * unevenness.T @ unevenness
-        return self.intervals * (self._bends + headings + shape + self._ridge)
+        way = self.weights.path_length * (self._bends + headings)
+        time = self.weights.duration * self._slowed(None if self.slowness is None else self.slowness.speed)
+        return self.intervals * (way + time + self.weights.bending * shape + self._ridge)
 
     @cached_property
     def second(self) -> FloatArray:
         """Metric of second differences, shape (p, p)."""
         headings = 0.1 * self._share * self.space.matrix.T @ self.space.matrix
-        return UNEVENNESS * self.intervals**3 * (self._bends + headings + 0.1 * SHAPE * np.eye(len(self._ridge)))
+        turns = self.weights.smoothness * (self._bends + headings)
+        time = self.weights.duration * self._slowed(None if self.slowness is None else self.slowness.acceleration)
+        return UNEVENNESS * self.intervals**3 * (turns + time + 0.1 * SHAPE * np.eye(len(self._ridge)))
 
     @cached_property
     def shape(self) -> FloatArray:
         """Metric of the coordinates themselves, shape (p, p)."""
         curvature, unevenness = self._curvature_rows
-        return SHAPE * (curvature.T @ curvature + unevenness.T @ unevenness) / self.intervals
+        bending = curvature.T @ curvature + unevenness.T @ unevenness
+        return self.weights.bending * SHAPE * bending / self.intervals
 
     @cached_property
     def _share(self) -> float:
@@ -68,6 +81,13 @@ class Objective:
     @cached_property
     def _bends(self) -> FloatArray:
         return self._share * self.bend_rows.T @ self.bend_rows
+
+    def _slowed(self, slowness: FloatArray | None) -> FloatArray:
+        """The metric of the bends, each measured by what its joint can do."""
+        if slowness is None:
+            return self._bends
+        rows = slowness[:, None] * self.bend_rows
+        return self._share * rows.T @ rows
 
     @cached_property
     def _ridge(self) -> FloatArray:

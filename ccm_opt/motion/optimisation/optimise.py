@@ -1,5 +1,6 @@
 """The driver: thin a certified motion to few keyframes, optimise them all at once, keep what is certified."""
 
+from dataclasses import asdict
 from functools import partial
 
 import numpy as np
@@ -12,6 +13,7 @@ from ccm_opt.motion.optimisation.rows import motion_rows
 from ccm_opt.motion.optimisation.sequential_convex import Program, sequential_convex
 from ccm_opt.motion.optimisation.sweep_regions import WallSegments
 from ccm_opt.motion.task import Motion, MotionTask
+from ccm_opt.problem import Weights
 
 INTERVALS = 20
 """Least number of intervals; a motion that needs more legs to be certified keeps them."""
@@ -37,16 +39,16 @@ def optimise(motion: Motion, task: MotionTask, margin: float = MARGIN) -> Motion
         margin: gap that rows ask for beyond contact, as a share of the arm's length.
 
     Returns:
-        A certified motion with a shorter joint path and few keyframes, with the same start; the given one when
-        nothing shorter was found.
+        The last certified motion: with a shorter joint path (or whatever the task's weights ask for) and few
+        keyframes, with the same start; the given one when nothing shorter was found.
     """
     certificate = task.certificate
     if task.optimiser == "none" or len(motion.coordinates) < 2 or task.deadline.passed():
         return motion
     program, coordinates = _program(motion, task, margin), thinned(motion, certificate)
-    if task.optimiser == "interior-point":
-        return _shorter(motion, interior_point(program, coordinates))
-    return _shorter(motion, sequential_convex(program, coordinates))
+    solve = interior_point if task.optimiser == "interior-point" else sequential_convex
+    optimised = solve(program, coordinates)
+    return _better(motion, optimised, plain=task.weights == Weights())
 
 
 def thinned(motion: Motion, certificate: Certificate, intervals: int = INTERVALS) -> FloatArray:
@@ -81,10 +83,19 @@ def _program(motion: Motion, task: MotionTask, margin: float) -> Program:
         task.certificate.failures,
         ACTIVE * link,
         task.deadline,
+        normalised(task.weights),
+        task.slowness,
     )
 
 
-def _shorter(motion: Motion, coordinates: FloatArray) -> Motion:
-    """The optimised motion if it is shorter, else the given one."""
+def normalised(weights: Weights) -> Weights:
+    """The same weights in proportion, the largest of those on turns 1: prices and damping are made for that."""
+    largest = max(weights.path_length, weights.smoothness, weights.duration)
+    scale = largest if largest > 0.0 else 1.0
+    return Weights(**{name: value / scale for name, value in asdict(weights).items()})
+
+
+def _better(motion: Motion, coordinates: FloatArray, *, plain: bool) -> Motion:
+    """The optimised motion; with the plain weights only if it is shorter, else the given one."""
     optimised = Motion(motion.space, coordinates, motion.space.headings(coordinates), motion.candidate)
-    return optimised if travel(optimised) < travel(motion) else motion
+    return optimised if not plain or travel(optimised) < travel(motion) else motion

@@ -6,6 +6,7 @@ sag are diagonal in headings, so that dropping negative entries is the exact pro
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import scipy.sparse as sp
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.optimisation.nearness import Nearness, Quadratic
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.rows import Rows
 from ccm_opt.motion.step import LIMIT_SHARE
@@ -75,6 +77,7 @@ class StepProblem:
         damping: weight on the squared turns of the links.
         goal: where the tip has to stay.
         end_fixed: whether the last keyframe is fixed.
+        nearness: what nearness to walls costs.
     """
 
     sweep: Sweep
@@ -85,6 +88,11 @@ class StepProblem:
     damping: float
     goal: GoalPose
     end_fixed: bool
+    nearness: Nearness | None = None
+
+    @cached_property
+    def _near(self) -> Quadratic | None:
+        return None if self.nearness is None else self.nearness.model(self.sweep)
 
     @property
     def unit(self) -> float:
@@ -120,11 +128,19 @@ class StepProblem:
                     block[p, p] = _SMALLEST_SLACK_CURVATURE
                 elif abs(m - k) == 1:
                     block[:p, :p] -= beside[min(k, m)]
+                    block[:p, :p] += self._between(k, m)
                 blocks.append(block)
                 columns.append(m - 1)
             starts.append(len(blocks))
         size = intervals * self.width
         return sp.bsr_matrix((np.array(blocks), columns, starts), shape=(size, size)).tocsc()
+
+    def _between(self, k: int, m: int) -> FloatArray:
+        """Block that nearness to walls adds between neighbouring keyframes."""
+        if self._near is None:
+            return np.zeros((self.width - 1, self.width - 1))
+        block: FloatArray = self._near.above[k] if m > k else self._near.above[m].T
+        return block
 
     def _row_blocks(self) -> tuple[FloatArray, FloatArray]:
         """Curvature of the rows and damping: blocks on the diagonal, and of turns between neighbours."""
@@ -134,11 +150,16 @@ class StepProblem:
         diagonal += self.damping * (matrix.T @ matrix + 1e-3 * np.eye(matrix.shape[1]))
         diagonal[1:] += beside
         diagonal[:-1] += beside
+        if self._near is not None:
+            diagonal += self._near.diagonal
         return diagonal, beside
 
     def gradient(self) -> FloatArray:
         """Gradient, shape (K width,)."""
-        return np.column_stack((self.objective.gradient(self.sweep.coordinates)[1:], self.prices)).ravel()
+        gradient = self.objective.gradient(self.sweep.coordinates)
+        if self._near is not None:
+            gradient = gradient + self._near.gradient
+        return np.column_stack((gradient[1:], self.prices)).ravel()
 
     def lower_bounds(self) -> FloatArray:
         """Slack is at least 0, shape (K width,)."""

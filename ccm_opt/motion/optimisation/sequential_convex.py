@@ -5,7 +5,7 @@ homotopy class, and the last iterate is always fit for use.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,10 +14,13 @@ from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.optimisation.nearness import DISTANCE, Nearness
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.quadratic_step import Curvature, Step, StepProblem
 from ccm_opt.motion.optimisation.rows import Rows, representatives
 from ccm_opt.motion.step import LIMIT_SHARE, pose_in
+from ccm_opt.motion.task import Slowness
+from ccm_opt.problem import Weights
 
 PRICE, RISE = 30.0, 4.0
 """First price of one nominal link (24 to the arm) of slack, and its rise where the certificate fails."""
@@ -53,6 +56,8 @@ class Program:
         failures: the certificate.
         active: rows nearer to their bound than this enter the QP [m].
         deadline: when to stop.
+        weights: how much each part of the objective counts.
+        slowness: of the joints.
     """
 
     space: LinkSpace
@@ -62,6 +67,20 @@ class Program:
     failures: Failures
     active: float
     deadline: Deadline
+    weights: Weights = field(default_factory=Weights)
+    slowness: Slowness | None = None
+
+    def objective(self, intervals: int) -> Objective:
+        """The quadratic part of the objective."""
+        return Objective(self.space, intervals, self.weights, self.slowness)
+
+    def nearness(self, rows: Rows, sweep: Sweep) -> Nearness | None:
+        """What nearness to walls costs by the tightest wall rows of a motion; None when it does not matter."""
+        if self.weights.clearance == 0.0:
+            return None
+        distance = DISTANCE * self.space.arm.length
+        walls = rows.take(rows.minus == 0)
+        return Nearness(active_rows(walls, sweep, distance), self.weights.clearance, distance)
 
     def ended(self, coordinates: FloatArray) -> FloatArray:
         """The coordinates with the last keyframe polished onto the goal."""
@@ -91,12 +110,14 @@ class _Iterate:
         curvature: of the rows, by the last multipliers.
         damping: weight on the squared turns of the next step.
         prices: of slack in each interval, shape (K,).
+        gained: by which the last step lowered the objective.
     """
 
     sweep: Sweep
     curvature: Curvature
     damping: float
     prices: FloatArray
+    gained: float = 0.0
 
 
 def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = ROUNDS) -> FloatArray:
@@ -110,7 +131,7 @@ def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = R
     Returns:
         The last iterate's coordinates, shape (K + 1, p); certified.
     """
-    objective = Objective(program.space, len(coordinates) - 1)
+    objective = program.objective(len(coordinates) - 1)
     sweep = Sweep(program.space, coordinates)
     iterate, idle = _Iterate(sweep, Curvature.none(sweep), FIRST_DAMPING, np.full(len(sweep.turns), PRICE)), 0
     for _ in range(rounds):
@@ -119,8 +140,7 @@ def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = R
         if following is None:
             break
         iterate = following
-        gained = before - objective.value(iterate.sweep.coordinates)
-        idle = idle + 1 if gained < WORTH * before else 0
+        idle = idle + 1 if iterate.gained < WORTH * before else 0
         if idle >= PATIENCE or program.deadline.passed():
             break
     return iterate.sweep.coordinates
@@ -130,6 +150,7 @@ def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterat
     """One accepted step, or None when none is."""
     rows = program.make_rows(iterate.sweep)
     active = active_rows(rows, iterate.sweep, program.active)
+    nearness = program.nearness(rows, iterate.sweep)
     for _ in range(TRIES):
         problem = StepProblem(
             iterate.sweep,
@@ -140,6 +161,7 @@ def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterat
             iterate.damping,
             program.goal,
             program.end_fixed,
+            nearness,
         )
         step = problem.solve()
         following, failing = _part_taken(program, rows, problem, step) if step.solved else (None, _NONE)
@@ -168,7 +190,7 @@ def _part_taken(program: Program, rows: Rows, problem: StepProblem, step: Step) 
     """The longest part of a step that lowers the merit as foreseen and is certified, and where longer ones failed."""
     start, failed = problem.sweep, _NONE
     before = merit(problem, rows, start)
-    foreseen = before - problem.objective.value(start.coordinates + step.change) - float(problem.prices @ step.slack)
+    foreseen = before - _foreseen_cost(problem, step) - float(problem.prices @ step.slack)
     for share in SHORTENINGS:
         sweep = Sweep(program.space, program.ended(start.coordinates + share * step.change))
         gain = (before - merit(problem, rows, sweep)) / max(share * foreseen, 1e-12)
@@ -179,16 +201,30 @@ def _part_taken(program: Program, rows: Rows, problem: StepProblem, step: Step) 
             curvature = Curvature(*problem.rows.curvature(sweep, step.multipliers, step.pull))
             prices = problem.prices.copy()
             prices[failed] *= RISE
-            return _Iterate(sweep, curvature, _damping(problem.damping, share, gain), prices), failed
+            gained = _cost(problem, start) - _cost(problem, sweep)
+            return _Iterate(sweep, curvature, _damping(problem.damping, share, gain), prices, gained), failed
         failed = failing
     return None, failed
+
+
+def _foreseen_cost(problem: StepProblem, step: Step) -> float:
+    """The objective after a whole step, as the QP sees it."""
+    cost = problem.objective.value(problem.sweep.coordinates + step.change)
+    near = problem.nearness
+    return cost if near is None else cost + near.foreseen(problem.sweep, step.change)
+
+
+def _cost(problem: StepProblem, sweep: Sweep) -> float:
+    """The objective of a motion."""
+    cost = problem.objective.value(sweep.coordinates)
+    return cost if problem.nearness is None else cost + problem.nearness.value(sweep)
 
 
 def merit(problem: StepProblem, rows: Rows, sweep: Sweep) -> float:
     """Objective plus the price of the worst row of every interval."""
     worst = np.zeros(len(sweep.turns))
     np.maximum.at(worst, rows.interval, rows.values(sweep) / problem.unit)
-    return problem.objective.value(sweep.coordinates) + float(problem.prices @ worst)
+    return _cost(problem, sweep) + float(problem.prices @ worst)
 
 
 def _damping(damping: float, share: float, gain: float) -> float:

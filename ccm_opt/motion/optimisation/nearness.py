@@ -1,0 +1,82 @@
+"""What nearness to walls costs: squares of what links lack to a distance at which walls no longer matter.
+
+Every wall row g ≤ 0 of the motion (see ``rows``) with −g < D adds (1 + g/D)² to a mean over intervals and links. Its
+Hessian is the Gauss–Newton one, which is convex.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.optimisation.rows import Rows
+
+DISTANCE = 0.03
+"""Walls farther than this beyond the planning margin cost nothing, as a share of the arm's length."""
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """½ Σ over neighbouring keyframes.
+
+    Attributes:
+        gradient: shape (K + 1, p).
+        diagonal: blocks of each keyframe, shape (K + 1, p, p).
+        above: blocks of keyframes k and k + 1, shape (K, p, p).
+    """
+
+    gradient: FloatArray
+    diagonal: FloatArray
+    above: FloatArray
+
+
+@dataclass(frozen=True)
+class Nearness:
+    """The cost of some wall rows.
+
+    Attributes:
+        rows: of one motion; they are held while its change is looked for.
+        weight: of the cost.
+        distance: D [m].
+    """
+
+    rows: Rows
+    weight: float
+    distance: float
+
+    def value(self, sweep: Sweep) -> float:
+        """Cost of a motion."""
+        return self._cost(self.rows.values(sweep), sweep)
+
+    def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
+        """Cost after a change of the coordinates, shape (K + 1, p), the rows linearised."""
+        start, end = self.rows.slopes(sweep)
+        k = self.rows.interval
+        moved = np.einsum("mp,mp->m", start, change[k]) + np.einsum("mp,mp->m", end, change[k + 1])
+        return self._cost(self.rows.values(sweep) + moved, sweep)
+
+    def model(self, sweep: Sweep) -> Quadratic:
+        """Gradient and Gauss–Newton Hessian by the coordinates."""
+        (intervals, p), k = (len(sweep.turns), sweep.coordinates.shape[1]), self.rows.interval
+        model = Quadratic(np.zeros((intervals + 1, p)), np.zeros((intervals + 1, p, p)), np.zeros((intervals, p, p)))
+        lack = np.maximum(1.0 + self.rows.values(sweep) / self.distance, 0.0)
+        start, end = self.rows.slopes(sweep)
+        scale = 2.0 * self.share(sweep.turns.shape[1], intervals) / self.distance
+        for j in np.unique(k[lack > 0.0]):
+            of = np.flatnonzero((k == j) & (lack > 0.0))
+            a, b, c = start[of], end[of], scale / self.distance
+            model.gradient[j] += scale * lack[of] @ a
+            model.gradient[j + 1] += scale * lack[of] @ b
+            model.diagonal[j] += a.T @ (c * a)
+            model.diagonal[j + 1] += b.T @ (c * b)
+            model.above[j] += a.T @ (c * b)
+        return model
+
+    def _cost(self, values: FloatArray, sweep: Sweep) -> float:
+        intervals, links = sweep.turns.shape
+        return self.share(links, intervals) * float(np.sum(np.maximum(1.0 + values / self.distance, 0.0) ** 2))
+
+    def share(self, links: int, intervals: int) -> float:
+        """Factor of the sum of squares."""
+        return self.weight * 24.0 / (links * intervals)
