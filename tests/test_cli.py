@@ -157,6 +157,8 @@ def test_a_solved_problem_is_written_and_reported(
         "arm.urdf",
         "arm.mjcf.xml",
         "plan.png",
+        "motion.gif",
+        "report.html",
     }
     assert (tmp_path / "runs" / "small" / "plan.png").read_bytes().startswith(b"\x89PNG")
     for piece in (
@@ -176,7 +178,8 @@ def test_pictures_can_be_left_out(problem_path: Path, tmp_path: Path, monkeypatc
     """``--no-pictures`` writes no picture."""
     stand_in(monkeypatch, bend_a_little)
     assert run("solve", problem_path, "--out", tmp_path, "--no-pictures")[0] == 0
-    assert not (tmp_path / "small" / "plan.png").exists()
+    left = {path.name for path in (tmp_path / "small").iterdir()}
+    assert not left & {"plan.png", "motion.gif", "report.html"}
 
 
 def test_all_files_are_tried_and_the_highest_code_counts(

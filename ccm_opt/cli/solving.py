@@ -96,6 +96,12 @@ def _plan(problem: Problem, out: Path, clock: StageClock) -> Solution:
 
 
 def _pictures(solution: Solution) -> Mapping[str, bytes]:
-    from ccm_opt.plotting.plan import plan_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.plotting.plan import plan_png  # noqa: PLC0415
+    from ccm_opt.report.page import report_html  # noqa: PLC0415
 
-    return {"plan.png": plan_png(solution)}
+    return {
+        "plan.png": plan_png(solution),
+        "motion.gif": motion_gif(solution),
+        "report.html": report_html(solution).encode(),
+    }
