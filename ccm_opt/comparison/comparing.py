@@ -1,0 +1,109 @@
+"""Runs every method on every problem, and gathers what came of it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+from ccm_opt.comparison.executors import Workers, completed
+from ccm_opt.comparison.journal import Journal
+from ccm_opt.comparison.runs import Run, Task, execute, failed
+from ccm_opt.comparison.statistics import (
+    FigurePair,
+    Interval,
+    SuccessPair,
+    compare_figures,
+    compare_success,
+    success_interval,
+)
+from ccm_opt.comparison.suites import Case
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two methods on the same problems.
+
+    Attributes:
+        first: name of the first method.
+        second: name of the second method.
+        success: how often they solve.
+        figures: what the solutions are worth, on the problems that both solve.
+    """
+
+    first: str
+    second: str
+    success: SuccessPair
+    figures: tuple[FigurePair, ...]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs of several methods on the same problems.
+
+    Attributes:
+        problems: their names.
+        methods: their names.
+        runs: by problem, then by method; in the order of ``problems`` and ``methods``.
+    """
+
+    problems: tuple[str, ...]
+    methods: tuple[str, ...]
+    runs: tuple[tuple[Run, ...], ...]
+
+    def of(self, method: str) -> tuple[Run, ...]:
+        """The runs of a method, in the order of the problems."""
+        column = self.methods.index(method)
+        return tuple(row[column] for row in self.runs)
+
+    @cached_property
+    def pairs(self) -> tuple[Pair, ...]:
+        """Every two methods, in their order."""
+        return tuple(
+            Pair(one, other, compare_success(*both), compare_figures(*both))
+            for one, other in combinations(self.methods, 2)
+            for both in [(self.of(one), self.of(other))]
+        )
+
+    def solved(self, method: str) -> tuple[int, Interval]:
+        """How many problems a method solves, and the interval of that as a share."""
+        count = sum(run.solved for run in self.of(method))
+        return count, success_interval(count, len(self.problems))
+
+    @property
+    def failures(self) -> Iterator[Run]:
+        """Every run that is not solved."""
+        return (run for row in self.runs for run in row if not run.solved)
+
+
+def compare(
+    cases: Sequence[Case],
+    methods: Sequence[str],
+    workers: Workers,
+    journal: Journal,
+    *,
+    time_limit: float | None = None,
+    progress: Callable[[Run], None] | None = None,
+) -> Comparison:
+    """Run every method on every problem, but for the runs that the journal has already; what crashed is run again.
+
+    Args:
+        cases: the problems, with names of their own.
+        methods: names of methods.
+        workers: where to run.
+        journal: takes every run as soon as it is done.
+        time_limit: of every planner [s]; None for the problems' own.
+        progress: called after every run.
+
+    Raises:
+        ProblemError: when a method is unknown, the journal cannot be written, or the cluster is gone.
+    """
+    rows = [[Task(case, method, time_limit) for method in methods] for case in cases]
+    missing = [task for row in rows for task in row if not journal.has(task.key)]
+    if missing:
+        for task, result in completed(workers, execute, missing):
+            run = result if isinstance(result, Run) else failed(task, result)
+            journal.append(run)
+            if progress is not None:
+                progress(run)
+    runs = tuple(tuple(journal.runs[task.key] for task in row) for row in rows)
+    return Comparison(tuple(case.name for case in cases), tuple(methods), runs)

@@ -1,0 +1,186 @@
+"""One method on one problem: what is run on a worker, and the record that comes back."""
+
+import hashlib
+import math
+import os
+import threading
+import time
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
+from typing import Literal
+
+from ccm_opt.comparison.methods import Method, method_named
+from ccm_opt.comparison.suites import Case
+from ccm_opt.errors import NoPlanFound, ProblemError, TimeLimitReached, VerificationError
+from ccm_opt.planner import Planner
+from ccm_opt.problem import Problem
+from ccm_opt.solution import JointPath
+
+Outcome = Literal["solved", "no plan", "timed out", "refused", "unusable", "crashed"]
+"""Verified; no plan within the limits; none within the time; refused by the verifier; not for this method; a defect."""
+_ALONE = threading.Lock()
+"""Compiled functions and IPOPT are not for two threads at once; workers of a cluster may have several."""
+LONGEST_REASON = 400
+"""Characters of a reason that are kept."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A figure that methods are compared by.
+
+    Attributes:
+        key: in records and files, with its unit.
+        title: in tables.
+        unit: of the value.
+        scale: whether two values are compared by their ratio or by their difference.
+        more_is_better: whether the greater value is the better one.
+    """
+
+    key: str
+    title: str
+    unit: str
+    scale: Literal["ratio", "difference"] = "ratio"
+    more_is_better: bool = False
+
+
+QUANTITIES = (
+    Quantity("tip_error_m", "tip error", "m", "difference"),
+    Quantity("least_wall_clearance_m", "clearance", "m", "difference", more_is_better=True),
+    Quantity("joint_path_length_rad", "joint path length", "rad"),
+    Quantity("duration_s", "duration", "s"),
+    Quantity("peak_torque_Nm", "peak torque", "N m"),
+    Quantity("planning_cpu_s", "CPU time of planning", "s"),
+    Quantity("cpu_s", "CPU time in all", "s"),
+)
+"""What is compared on the problems that both methods solve."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A method to be run on a problem.
+
+    Attributes:
+        case: the problem.
+        method: name of the method.
+        time_limit: of the planner [s], or None for the problem's own.
+    """
+
+    case: Case
+    method: str
+    time_limit: float | None = None
+
+    @property
+    def key(self) -> str:
+        """Tells this run from every other, so that a resumed comparison knows what it has."""
+        options = sorted(method_named(self.method).options.items())
+        parts = (self.case.name, self.case.fingerprint, self.method, options, self.time_limit, _package_version())
+        return hashlib.sha256(repr(parts).encode()).hexdigest()[:20]
+
+
+@dataclass(frozen=True)
+class Run:
+    """What came of a task.
+
+    Attributes:
+        key: of the task.
+        problem: its name.
+        method: its name.
+        outcome: how it ended.
+        reason: why it is not solved; empty when it is.
+        figures: by the keys of ``QUANTITIES``; those of the motion only when it is solved.
+        wall: time from begin to end [s].
+        tactic: name of what found the motion.
+    """
+
+    key: str
+    problem: str
+    method: str
+    outcome: Outcome
+    reason: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    wall: float = 0.0
+    tactic: str = ""
+
+    @property
+    def solved(self) -> bool:
+        """Whether a verified motion was found."""
+        return self.outcome == "solved"
+
+    def figure(self, key: str) -> float:
+        """A figure, NaN when there is none."""
+        return self.figures.get(key, math.nan)
+
+
+class ClockedPlanner:
+    """A planner that notes the CPU time it takes, also when it fails.
+
+    Attributes:
+        seconds: CPU time of this process while planning [s].
+    """
+
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
+        self.seconds = 0.0
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan as the planner does."""
+        begin = time.process_time()
+        try:
+            return self._planner.plan(problem)
+        finally:
+            self.seconds += time.process_time() - begin
+
+
+def execute(task: Task) -> Run:
+    """Run a task; whatever goes wrong is the result. CPU time is that of this process, so tasks run one at a time."""
+    with _ALONE:
+        begin, wall = time.process_time(), time.perf_counter()
+        planner = None
+        try:
+            method = method_named(task.method)
+            planner = ClockedPlanner(method.make())
+            run = _solved(task, method, planner)
+        except Exception as error:  # noqa: BLE001 - a defect of a method must not end the comparison
+            run = failed(task, error)
+        figures = dict(run.figures)
+        if planner is not None:
+            figures |= {"planning_cpu_s": planner.seconds, "cpu_s": time.process_time() - begin}
+        return Run(
+            run.key, run.problem, run.method, run.outcome, run.reason, figures, time.perf_counter() - wall, run.tactic
+        )
+
+
+def _solved(task: Task, method: Method, planner: ClockedPlanner) -> Run:
+    from ccm_opt.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
+
+    solution = solve(method.prepared(task.case.problem(), task.time_limit), planner=planner)
+    wanted = {quantity.key for quantity in QUANTITIES}
+    figures = {key: float(x) for key, x in solution.metrics.items() if key in wanted and math.isfinite(x)}
+    return Run(task.key, task.case.name, task.method, "solved", "", figures, tactic=solution.path.candidate)
+
+
+def failed(task: Task, error: BaseException) -> Run:
+    """The record of a task that ended with an error."""
+    outcome, reason = _told(error)
+    return Run(task.key, task.case.name, task.method, outcome, reason[:LONGEST_REASON])
+
+
+def _told(error: BaseException) -> tuple[Outcome, str]:
+    if isinstance(error, NoPlanFound):
+        outcome: Outcome = "timed out" if isinstance(error, TimeLimitReached) else "no plan"
+        return outcome, f"{type(error).__name__}: {error.diagnosis.reason}"
+    if isinstance(error, VerificationError):
+        return "refused", "the verifier refuses the motion: " + "; ".join(error.failures)
+    if isinstance(error, ProblemError):
+        return "unusable", str(error)
+    place = traceback.extract_tb(error.__traceback__)
+    where = f" ({os.path.basename(place[-1].filename)}, line {place[-1].lineno})" if place else ""  # noqa: PTH119 - a text
+    return "crashed", f"{type(error).__name__}: {error}{where}"
+
+
+@cache
+def _package_version() -> str:
+    return version("ccm-opt")

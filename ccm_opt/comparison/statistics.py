@@ -1,0 +1,182 @@
+"""Statistics of two methods on the same problems: exact where that is possible, and always by pairs."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.comparison.runs import QUANTITIES, Quantity, Run
+
+LEVEL = 0.95
+"""Confidence of every interval."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A confidence interval; not finite where the sample does not bound it."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class SuccessPair:
+    """How often two methods solve the same problems.
+
+    Attributes:
+        both: problems that both solve.
+        first_only: problems that only the first solves.
+        second_only: problems that only the second solves.
+        neither: problems that neither solves.
+        p_value: of McNemar's exact test that both solve equally often.
+        difference: share of the first less share of the second, with its interval.
+        interval: of the difference.
+    """
+
+    both: int
+    first_only: int
+    second_only: int
+    neither: int
+    p_value: float
+    difference: float
+    interval: Interval
+
+
+@dataclass(frozen=True)
+class FigurePair:
+    """A figure of two methods on the problems that both solve.
+
+    Attributes:
+        quantity: the figure.
+        pairs: number of problems.
+        first: median of the first method.
+        second: median of the second method.
+        effect: median over the problems of the first's value by the second's, or less the second's.
+        interval: of that median.
+        better: share of the problems on which the first is better; ties count half.
+        p_value: of Wilcoxon's signed-rank test; NaN without pairs that differ.
+    """
+
+    quantity: Quantity
+    pairs: int
+    first: float
+    second: float
+    effect: float
+    interval: Interval
+    better: float
+    p_value: float
+
+
+def success_interval(solved: int, count: int) -> Interval:
+    """Clopper and Pearson's interval of a share (Biometrika 26, 1934): it covers at least at its level."""
+    if count == 0:
+        return Interval(0.0, 1.0)
+    found = stats.binomtest(solved, count).proportion_ci(LEVEL, method="exact")
+    return Interval(float(found.low), float(found.high))
+
+
+def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
+    """Compare success on the same problems, in the same order.
+
+    McNemar's test in its exact form: of the problems that only one method solves, each is the first's with
+    probability ½ when both are equally good.
+    """
+    one = np.array([run.solved for run in first], dtype=bool)
+    other = np.array([run.solved for run in second], dtype=bool)
+    both, neither = int(np.sum(one & other)), int(np.sum(~one & ~other))
+    first_only, second_only = int(np.sum(one & ~other)), int(np.sum(~one & other))
+    apart = first_only + second_only
+    p_value = float(stats.binomtest(first_only, apart).pvalue) if apart else 1.0
+    difference = (first_only - second_only) / len(one) if len(one) else 0.0
+    interval = paired_difference_interval(both, first_only, second_only, neither)
+    return SuccessPair(both, first_only, second_only, neither, p_value, difference, interval)
+
+
+def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> Interval:
+    """Interval of the difference of two shares from the same problems: Newcombe's method 10.
+
+    Wilson's intervals of both shares, squared and added, with the correlation of the pairs, which is corrected for
+    continuity when positive (Newcombe, Statistics in Medicine 17, 1998, 2635–2650).
+    """
+    count = both + first_only + second_only + neither
+    if count == 0:
+        return Interval(-1.0, 1.0)
+    first, second = both + first_only, both + second_only
+    share_1, share_2 = first / count, second / count
+    low_1, high_1 = _wilson(first, count)
+    low_2, high_2 = _wilson(second, count)
+    phi = _correlation(both, first_only, second_only, neither)
+    down, up = share_1 - low_1, high_2 - share_2
+    below = math.sqrt(max(0.0, down**2 - 2.0 * phi * down * up + up**2))
+    up, down = high_1 - share_1, share_2 - low_2
+    above = math.sqrt(max(0.0, up**2 - 2.0 * phi * up * down + down**2))
+    difference = share_1 - share_2
+    return Interval(difference - below, difference + above)
+
+
+def _wilson(solved: int, count: int) -> tuple[float, float]:
+    found = stats.binomtest(solved, count).proportion_ci(LEVEL, method="wilson")
+    return float(found.low), float(found.high)
+
+
+def _correlation(both: int, first_only: int, second_only: int, neither: int) -> float:
+    margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
+    if margins == 0:
+        return 0.0
+    product = float(both * neither - first_only * second_only)
+    if product > 0.0:
+        product = max(product - (both + first_only + second_only + neither) / 2.0, 0.0)
+    return product / math.sqrt(margins)
+
+
+def compare_figures(first: Sequence[Run], second: Sequence[Run]) -> tuple[FigurePair, ...]:
+    """Compare every figure on the problems that both methods solve and that have it."""
+    pairs = [(one, other) for one, other in zip(first, second, strict=True) if one.solved and other.solved]
+    return tuple(_figure_pair(quantity, pairs) for quantity in QUANTITIES)
+
+
+def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> FigurePair:
+    values = np.array([(one.figure(quantity.key), other.figure(quantity.key)) for one, other in pairs])
+    values = values.reshape(-1, 2)
+    values = values[np.all(np.isfinite(values), axis=1)]
+    if quantity.scale == "ratio":
+        values = values[np.all(values > 0.0, axis=1)]
+    if len(values) == 0:
+        return FigurePair(quantity, 0, math.nan, math.nan, math.nan, Interval(-math.inf, math.inf), math.nan, math.nan)
+    gap = np.log(values[:, 0] / values[:, 1]) if quantity.scale == "ratio" else values[:, 0] - values[:, 1]
+    back = np.exp if quantity.scale == "ratio" else np.asarray
+    bounds = median_interval(gap)
+    wins = gap > 0.0 if quantity.more_is_better else gap < 0.0
+    return FigurePair(
+        quantity,
+        len(values),
+        float(np.median(values[:, 0])),
+        float(np.median(values[:, 1])),
+        float(back(np.median(gap))),
+        Interval(float(back(bounds.low)), float(back(bounds.high))),
+        float(np.mean(wins + 0.5 * (gap == 0.0))),
+        _wilcoxon(gap),
+    )
+
+
+def median_interval(values: FloatArray) -> Interval:
+    """Interval of a median from the order of the sample alone, without any assumption on its distribution.
+
+    The number of values below the median is binomial with ½, so the k-th value from either end bounds it with a
+    probability of 1 − 2 P(B < k); k is the greatest that keeps the level (Conover, Practical Nonparametric
+    Statistics, section 3.2). Fewer than six values bound nothing.
+    """
+    count = len(values)
+    k = int(stats.binom.ppf((1.0 - LEVEL) / 2.0, count, 0.5)) if count else 0
+    if k < 1:
+        return Interval(-math.inf, math.inf)
+    ordered = np.sort(values)
+    return Interval(float(ordered[k - 1]), float(ordered[count - k]))
+
+
+def _wilcoxon(gap: FloatArray) -> float:
+    apart = gap[gap != 0.0]
+    return float(stats.wilcoxon(apart).pvalue) if len(apart) else math.nan

@@ -1,0 +1,118 @@
+"""Named suites of problems, and problems from files: what a comparison is made on."""
+
+import hashlib
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from ccm_opt.comparison.scenes import Scene, clutter, corridor, open_space
+from ccm_opt.errors import ProblemError
+from ccm_opt.problem import Problem
+from ccm_opt.problem_file import load_problem
+
+SHARED = "shared"
+"""The suite of the problem files that come with the package."""
+GENERATOR = 1
+"""Counts changes of the random scenes: runs on other scenes are other runs."""
+DEFAULT_COUNT = 20
+
+SUITES: Mapping[str, Callable[[int], Scene]] = {
+    "open-space": open_space,
+    "clutter-20": partial(clutter, count=20),
+    "clutter-40": partial(clutter, count=40),
+    "clutter-80": partial(clutter, count=80),
+    "duct": corridor,
+}
+"""Scene from a seed, by the name of its suite; ``clutter-N`` stands for any number of polygons."""
+_CLUTTER = re.compile(r"clutter-(\d{1,4})")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One problem of a comparison; a random one is made where it is solved.
+
+    Attributes:
+        name: of the problem; its own within a comparison.
+        suite: where the problem is from; "files" for a file.
+        seed: of the random scene.
+        given: the problem of a file.
+        fingerprint: tells problems apart whose names are the same.
+    """
+
+    name: str
+    suite: str
+    seed: int = 0
+    given: Problem | None = None
+    fingerprint: str = field(default="")
+
+    def problem(self) -> Problem:
+        """The problem itself."""
+        return self.given if self.given is not None else scene_maker(self.suite)(self.seed).problem(name=self.name)
+
+
+def scene_maker(suite: str) -> Callable[[int], Scene]:
+    """What makes the scenes of a random suite from seeds.
+
+    Raises:
+        ProblemError: when there is no such suite.
+    """
+    if suite in SUITES:
+        return SUITES[suite]
+    if found := _CLUTTER.fullmatch(suite):
+        return partial(clutter, count=int(found[1]))
+    names = ", ".join((SHARED, *SUITES))
+    raise ProblemError(f"there is no suite '{suite}'; expected one of {names}, or clutter-N with a number of polygons")
+
+
+def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) -> tuple[Case, ...]:
+    """The problems of a suite.
+
+    Args:
+        suite: its name.
+        count: how many; None for all shared problems, or ``DEFAULT_COUNT`` random ones.
+        first_seed: of the random problems; the others follow.
+
+    Raises:
+        ProblemError: when there is no such suite, or it has fewer problems.
+    """
+    if suite == SHARED:
+        cases = cases_of_files(sorted(shared_folder().glob("*.toml")))
+        if count is not None and count > len(cases):
+            raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
+        return cases[:count]
+    scene_maker(suite)
+    seeds = range(first_seed, first_seed + (DEFAULT_COUNT if count is None else count))
+    return tuple(Case(f"{suite}-{seed}", suite, seed, None, f"{GENERATOR}:{suite}:{seed}") for seed in seeds)
+
+
+def cases_of_files(files: Sequence[Path]) -> tuple[Case, ...]:
+    """The problems of problem files.
+
+    Raises:
+        ProblemError: when a file cannot be used.
+    """
+    problems = [load_problem(file) for file in files]
+    return tuple(
+        Case(item.name, "files", 0, item, hashlib.sha256(item.source.encode()).hexdigest()) for item in problems
+    )
+
+
+def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
+    """The cases, each once.
+
+    Raises:
+        ProblemError: when two different problems have the same name.
+    """
+    kept: dict[str, Case] = {}
+    for case in cases:
+        if kept.setdefault(case.name, case).fingerprint != case.fingerprint:
+            raise ProblemError(f"two different problems are called '{case.name}'; give each its own name")
+    return tuple(kept.values())
+
+
+def shared_folder() -> Path:
+    """Where the shared problem files are: in the installed package, or beside it in its source tree."""
+    installed = Path(__file__).with_name("problems")
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "problems"
