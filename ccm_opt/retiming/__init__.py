@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from functools import partial
 
 from ccm_opt.problem import Limits, RetimingName
+from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.paul import WINDOWS, retime_paul
-from ccm_opt.retiming.rows import InverseDynamics, Revolutes
 from ccm_opt.retiming.timing import retime
 from ccm_opt.solution import JointPath, JointTrajectory
 

@@ -9,56 +9,70 @@ from ccm_opt.retiming.rows import PathRows
 _AXIS = ("first (yaw)", "second (bend)", "third")
 
 
-def revolute_name(number: int) -> str:
-    """Ball and axis of a revolute in words, the ball counted from 1."""
+def axis_name(number: int, limits: Limits) -> str:
+    """Ball and axis of a revolute in words, the ball counted from 1; or the feed axis."""
+    if number == len(limits.velocity):
+        return "the feed axis"
     return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
 
 
 def check_static_load(rows: PathRows, limits: Limits) -> None:
-    """Check that every joint can hold the arm everywhere on the path.
+    """Check that every drive can hold the arm everywhere on the path; then some slow motion keeps all limits.
 
     Raises:
-        RetimingError: naming the joint that cannot, its torque, its limit and the place on the path.
+        RetimingError: naming the joint that cannot, its torque, its limit and the place on the path; or the feed axis
+            and its force; or the place at which the rows are not finite.
     """
-    if limits.torque is None or rows.c.shape[1] == rows.torque_rows:
+    _check_finite(rows)
+    if rows.c.shape[1] == rows.effort_rows:
         return
-    load = np.abs(rows.c[:, rows.torque_rows :])
+    load = np.abs(rows.c[:, rows.effort_rows :])
     point, row = np.unravel_index(np.argmax(load), load.shape)
-    if load[point, row] < 1.0:
-        return
-    number = int(rows.revolute[rows.torque_rows + row])
-    limit = float(limits.torque[number])
-    torque, place = float(load[point, row]) * limit, float(rows.s[point])
-    raise RetimingError(
+    if load[point, row] >= 1.0:
+        number = int(rows.axis[rows.effort_rows + row])
+        raise too_weak(number, float(load[point, row]), float(rows.s[point]), limits)
+
+
+def too_weak(number: int, share: float, place: float, limits: Limits) -> RetimingError:
+    """The error for a drive that cannot hold the arm still.
+
+    Args:
+        number: of the revolute, or of the feed axis.
+        share: of its limit that it needs.
+        place: path parameter.
+        limits: of the problem.
+    """
+    feed = number == len(limits.velocity)
+    kind, unit, part = ("force", "N", "axis") if feed else ("torque", "N m", "joint")
+    limit = float(np.inf if limits.torque is None else limits.torque[min(number, len(limits.torque) - 1)])
+    limit = float(limits.feed_force or np.inf) if feed else limit
+    load = share * limit
+    return RetimingError(
         Diagnosis(
-            reason=f"{revolute_name(number)} needs {torque:.4g} N m to hold the arm still at {place:.1%} of the path, "
-            f"but its torque limit is {limit:.4g} N m",
+            reason=f"{axis_name(number, limits)} needs {load:.4g} {unit} to hold the arm still at {place:.1%} of the "
+            f"path, but its {kind} limit is {limit:.4g} {unit}",
             stage="retiming",
             advice=(
-                f"raise the torque limit of this joint above {torque:.4g} N m",
+                f"raise the {kind} limit of this {part} above {load:.4g} {unit}",
                 "make the links lighter, or correct the direction of gravity",
                 "choose a start or goal nearer to the vertical through the base",
             ),
-            evidence={"revolute": number, "torque": torque, "limit": limit, "path_position": place},
+            evidence={"revolute": number, kind: load, "limit": limit, "path_position": place},
         )
     )
 
 
-def explain_failure(rows: PathRows, limits: Limits, point: int) -> RetimingError:
-    """The error for a grid point at which TOPP-RA finds no feasible speed; names the row with the least room."""
-    row = int(
-        np.argmax(np.abs(rows.c[point]) + np.abs(rows.b[point]) / max(float(np.max(np.abs(rows.b[point]))), 1e-300))
-    )
-    number, is_torque = int(rows.revolute[row]), row >= rows.torque_rows
-    kind, unit = ("torque", "N m") if is_torque else ("acceleration", "rad/s²")
-    values = limits.torque if is_torque and limits.torque is not None else limits.acceleration
-    limit, place = float(values[number]), float(rows.s[point])
-    return RetimingError(
+def _check_finite(rows: PathRows) -> None:
+    bad = ~(np.isfinite(rows.a) & np.isfinite(rows.b) & np.isfinite(rows.c))
+    if not np.any(bad):
+        return
+    point = int(np.argmax(np.any(bad, axis=1)))
+    place = float(rows.s[point])
+    raise RetimingError(
         Diagnosis(
-            reason=f"no speed keeps the limits at {place:.1%} of the path; the tightest there is the {kind} limit of "
-            f"{revolute_name(number)}, {limit:.4g} {unit}",
+            reason=f"the path or its inverse dynamics is not finite at {place:.1%} of the path",
             stage="retiming",
-            advice=(f"raise the {kind} limit of this joint", "plan a smoother path, or one with fewer sharp turns"),
-            evidence={"revolute": number, "kind": kind, "limit": limit, "path_position": place},
+            advice=("look at the path's keyframes, and at the arm's masses and inertias",),
+            evidence={"path_position": place},
         )
     )

@@ -15,7 +15,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.diagnosis import check_static_load
-from ccm_opt.retiming.rows import InverseDynamics, Revolutes, path_rows
+from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
+from ccm_opt.retiming.rows import path_rows
 from ccm_opt.retiming.transitions import Legs
 from ccm_opt.solution import FeedMotion, JointPath, JointTrajectory
 

@@ -8,6 +8,9 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.retiming.rows import PathRows
 
+_LEAST_ROOM = 1e-9
+"""Room above the static part that is reckoned with where there is none."""
+
 
 @dataclass(frozen=True)
 class SpeedProfile:
@@ -65,9 +68,6 @@ class DenseCheck:
 def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: float) -> DenseCheck:
     """Evaluate every limit at every dense point of a profile, at grid points from both sides.
 
-    Slowing down by λ divides the moving part m of a row by λ² but leaves its static part c, so a row above the
-    allowed value L needs λ² = m / (L − c).
-
     Args:
         profile: speeds at the grid points.
         dense: rows at ``steps`` equal steps of every interval.
@@ -80,10 +80,11 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
         at = slice(j, j + steps * (len(excess) - 1) + 1, steps)
         squared = profile.squared[:-1] + (j / steps) * np.diff(profile.squared)
         moving = dense.a[at] * profile.acceleration[:, None] + dense.b[at] * squared[:, None]
-        beyond = np.abs(moving + dense.c[at]) - share_allowed(dense.c[at], allowed)
-        excess = np.maximum(excess, np.max(beyond, axis=1))
+        damping = None if dense.d is None else dense.d[at] * np.sqrt(squared)[:, None]
+        total = moving + dense.c[at] if damping is None else moving + damping + dense.c[at]
+        excess = np.maximum(excess, np.max(np.abs(total) - share_allowed(dense.c[at], allowed), axis=1))
         speed = float(np.max(dense.speed[at] * np.sqrt(squared))) / allowed
-        stretch = max(stretch, speed, slowing(moving, dense.c[at], allowed))
+        stretch = max(stretch, speed, slowing(moving, dense.c[at], allowed, damping))
     return DenseCheck(excess, stretch)
 
 
@@ -93,13 +94,31 @@ def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
     return share
 
 
-def slowing(moving: FloatArray, static: FloatArray, allowed: float) -> float:
+def slowing(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> float:
     """Least factor on time that brings rows within what they may reach; below 1 when there is room.
 
+    Time longer by λ makes of a row m / λ² + d / λ + c. Without d the least λ² is m / (L − c), with L what is allowed.
+    With it λ = (d + √(d² + 4 m (L − c))) / 2 (L − c) is safe, and every longer time too.
+
     Args:
-        moving: part of the rows that falls with the square of the factor.
-        static: part that stays, within ±1.
+        moving: part m of the rows.
+        static: part c, within ±1.
         allowed: share of the limit that may be used, see ``share_allowed``.
+        damping: part d, None for none.
     """
-    room = np.maximum(share_allowed(static, allowed) - np.sign(moving) * static, 1e-9)
+    share = share_allowed(static, allowed)
+    if damping is not None:
+        return _damped_slowing(moving, damping, static, share)
+    room = np.maximum(share - np.sign(moving) * static, _LEAST_ROOM)
     return float(np.sqrt(np.max(np.abs(moving) / room, initial=0.0)))
+
+
+def _damped_slowing(moving: FloatArray, damping: FloatArray, static: FloatArray, share: FloatArray) -> float:
+    """The same with friction; rows that keep their limit ask for a longer time only where the others do."""
+    factor = 0.0 if np.all(np.abs(moving + damping + static) <= share) else 1.0
+    for sign in (1.0, -1.0):
+        m, d, room = sign * moving, sign * damping, np.maximum(share - sign * static, _LEAST_ROOM)
+        root = d * d + 4.0 * m * room
+        need = np.where(root >= 0.0, d + np.sqrt(np.maximum(root, 0.0)), 0.0) / (2.0 * room)
+        factor = max(factor, float(np.max(need, initial=0.0)) if factor else 0.0)
+    return factor

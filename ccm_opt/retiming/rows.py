@@ -1,23 +1,27 @@
-"""The limits along the path as rows a s̈ + b ṡ² + c within ±1, and a bound on ṡ² (Pham and Pham 2018, section III).
+"""The limits along the path as rows a s̈ + b ṡ² + d ṡ + c within ±1, and a bound on ṡ (Pham and Pham 2018, section III).
 
-With q(s) the path: velocity q' ṡ, acceleration q' s̈ + q'' ṡ², torque τ(q, q̇, q̈), which is linear in the
+With q(s) the path: velocity q' ṡ, acceleration q' s̈ + q'' ṡ², effort τ(q, q̇, q̈), which is linear in the
 accelerations and quadratic in the velocities, so that three evaluations of inverse dynamics give its row:
-a = τ(q, 0, q') − τ(q, 0, 0), b = τ(q, q', q'') − τ(q, 0, 0), c = τ(q, 0, 0). Every row is divided by its limit.
+a = τ(q, 0, q') − τ(q, 0, 0), b = τ(q, q', q'') − τ(q, 0, 0) − d, c = τ(q, 0, 0), with d the viscous friction at q'.
+Every row is divided by its limit. The columns of the path are the bends and, when there is one, the feed axis, whose
+rows are made in the same way.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.problem import Limits
+from ccm_opt.retiming.axes import Axes
+from ccm_opt.retiming.efforts import Efforts, InverseDynamics, Revolutes
 
-InverseDynamics = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-Revolutes = Callable[[FloatArray], FloatArray]
 _NO_ROW = 1e-12
-"""A torque row whose entries are all below this share of its limit is left out (joints that turn out of the plane)."""
+"""An effort row whose entries are all below this share of its limit is left out (joints that turn out of the plane)."""
+
+FRICTION_SHARE = 0.7
+"""Share of the room above the static part that friction may take in the rows."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +30,14 @@ class PathRows:
 
     Attributes:
         s: path parameter, shape (P,).
-        speed: |q'| over the velocity limit, the greatest of all joints, shape (P,) [s].
+        speed: |q'| over the velocity limit, the greatest of all axes, shape (P,) [s].
         a: coefficient of s̈, shape (P, R) [s²].
         b: coefficient of ṡ², shape (P, R) [s²].
         c: constant part, shape (P, R).
-        revolute: number of the revolute that a row belongs to, shape (R,).
-        fastest: number of the revolute behind ``speed``, shape (P,).
-        torque_rows: number of the first torque row; the rows before it are accelerations.
+        d: coefficient of ṡ, shape (P, R) [s]; None without viscous friction.
+        axis: number of the revolute, or of the feed axis, that a row belongs to, shape (R,).
+        fastest: number of the axis behind ``speed``, shape (P,).
+        effort_rows: number of the first effort row; the rows before it are accelerations.
     """
 
     s: FloatArray
@@ -40,15 +45,24 @@ class PathRows:
     a: FloatArray
     b: FloatArray
     c: FloatArray
-    revolute: IntArray
+    d: FloatArray | None
+    axis: IntArray
     fastest: IntArray
-    torque_rows: int
+    effort_rows: int
 
     def every(self, steps: int) -> "PathRows":
         """The rows at every ``steps``-th point."""
         pick = slice(None, None, steps)
-        parts = (self.s[pick], self.speed[pick], self.a[pick], self.b[pick], self.c[pick])
-        return PathRows(*parts, self.revolute, self.fastest[pick], self.torque_rows)
+        d = None if self.d is None else self.d[pick]
+        parts = (self.s[pick], self.speed[pick], self.a[pick], self.b[pick], self.c[pick], d)
+        return PathRows(*parts, self.axis, self.fastest[pick], self.effort_rows)
+
+    def with_friction(self, speed: FloatArray) -> "PathRows":
+        """The rows with the friction at given speeds ṡ, shape (P,), as a constant part that leaves some room."""
+        if self.d is None:
+            return self
+        most = np.abs(self.c) + FRICTION_SHARE * (1.0 - np.abs(self.c))
+        return replace(self, c=np.clip(self.c + self.d * speed[:, None], -most, most))
 
 
 def path_rows(
@@ -56,31 +70,26 @@ def path_rows(
 ) -> PathRows:
     """Write the limits down at given points of the path."""
     poses = tuple(np.asarray(spline(s, nu)) for nu in range(3))
-    bends = 3 * np.arange(poses[0].shape[1]) + 1
-    share = np.abs(poses[1]) / limits.velocity[bends]
+    columns = poses[0].shape[1]
+    axes = Axes.of(limits, columns)
+    share = np.abs(poses[1]) / axes.velocity
     fastest = np.argmax(share, axis=1)
-    accelerations = (
-        poses[1] / limits.acceleration[bends],
-        poses[2] / limits.acceleration[bends],
-        np.zeros_like(poses[0]),
-    )
-    torques, numbers = _torque_rows(poses, limits, inverse_dynamics, revolutes)
-    a, b, c = (np.concatenate(pair, axis=1) for pair in zip(accelerations, torques, strict=True))
     speed = share[np.arange(len(s)), fastest]
-    return PathRows(s, speed, a, b, c, np.concatenate((bends, numbers)), bends[fastest], len(bends))
+    accelerations = (poses[1] / axes.acceleration, poses[2] / axes.acceleration, np.zeros_like(poses[0]))
+    efforts = Efforts(limits, inverse_dynamics, revolutes, columns)
+    (*rows, d), numbers = _effort_rows(poses, efforts)
+    a, b, c = (np.concatenate(pair, axis=1) for pair in zip(accelerations, rows, strict=True))
+    damping = np.concatenate((np.zeros_like(poses[0]), d), axis=1) if efforts.damped else None
+    return PathRows(s, speed, a, b, c, damping, np.concatenate((axes.number, numbers)), axes.number[fastest], columns)
 
 
-def _torque_rows(
-    poses: tuple[FloatArray, ...], limits: Limits, inverse_dynamics: InverseDynamics, revolutes: Revolutes
-) -> tuple[tuple[FloatArray, FloatArray, FloatArray], IntArray]:
-    if limits.torque is None:
-        none = np.zeros((len(poses[0]), 0))
-        return (none, none, none), np.zeros(0, dtype=np.intp)
-    q, first, second = (revolutes(pose) for pose in poses)
+def _effort_rows(poses: tuple[FloatArray, ...], efforts: Efforts) -> tuple[list[FloatArray], IntArray]:
+    """a, b, c and d of the effort rows that are not idle, and their numbers."""
+    q, first, second = poses
+    if not efforts.limited:
+        return [np.zeros((len(q), 0))] * 4, np.zeros(0, dtype=np.intp)
     rest = np.zeros_like(q)
-    c = inverse_dynamics(q, rest, rest)
-    a = inverse_dynamics(q, rest, first) - c
-    b = inverse_dynamics(q, first, second) - c
-    rows = tuple(row / limits.torque for row in (a, b, c))
+    c, d = efforts(q, rest, rest), efforts.damping(first)
+    rows = [efforts(q, rest, first) - c, efforts(q, first, second) - c - d, c, d]
     kept = np.flatnonzero(np.max([np.max(np.abs(row), axis=0) for row in rows], axis=0) > _NO_ROW)
-    return (rows[0][:, kept], rows[1][:, kept], rows[2][:, kept]), kept
+    return [row[:, kept] for row in rows], kept

@@ -1,6 +1,8 @@
 """The fastest speed profile within the rows: TOPP-RA by the toppra package (Pham and Pham 2018).
 
-toppra loads matplotlib when imported, so it is imported when first used.
+Its linear programs have absolute tolerances and fail on rare crooked paths, at points where the path turns back; the
+same two sweeps are then made in a form that cannot fail. toppra loads matplotlib when imported, so it is imported when
+first used.
 """
 
 import logging
@@ -10,18 +12,11 @@ from typing import Any
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.retiming.reachability import reachable_profile
 from ccm_opt.retiming.rows import PathRows
 
 SPEED_CAP = 1e6
 """Bound on the scaled ṡ² where no limit bounds it, on stretches of the path where nothing moves."""
-
-
-class NotControllable(Exception):  # noqa: N818 - it names a result that the caller turns into a RetimingError
-    """No speed is within the limits at a grid point; ``index`` says which."""
-
-    def __init__(self, index: int) -> None:
-        self.index = index
-        super().__init__(f"no feasible speed at grid point {index}")
 
 
 def fastest_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray:
@@ -33,25 +28,15 @@ def fastest_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> Float
         cap: bound on ṡ², shape (N + 1,) [1/s²].
 
     Returns:
-        ṡ² at the grid points, shape (N + 1,) [1/s²].
-
-    Raises:
-        NotControllable: with the grid point where no speed is feasible.
+        ṡ² at the grid points, shape (N + 1,) [1/s²]; positive inside.
     """
     unit = _time_unit(rows)
-    solver = _build(rows, slack, np.minimum(cap * unit**2, SPEED_CAP), unit)
-    _, speeds, _, controllable = solver.compute_parameterization(0.0, 0.0, return_data=True)
-    if speeds is None:
-        raise NotControllable(_first_bad(controllable[:, 1]))
-    if np.any(np.isnan(speeds)) or np.any(speeds[1:] + speeds[:-1] <= 0.0):
-        raise NotControllable(_first_bad(speeds))
+    capped = np.minimum(cap, SPEED_CAP / unit**2)
+    solver = _build(rows, slack, capped * unit**2, unit)
+    _, speeds, _, _ = solver.compute_parameterization(0.0, 0.0, return_data=True)
+    if speeds is None or np.any(np.isnan(speeds)) or np.any(speeds[1:] + speeds[:-1] <= 0.0):
+        return reachable_profile(rows, slack, capped)
     return np.asarray((speeds / unit) ** 2)
-
-
-def _first_bad(values: FloatArray) -> int:
-    """Number of the last inner grid point without a positive number; the sets are computed from the end backward."""
-    bad = np.flatnonzero(~(values[1:-1] > 0.0)) + 1
-    return int(bad[-1]) if len(bad) else 0
 
 
 def _time_unit(rows: PathRows) -> float:

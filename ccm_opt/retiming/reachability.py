@@ -1,0 +1,104 @@
+"""TOPP-RA's two sweeps in a form that cannot fail: the fall-back where its linear programs do, at turning points.
+
+With x and y the squared speeds at both ends of an interval of width Δ, s̈ = (y − x) / 2Δ there, and each row becomes
+β x + γ y ≤ 1 with a right side that is positive before it is scaled, because the arm can be held still. So x = y = 0
+keeps every row with room to spare, and the controllable squared speeds at each grid point are a whole interval
+[0, K], K > 0. Its end is found by Newton's method on the concave, piecewise linear room that is left for y, from the
+right: it stops after finitely many steps. (Pham and Pham 2018, section IV, for the sweeps themselves.)
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.retiming.rows import PathRows
+
+_NEWTON = 60
+"""Most steps of Newton's method; a handful is usual."""
+_NO_EFFECT = 1e-14
+"""A row on which y has less effect than this is a bound on x."""
+_SLOWEST = 1e-6
+"""What stands for a squared speed of zero inside, as a share of the least that is not; slowing down mends the rows."""
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """The rows β x + γ y ≤ 1 of one interval, those with an upper and those with a lower bound on y.
+
+    Attributes:
+        above: β and γ > 0, two arrays.
+        below: β and γ < 0.
+        most: bound on x.
+        reach: bound on y.
+    """
+
+    above: tuple[FloatArray, FloatArray]
+    below: tuple[FloatArray, FloatArray]
+    most: float
+    reach: float
+
+    @classmethod
+    def of(cls, beta: FloatArray, gamma: FloatArray, most: float, reach: float) -> "_Stage":
+        idle = np.abs(gamma) * reach < _NO_EFFECT
+        steepest = float(np.max(beta[idle], initial=0.0))
+        up, down = ~idle & (gamma > 0.0), ~idle & (gamma < 0.0)
+        bound = min(most, 1.0 / steepest) if steepest > 0.0 else most
+        return cls((beta[up], gamma[up]), (beta[down], gamma[down]), bound, reach)
+
+    def room(self, x: float) -> tuple[float, float, float, float]:
+        """Greatest and least y at a given x, and their slopes."""
+        high, rise = _tightest(*self.above, x, self.reach, 1.0)
+        low, fall = _tightest(*self.below, x, 0.0, -1.0)
+        return high, low, rise, fall
+
+    def greatest(self) -> float:
+        """The greatest x that leaves some y."""
+        x = self.most
+        for _ in range(_NEWTON):
+            high, low, rise, fall = self.room(x)
+            if high >= low or rise >= fall:
+                break
+            x = max(x - (high - low) / (rise - fall), 0.0)
+        return x
+
+
+def _tightest(beta: FloatArray, gamma: FloatArray, x: float, bound: float, sign: float) -> tuple[float, float]:
+    """The least (greatest for sign −1) y that a row asks for at x, or the bound, with its slope."""
+    if not len(beta):
+        return bound, 0.0
+    values = (1.0 - beta * x) / gamma
+    k = int(np.argmin(sign * values))
+    if sign * values[k] >= sign * bound:
+        return bound, 0.0
+    return float(values[k]), float(-beta[k] / gamma[k])
+
+
+def reachable_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray:
+    """Squared path speeds of the fastest motion from rest to rest; arguments and result as for ``fastest_profile``."""
+    beta, gamma = _scaled_rows(rows, slack)
+    count = len(rows.s) - 1
+    reach = np.zeros(count + 1)
+    stages: list[_Stage] = []
+    for k in range(count - 1, -1, -1):
+        stages.append(_Stage.of(beta[k], gamma[k], cap[k], reach[k + 1]))
+        reach[k] = stages[-1].greatest()
+    squared = np.zeros(count + 1)
+    for k, stage in enumerate(reversed(stages)):
+        high, low, _, _ = stage.room(min(squared[k], stage.most))
+        squared[k + 1] = min(max(high, low, 0.0), stage.reach)
+    squared[1:-1] = np.maximum(squared[1:-1], _SLOWEST * np.min(squared, where=squared > 0.0, initial=np.max(cap)))
+    return squared
+
+
+def _scaled_rows(rows: PathRows, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """β and γ of every interval, each of shape (N, 4 R): rows at its begin and at its end, upper and lower side."""
+    width = 2.0 * np.diff(rows.s)[:, None]
+    sides = []
+    for sign in (1.0, -1.0):
+        room = slack - sign * rows.c
+        a, b = sign * rows.a / room, sign * rows.b / room
+        sides.append((b[:-1] - a[:-1] / width, a[:-1] / width))
+        sides.append((-a[1:] / width, a[1:] / width + b[1:]))
+    beta, gamma = (np.concatenate(parts, axis=1) for parts in zip(*sides, strict=True))
+    return beta, gamma

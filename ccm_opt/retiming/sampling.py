@@ -1,0 +1,145 @@
+"""When to look at a motion: steps no longer than asked, and so short that their chords stay near the path.
+
+Between samples the columns of a path are taken as linear in time. The chord from s₀ to s₁ leaves the path in a column
+by at most ⅛ (s₁ − s₀)² max|q''|, so with headings φ (running sums of the bends) every point of the arm leaves its way
+by at most ⅛ (s₁ − s₀)² (Σ l |φ''| + |feed''|), the greatest on the interval. The second derivative of a cubic spline is
+linear between knots, so the greatest stands at a knot or at an end. What a chord does in time does not matter: it is
+another speed along the same way.
+"""
+
+import logging
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.solution import FeedMotion, JointTrajectory
+
+logger = logging.getLogger(__name__)
+
+LEAST_SAMPLES = 100
+"""Samples of a short motion, whatever the step."""
+MOST_PIECES = 32
+"""Pieces that a step may be cut into so that chords stay near the path."""
+_ROUNDS = 4
+"""Most rounds of cutting; the first leaves few steps too long."""
+
+
+@dataclass(frozen=True)
+class Chords:
+    """How far the straight pieces between samples may leave the path.
+
+    Attributes:
+        link_length: of the arm [m].
+        sag: most that any point of the arm may be off its way [m].
+    """
+
+    link_length: float
+    sag: float
+
+
+class Profile(Protocol):
+    """A motion along the path parameter."""
+
+    @property
+    def duration(self) -> float:
+        """Time from rest to rest [s]."""
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """s, ṡ and s̈ at given times."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A motion of the path's columns at sample times.
+
+    Attributes:
+        s: path parameter, shape (T,).
+        time: shape (T,) [s].
+        place: shape (T, n) [rad, m].
+        velocity: shape (T, n) [rad/s, m/s].
+        acceleration: shape (T, n) [rad/s², m/s²].
+    """
+
+    s: FloatArray
+    time: FloatArray
+    place: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    def slowed(self, factor: float) -> "Samples":
+        """The same samples with all times longer by a factor."""
+        return Samples(self.s, self.time * factor, self.place, self.velocity / factor, self.acceleration / factor**2)
+
+    def trajectory(self, links: int) -> JointTrajectory:
+        """As a trajectory of the arm; a column after the bends is the feed axis."""
+        motion = (self.place, self.velocity, self.acceleration)
+        q, qd, qdd = (np.ascontiguousarray(values[:, :links]) for values in motion)
+        feed = FeedMotion(*(values[:, links].copy() for values in motion)) if self.place.shape[1] > links else None
+        return JointTrajectory(self.time, q, qd, qdd, feed)
+
+
+def sample_motion(spline: BSpline, profile: Profile, step: float, chords: Chords | None, links: int) -> Samples:
+    """Sample a path travelled at a speed profile: q̇ = q' ṡ, q̈ = q' s̈ + q'' ṡ²."""
+    count = max(int(np.ceil(profile.duration / step - 1e-9)), LEAST_SAMPLES)
+    time = np.linspace(0.0, profile.duration, count + 1)
+    if chords is not None:
+        time = near_the_path(spline, profile, time, chords, links)
+    s, speed, growth = (values[:, None] for values in profile.at(time))
+    s[[0, -1], 0], speed[[0, -1], 0] = (0.0, 1.0), 0.0
+    poses = [np.asarray(spline(s[:, 0], nu)) for nu in range(3)]
+    return Samples(s[:, 0], time, poses[0], poses[1] * speed, poses[1] * growth + poses[2] * speed**2)
+
+
+def near_the_path(spline: BSpline, profile: Profile, time: FloatArray, chords: Chords, links: int) -> FloatArray:
+    """Sample times with more between them where chords would leave the path; no step is cut beyond ``MOST_PIECES``."""
+    shortest = np.min(np.diff(time)) / MOST_PIECES
+    for _ in range(_ROUNDS):
+        share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_length, links) / chords.sag)
+        pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
+        if np.all(pieces <= 1):
+            break
+        time = _cut(time, np.maximum(pieces, 1))
+    _tell(sag(spline, profile.at(time)[0], chords.link_length, links), chords, len(time))
+    return time
+
+
+def sag(spline: BSpline, s: FloatArray, link_length: float, links: int) -> FloatArray:
+    """How far any point of the arm may leave its way on the chords between points of the path.
+
+    Args:
+        spline: bends, and perhaps the feed.
+        s: path parameters, not decreasing, shape (T,).
+        link_length: [m].
+        links: number of them.
+
+    Returns:
+        Bounds, shape (T − 1,) [m].
+    """
+    places = np.union1d(s, np.clip(spline.t, 0.0, 1.0))
+    second = np.asarray(spline(places, 2))
+    weight = link_length * np.abs(np.cumsum(second[:, :links], axis=1)).sum(axis=1)
+    weight += np.abs(second[:, links:]).sum(axis=1)
+    at = np.searchsorted(places, s)
+    inside = np.maximum.reduceat(weight, at)[:-1]
+    return np.asarray(0.125 * np.diff(s) ** 2 * np.maximum(inside, weight[at[1:]]))
+
+
+def _cut(time: FloatArray, pieces: IntArray) -> FloatArray:
+    """Cut every step into a number of equal pieces."""
+    places = np.concatenate(([0], np.cumsum(pieces)))
+    return np.interp(np.arange(places[-1] + 1), places, time)
+
+
+def _tell(left: FloatArray, chords: Chords, count: int) -> None:
+    worst = float(np.max(left, initial=0.0))
+    if worst > 1.1 * chords.sag:
+        logger.warning(
+            "%d samples; steps are not cut further, though chords between them may leave the path by %.3g m, more than "
+            "the %.3g m asked for",
+            count,
+            worst,
+            chords.sag,
+        )
