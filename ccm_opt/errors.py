@@ -57,6 +57,55 @@ class ProblemFileError(ProblemError):
 
 
 @dataclass(frozen=True)
+class Finding:
+    """One thing that stands in the way of a plan.
+
+    Attributes:
+        kind: "contact", "joint limit", "too short", "too thick", "blocked", "too stiff", "torque" or "curve".
+        reason: one sentence in the user's terms: what, where, and by how much.
+        proved: whether no planner could find a plan as long as this holds; else it is only likely to stand in the way.
+        key: the key of the problem file that it is about, or empty.
+        place: where, (x, y) [m], or None.
+        measured: what was found, in ``unit``, or None.
+        allowed: what it is compared with, in ``unit``, or None.
+        unit: of both.
+        obstacles: names of the walls that have to do with it, the most important first.
+        bounds: for each parameter that may mend it (by its key in the problem file, SI units, radians) the value it
+            must reach at least to do so.
+    """
+
+    kind: str
+    reason: str
+    proved: bool = True
+    key: str = ""
+    place: tuple[float, float] | None = None
+    measured: float | None = None
+    allowed: float | None = None
+    unit: str = "m"
+    obstacles: tuple[str, ...] = ()
+    bounds: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """One change of the problem with which it was solved, the motion timed and verified.
+
+    Attributes:
+        words: the change in words, for example "arm.radius ≤ 20.9 mm".
+        key: the key of the problem file that changes.
+        value: what it was solved with: SI units, radians; the name of an obstacle left out; None for a key left out.
+        bound: the value that it must reach at least as far as is known, or None.
+        change: relative size of the change; 1 for something left out.
+    """
+
+    words: str
+    key: str
+    value: float | str | None
+    bound: float | None = None
+    change: float = 1.0
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """Why there is no plan, in the user's terms.
 
@@ -65,15 +114,22 @@ class Diagnosis:
         stage: the stage of the pipeline that stopped.
         advice: what would help, most promising first.
         evidence: the figures behind the reason; JSON-serialisable values.
+        findings: what stands in the way, most important first.
+        relaxations: changes of one thing with which the problem was solved, the smallest first.
     """
 
     reason: str
     stage: str
     advice: tuple[str, ...] = ()
     evidence: Mapping[str, object] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    relaxations: tuple[Relaxation, ...] = ()
 
     def __str__(self) -> str:
-        return "\n".join((self.reason, *(f"  try: {line}" for line in self.advice)))
+        others = [finding for finding in self.findings if finding.reason != self.reason]
+        also = [f"  {'also' if finding.proved else 'perhaps'}: {finding.reason}" for finding in others]
+        solved = [f"  solved with {relaxation.words}" for relaxation in self.relaxations]
+        return "\n".join((self.reason, *also, *solved, *(f"  try: {line}" for line in self.advice)))
 
 
 class NoPlanFound(CcmError):  # noqa: N818 - it names a result, not a defect

@@ -1,0 +1,33 @@
+"""The necessary checks: what fails here no planner can mend."""
+
+from collections.abc import Callable, Iterator
+
+from ccm_opt.diagnosis.contact import contact_at_ends
+from ccm_opt.diagnosis.load import strong_enough
+from ccm_opt.diagnosis.passages import wide_and_short_enough
+from ccm_opt.diagnosis.reach import supple_enough, within_joint_limits, within_reach
+from ccm_opt.errors import Finding
+from ccm_opt.problem import Problem
+
+Check = Callable[[Problem], Iterator[Finding]]
+AT_ONCE: tuple[Check, ...] = (within_joint_limits, within_reach, supple_enough, strong_enough)
+"""Checks that cost next to nothing; the planner makes those of the others itself before it searches."""
+NECESSARY: tuple[Check, ...] = (
+    contact_at_ends,
+    within_joint_limits,
+    within_reach,
+    wide_and_short_enough,
+    supple_enough,
+    strong_enough,
+)
+"""All necessary checks, the most elementary first."""
+
+
+def failed(problem: Problem, checks: tuple[Check, ...] = NECESSARY) -> tuple[Finding, ...]:
+    """What some checks find, in their order.
+
+    Args:
+        problem: what was asked.
+        checks: which ones.
+    """
+    return tuple(finding for check in checks for finding in check(problem))

@@ -1,0 +1,155 @@
+"""Whether the arm touches something where it starts or is asked to end: which link, which obstacle, by how much."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.diagnosis.ends import TipPlace, WholePose, tip_places, whole_poses
+from ccm_opt.diagnosis.words import millimetres, point
+from ccm_opt.errors import Finding
+from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import Problem
+
+ROUNDING = 1e-9
+"""Depths below this are rounding [m]."""
+
+
+def contact_at_ends(problem: Problem) -> Iterator[Finding]:
+    """Every wall that the arm touches at its start or at a goal, and where it touches itself; deepest first."""
+    for pose in whole_poses(problem):
+        yield from sorted(_walls_touched(problem, pose), key=lambda finding: -(finding.measured or 0.0))
+        yield from _self_touched(problem.arm, pose)
+    for place in tip_places(problem):
+        yield from sorted(_tip_blocked(problem, place), key=lambda finding: -(finding.measured or 0.0))
+
+
+def axis_gap(wall: Obstacle, bodies: shapely.Geometry, room: shapely.Polygon) -> float:
+    """Distance from a wall to the axis of a body [m]; negative by how deep the axis is inside."""
+    if wall.name == BOUNDARY_NAME:
+        outside = shapely.difference(bodies, room)
+        depth = _farthest(outside, room.exterior)
+        return -depth if depth > 0.0 else float(shapely.distance(bodies, wall.core))
+    distance = float(shapely.distance(bodies, wall.core))
+    if distance > 0.0 or not isinstance(wall.core, shapely.Polygon):
+        return distance - wall.rounding
+    return -_farthest(shapely.intersection(bodies, wall.core), wall.core.boundary)
+
+
+def tip_has_room(problem: Problem, goal: FloatArray, tolerance: float) -> bool:
+    """Whether the tip fits somewhere within the tolerance of a goal (2,) [m]."""
+    need, tip = problem.arm.radius + problem.workspace.clearance - tolerance, shapely.Point(goal)
+    gaps = (axis_gap(wall, tip, problem.workspace.boundary) for wall in problem.workspace.walls)
+    return all(gap >= need - ROUNDING for gap in gaps)
+
+
+def _farthest(body: shapely.Geometry, edge: shapely.Geometry) -> float:
+    """The largest distance of a body's corners and middles from an edge [m]; 0 for nothing."""
+    points = shapely.get_coordinates(shapely.segmentize(body, 2e-3))
+    return float(np.max(shapely.distance(shapely.points(points), edge), initial=0.0))
+
+
+def _walls_touched(problem: Problem, pose: WholePose) -> Iterator[Finding]:
+    arm, workspace = problem.arm, problem.workspace
+    first, links = free_links(arm, arm.joint_positions(pose.headings, pose.feed))
+    if not links:
+        return
+    need = arm.radius + workspace.clearance
+    whole = shapely.MultiLineString(links)
+    for wall in workspace.walls:
+        if axis_gap(wall, whole, workspace.boundary) - need > ROUNDING:
+            continue
+        gaps = [axis_gap(wall, link, workspace.boundary) for link in links]
+        k = int(np.argmin(gaps))
+        yield _touch(problem, pose.name, pose.key, f"link {first + k + 1}", wall, gaps[k], links[k], 0.0)
+
+
+def free_links(arm: Arm, points: FloatArray) -> tuple[int, list[shapely.LineString]]:
+    """Index of the first link beyond the mount, and the axes of the links from there, the mount cut off."""
+    whole = int(arm.mount_length / arm.link_length + 1e-9)
+    if whole >= arm.links:
+        return whole, []
+    share = max(arm.mount_length / arm.link_length - whole, 0.0)
+    cut = points[whole] + share * (points[whole + 1] - points[whole])
+    corners = np.vstack((cut, points[whole + 1 :]))
+    return whole, [shapely.LineString(corners[k : k + 2]) for k in range(len(corners) - 1)]
+
+
+def _tip_blocked(problem: Problem, place: TipPlace) -> Iterator[Finding]:
+    """Walls that leave the tip, or with a heading the last link, no room within the tolerances."""
+    arm, tolerances = problem.arm, place.tolerances
+    if arm.mount_length >= arm.length:
+        return
+    play, what = tolerances.position, "the tip"
+    body: shapely.Geometry = shapely.Point(place.goal.position)
+    if place.goal.heading is not None:
+        visible = min(arm.link_length, arm.length - arm.mount_length)
+        back = visible * np.array([np.cos(place.goal.heading), np.sin(place.goal.heading)])
+        body, what = shapely.LineString([place.goal.position - back, place.goal.position]), f"link {arm.links}"
+        play += arm.link_length * tolerances.heading
+    need = arm.radius + problem.workspace.clearance
+    for wall in problem.workspace.walls:
+        gap = axis_gap(wall, body, problem.workspace.boundary)
+        if gap + play - need < -ROUNDING:
+            yield _touch(problem, place.name, place.key, what, wall, gap, body, play)
+
+
+def _touch(
+    problem: Problem,
+    name: str,
+    key: str,
+    what: str,
+    wall: Obstacle,
+    gap: float,
+    body: shapely.Geometry,
+    play: float,
+) -> Finding:
+    """One contact: the gap from axis to wall, the arm's radius and the clearance asked for."""
+    radius, clearance = problem.arm.radius, problem.workspace.clearance
+    lacking, free = radius + clearance - gap, radius - gap
+    where = "is outside" if wall.name == BOUNDARY_NAME and gap < 0.0 else "overlaps"
+    if free > 0.0:
+        how = f"{what} {where} '{wall.name}' by {millimetres(free if gap >= 0.0 else -gap)}"
+    else:
+        how = f"{what} comes within {millimetres(-free)} of '{wall.name}', the clearance is {millimetres(clearance)}"
+    bounds = {}
+    if (thinnest := gap + play - clearance) > 0.0:
+        bounds["arm.radius"] = thinnest
+    if (nearest := gap + play - radius) >= 0.0 and clearance > 0.0:
+        bounds["workspace.clearance"] = nearest
+    line = shapely.shortest_line(body, wall.core)
+    return Finding(
+        "contact",
+        f"{key}: the {name} is in contact: {how}",
+        key=key,
+        place=point(shapely.get_coordinates(line)[0]),
+        measured=lacking,
+        allowed=play,
+        obstacles=(wall.name,),
+        bounds=bounds,
+    )
+
+
+def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
+    """The two distant links that overlap most."""
+    if not arm.self_collision or arm.first_self_pair >= arm.links:
+        return
+    points = arm.joint_positions(pose.headings, pose.feed)
+    links = np.array([shapely.LineString(points[k : k + 2]) for k in range(arm.links)], dtype=object)
+    i, j = np.triu_indices(arm.links, arm.first_self_pair)
+    distances = shapely.distance(links[i], links[j])
+    k = int(np.argmin(distances))
+    overlap = 2.0 * arm.radius - float(distances[k])
+    if overlap <= ROUNDING and distances[k] > 0.0:
+        return
+    yield Finding(
+        "contact",
+        f"{pose.key}: the {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by {millimetres(overlap)}",
+        key=pose.key,
+        place=point(points[i[k]]),
+        measured=overlap,
+        allowed=0.0,
+        bounds={"arm.radius": 0.5 * float(distances[k])} if distances[k] > 0.0 else {},
+    )

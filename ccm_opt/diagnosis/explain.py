@@ -1,0 +1,100 @@
+"""The two questions of the driver: is there any use in planning, and why was no plan found."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+
+from ccm_opt.diagnosis.checks import AT_ONCE, failed
+from ccm_opt.diagnosis.load import overloaded
+from ccm_opt.diagnosis.parameters import Omission
+from ccm_opt.diagnosis.ranking import ranked
+from ccm_opt.diagnosis.relaxation import Solve, Trials, candidates, hardest_bound, relaxations
+from ccm_opt.diagnosis.tightness import tight_places
+from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation, UnreachableGoal
+from ccm_opt.problem import Problem
+from ccm_opt.retiming.diagnosis import revolute_name
+
+
+@contextmanager
+def explaining(
+    problem: Problem, solve: Solve, stage: Callable[[str], AbstractContextManager[None]], *, wanted: bool = True
+) -> Iterator[None]:
+    """Run a block that solves a problem; when it finds no plan, tell why and what change would help.
+
+    Args:
+        problem: what the block solves.
+        solve: plans, times and verifies a changed problem, or raises.
+        stage: announces and times the diagnosis.
+        wanted: whether anything beyond the plain error is wanted.
+
+    Raises:
+        NoPlanFound: of the same kind as in the block, with what was found in the time that was left.
+    """
+    until = time.monotonic() + problem.planner.time_limit
+    try:
+        yield
+    except NoPlanFound as error:
+        if not wanted:
+            raise
+        with stage("diagnosis"):
+            enriched = explained(problem, error, Trials(solve, until))
+        raise enriched from error
+
+
+def refuse_impossible(problem: Problem) -> None:
+    """Refuse a problem of which a check that costs next to nothing proves that it has no plan.
+
+    Raises:
+        UnreachableGoal: with the findings.
+    """
+    findings = ranked(failed(problem, AT_ONCE))
+    if findings:
+        raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", findings=findings))
+
+
+def explained(problem: Problem, error: NoPlanFound, trials: Trials) -> NoPlanFound:
+    """The same error with all that is known of why, and the changes with which the problem was solved.
+
+    Args:
+        problem: what was asked.
+        error: how the pipeline ended.
+        trials: solves changed problems in the time that is left.
+    """
+    proved = failed(problem)
+    told = proved or _overloads(problem, error) or tight_places(problem)
+    solved = relaxations(problem, told, trials)
+    findings = ranked(told, solved)
+    return type(error)(_diagnosis(problem, error.diagnosis, findings, solved))
+
+
+def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
+    """The joint that timing found too weak to hold the arm somewhere on the path, if that is how it ended."""
+    evidence = error.diagnosis.evidence
+    number, torque, place = (evidence.get(name) for name in ("revolute", "torque", "path_position"))
+    if problem.limits.torque is None or not isinstance(number, int) or not isinstance(torque, float):
+        return ()
+    where = f"at {place:.1%} of the path " if isinstance(place, float) else "on the path "
+    return (overloaded(problem, f"{where}{revolute_name(number)}", number, torque),)
+
+
+def _diagnosis(
+    problem: Problem, old: Diagnosis, findings: tuple[Finding, ...], solved: tuple[Relaxation, ...]
+) -> Diagnosis:
+    """The old diagnosis with what was found: a proof takes the place of its reason."""
+    known = bool(findings) and (findings[0].proved or findings[0].kind == "torque")
+    reason = findings[0].reason if known else old.reason
+    advice = () if solved else _advice(problem, findings) or old.advice
+    return Diagnosis(reason, old.stage, advice, old.evidence, findings, solved)
+
+
+def _advice(problem: Problem, findings: tuple[Finding, ...]) -> tuple[str, ...]:
+    """What would be needed at least, as far as is known, when no try of it succeeded."""
+    proved = tuple(finding for finding in findings if finding.proved)
+    lines = []
+    for candidate in candidates(problem, proved) if proved else ():
+        if isinstance(candidate, Omission):
+            lines.append(f"{candidate.words}, though no solve has shown that it is enough")
+        elif (bound := hardest_bound(candidate, proved)) is not None:
+            told = candidate.relaxation(problem, candidate.rounded(problem, bound), bound)
+            lines.append(f"{told.words} at least, though no solve has shown that it is enough")
+    return tuple(lines)

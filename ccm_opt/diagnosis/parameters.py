@@ -1,0 +1,235 @@
+"""The parameters of a problem that may be relaxed, one at a time: how each is read, changed and told."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.diagnosis.passages import without
+from ccm_opt.errors import Relaxation
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import CurvePose, Problem, TipGoal
+
+FIGURES = 4
+"""Figures that a value keeps, rounded to the easier side: what is told is what was solved."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a problem.
+
+    Attributes:
+        key: of the problem file.
+        easier: +1 when more of it makes the problem easier, −1 when less does.
+        read: its value in a problem, SI units and radians.
+        write: the problem with another value.
+        words: a value with its unit, in a problem.
+        scale: what a value is multiplied by to be told in the unit of ``words``.
+        fits: whether it can be changed in a problem.
+    """
+
+    key: str
+    easier: int
+    read: Callable[[Problem], float]
+    write: Callable[[Problem, float], Problem]
+    words: Callable[[Problem, float], str]
+    scale: Callable[[Problem], float] = lambda _: 1.0
+    fits: Callable[[Problem], bool] = lambda _: True
+
+    def rounded(self, problem: Problem, value: float) -> float:
+        """A value rounded, as it is told, to the easier side."""
+        told = value * self.scale(problem)
+        if told <= 0.0:
+            return 0.0
+        digits = FIGURES - 1 - int(np.floor(np.log10(told)))
+        count = told * 10.0**digits
+        count = np.ceil(count - 1e-6) if self.easier > 0 else np.floor(count + 1e-6)
+        return float(count / 10.0**digits / self.scale(problem))
+
+    def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
+        """What is told when a problem was solved with a value."""
+        given, sign = self.read(problem), "≥" if self.easier > 0 else "≤"
+        change = abs(value - given) / max(abs(given), 1e-300)
+        return Relaxation(f"{self.words(problem, value)}".replace("?", sign, 1), self.key, value, bound, change)
+
+
+def _with_radius(problem: Problem, radius: float) -> Problem:
+    """Another radius; a mount as long as the radius goes on being so, and solid cylinders stay solid cylinders."""
+    arm = problem.arm
+    mount = radius if arm.mount_length == arm.radius else arm.mount_length
+    return replace(problem, arm=_as_cylinders(arm, replace(arm, radius=radius, mount_length=mount)))
+
+
+def _with_link_length(problem: Problem, length: float) -> Problem:
+    return replace(problem, arm=_as_cylinders(problem.arm, replace(problem.arm, link_length=length)))
+
+
+def _as_cylinders(old: Arm, new: Arm) -> Arm:
+    """The new arm with the inertia of solid cylinders where the old arm's is that."""
+    axial, transverse = (_axial(old), _transverse(old))
+    if not (np.allclose(old.inertia_axial, axial) and np.allclose(old.inertia_transverse, transverse)):
+        return new
+    return replace(new, inertia_axial=_axial(new), inertia_transverse=_transverse(new)) if new.radius > 0.0 else new
+
+
+def _axial(arm: Arm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return arm.masses * arm.radius**2 / 2.0
+
+
+def _transverse(arm: Arm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0
+
+
+def _with_clearance(problem: Problem, clearance: float) -> Problem:
+    return replace(problem, workspace=replace(problem.workspace, clearance=clearance))
+
+
+def _with_joint_limit(problem: Problem, limit: float) -> Problem:
+    return replace(problem, arm=replace(problem.arm, joint_limit=limit))
+
+
+def _with_base_limit(problem: Problem, limit: float) -> Problem:
+    return replace(problem, arm=replace(problem.arm, base_limit=limit))
+
+
+def _with_torque(problem: Problem, share: float) -> Problem:
+    limits = problem.limits
+    torque = None if limits.torque is None else share * limits.torque
+    return replace(problem, limits=replace(limits, torque=torque))
+
+
+def _with_mass(problem: Problem, share: float) -> Problem:
+    arm = problem.arm
+    parts = {name: share * getattr(arm, name) for name in ("masses", "inertia_axial", "inertia_transverse")}
+    return replace(problem, arm=replace(arm, **parts))
+
+
+def _uniform_torque(problem: Problem) -> float:
+    """The torque limit when all joints have the same, else 1."""
+    torque = problem.limits.torque
+    return 1.0 if torque is None or np.ptp(torque) else float(torque[0])
+
+
+def _torque_words(problem: Problem, share: float) -> str:
+    told = share * _uniform_torque(problem)
+    same = problem.limits.torque is not None and not np.ptp(problem.limits.torque)
+    return f"limits.torque ? {told:.4g} N m" if same else f"limits.torque ? {told:.4g} times what it is"
+
+
+def _uniform_mass(problem: Problem) -> float:
+    """The mass of a link when all are alike, else 1."""
+    masses = problem.arm.masses
+    return 1.0 if np.ptp(masses) else float(masses[0])
+
+
+def _mass_words(problem: Problem, share: float) -> str:
+    told = share * _uniform_mass(problem)
+    return (
+        f"arm.masses ? {told:.4g} times what they are"
+        if np.ptp(problem.arm.masses)
+        else f"arm.link_mass ? {told:.4g} kg"
+    )
+
+
+def _no_curves(problem: Problem) -> bool:
+    """Whether no end is a curve, whose length would have to change with the arm's."""
+    return not any(isinstance(end, CurvePose) for end in (problem.start, problem.goal))
+
+
+RADIUS = Parameter(
+    "arm.radius",
+    -1,
+    lambda p: p.arm.radius,
+    _with_radius,
+    lambda _, v: f"arm.radius ? {1e3 * v:.4g} mm",
+    lambda _: 1e3,
+)
+CLEARANCE = Parameter(
+    "workspace.clearance",
+    -1,
+    lambda p: p.workspace.clearance,
+    _with_clearance,
+    lambda _, v: f"workspace.clearance ? {1e3 * v:.4g} mm",
+    lambda _: 1e3,
+    lambda p: p.workspace.clearance > 0.0,
+)
+LENGTH = Parameter(
+    "arm.link_length",
+    +1,
+    lambda p: p.arm.link_length,
+    _with_link_length,
+    lambda p, v: f"length ? {p.arm.links * v:.4g} m (arm.link_length = {1e3 * v:.6g} mm)",
+    lambda p: p.arm.links,
+    _no_curves,
+)
+JOINT_LIMIT = Parameter(
+    "arm.joint_limit_deg",
+    +1,
+    lambda p: p.arm.joint_limit,
+    _with_joint_limit,
+    lambda _, v: f"arm.joint_limit_deg ? {np.rad2deg(v):.4g}°",
+    lambda _: float(np.rad2deg(1.0)),
+)
+BASE_LIMIT = Parameter(
+    "arm.base_limit_deg",
+    +1,
+    lambda p: p.arm.base_limit,
+    _with_base_limit,
+    lambda _, v: f"arm.base_limit_deg ? {np.rad2deg(v):.4g}°",
+    lambda _: float(np.rad2deg(1.0)),
+)
+TORQUE = Parameter(
+    "limits.torque",
+    +1,
+    lambda _: 1.0,
+    _with_torque,
+    _torque_words,
+    _uniform_torque,
+    lambda p: p.limits.torque is not None,
+)
+MASS = Parameter(
+    "arm.link_mass", -1, lambda _: 1.0, _with_mass, _mass_words, _uniform_mass, lambda p: p.limits.torque is not None
+)
+PARAMETERS = (RADIUS, CLEARANCE, LENGTH, JOINT_LIMIT, BASE_LIMIT, TORQUE, MASS)
+"""All of them, in the order in which they are tried where nothing else decides."""
+
+
+@dataclass(frozen=True)
+class Omission:
+    """Something of the problem that is left out.
+
+    Attributes:
+        words: what is told.
+        key: of the problem file.
+        value: name of an obstacle, or None.
+        changed: the problem without it.
+    """
+
+    words: str
+    key: str
+    value: str | None
+    changed: Callable[[Problem], Problem]
+
+    def relaxation(self) -> Relaxation:
+        """What is told when the problem was solved without it."""
+        return Relaxation(self.words, self.key, self.value)
+
+
+def without_obstacle(name: str) -> Omission:
+    """The problem without one obstacle."""
+    return Omission(
+        f"obstacle '{name}' removed",
+        "workspace.obstacles",
+        name,
+        lambda problem: replace(problem, workspace=without(problem.workspace, name)),
+    )
+
+
+def without_heading(problem: Problem) -> Omission | None:
+    """The problem with any heading of the tip at the goal; None when it asks for none."""
+    goal = problem.goal
+    if not isinstance(goal, TipGoal) or goal.heading is None:
+        return None
+    return Omission(
+        "goal.heading_deg left out", "goal.heading_deg", None, lambda p: replace(p, goal=TipGoal(goal.position))
+    )

@@ -1,0 +1,205 @@
+"""Whether there is a way to the goal that is wide enough and short enough; if not, what is in the way."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.diagnosis.contact import tip_has_room
+from ccm_opt.diagnosis.ends import tip_places
+from ccm_opt.diagnosis.room import THIN, WideSpace, wide_space
+from ccm_opt.diagnosis.words import at, listed, metres, millimetres, point
+from ccm_opt.errors import Finding
+from ccm_opt.freespace.bottleneck import nearest_walls
+from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
+from ccm_opt.problem import Problem
+
+FINENESS = 1e-3
+"""Relative accuracy of the widest margin."""
+BEYOND = 1.01
+"""Margin at which the narrowest place of the widest way is closed, as a multiple of the margin that just passes."""
+MOST_REMOVED = 16
+"""Obstacles that are taken away one at a time, nearest to the narrow place first."""
+ROUNDING = 1e-9
+"""Lengths below this are rounding [m]."""
+
+
+def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
+    """Goals of the tip without a way that is wide and short enough; only for a base that stands still."""
+    if problem.arm.feed is not None:
+        return
+    for place in tip_places(problem):
+        way = Way(problem, place.goal.position, place.tolerances.position)
+        if float(np.hypot(*(way.goal - problem.arm.base))) > problem.arm.length + way.tolerance:
+            continue  # out of reach, whatever stands there
+        if np.isfinite(way.space.shortest):
+            if way.space.shortest > problem.arm.length * (1.0 + ROUNDING):
+                yield _too_long(way, place.key)
+        elif tip_has_room(problem, way.goal, way.tolerance):
+            yield _closed(way, place.key)
+
+
+@dataclass(frozen=True)
+class Way:
+    """The question of a way for the arm's axis.
+
+    Attributes:
+        problem: what was asked.
+        goal: of the tip, shape (2,) [m].
+        tolerance: of the goal's position [m].
+    """
+
+    problem: Problem
+    goal: FloatArray
+    tolerance: float
+
+    @cached_property
+    def space(self) -> WideSpace:
+        """Free space for the arm as it is."""
+        return self.at(self.margin)
+
+    @property
+    def margin(self) -> float:
+        """Distance of the axis from walls [m]."""
+        return self.problem.arm.radius + self.problem.workspace.clearance
+
+    def at(self, margin: float, workspace: Workspace | None = None) -> WideSpace:
+        """Free space with another margin, or in another workspace."""
+        return wide_space(self.problem, self.goal, self.tolerance, margin, workspace)
+
+    @cached_property
+    def widest(self) -> float:
+        """The largest margin with any way [m]; 0 when there is none for an arm of no width."""
+        return _largest(self.margin, lambda margin: self.at(margin).connected)
+
+    @cached_property
+    def widest_within_length(self) -> float:
+        """The largest margin with a way no longer than the arm [m]; 0 when there is none."""
+        return _largest(min(self.margin, self.widest or self.margin), self._short_enough)
+
+    def _short_enough(self, margin: float) -> bool:
+        return self.at(margin).shortest <= self.problem.arm.length
+
+    def opened_without(self, near: FloatArray) -> tuple[str, ...]:
+        """Obstacles without which there is a way wide and short enough, nearest to a place (2,) first."""
+        obstacles = self.problem.workspace.obstacles
+        gaps = [shapely.distance(o.core, shapely.Point(near)) - o.rounding for o in obstacles]
+        order = np.argsort(gaps, kind="stable")[:MOST_REMOVED]
+        length = self.problem.arm.length
+        return tuple(
+            obstacles[k].name
+            for k in order
+            if self.at(self.margin, without(self.problem.workspace, obstacles[k].name)).shortest <= length
+        )
+
+
+def without(workspace: Workspace, name: str) -> Workspace:
+    """The workspace less one obstacle."""
+    return replace(workspace, obstacles=tuple(o for o in workspace.obstacles if o.name != name))
+
+
+def _largest(high: float, holds: Callable[[float], bool]) -> float:
+    """The largest margin up to ``high`` that satisfies a monotone condition, by bisection; 0 when none does."""
+    if holds(high):
+        return high
+    if not holds(THIN):
+        return 0.0
+    low = THIN
+    while high - low > FINENESS * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
+
+
+def _too_long(way: Way, key: str) -> Finding:
+    """All ways are longer than the arm."""
+    arm, need = way.problem.arm, way.space.shortest
+    taut = way.space.routes(arm.base, way.goal, 1)[0].taut
+    corner = taut[len(taut) // 2] if len(taut) > 2 else taut.mean(axis=0)
+    round_what = _walls_round(way, taut[1:-1])
+    bounds = {"arm.link_length": need / arm.links}
+    margin = way.widest_within_length - way.problem.workspace.clearance
+    if margin > 0.0:
+        bounds["arm.radius"] = margin
+    detour = f" round {listed(round_what)}" if round_what else ""
+    return Finding(
+        "too short",
+        f"{key}: the shortest way to the goal{detour} is {metres(need)} long, the arm only {metres(arm.length)}, "
+        f"{metres(need - arm.length)} too short",
+        key=key,
+        place=point(corner),
+        measured=need,
+        allowed=arm.length,
+        obstacles=tuple(dict.fromkeys((*way.opened_without(corner), *round_what))),
+        bounds=bounds,
+    )
+
+
+def _walls_round(way: Way, corners: FloatArray) -> tuple[str, ...]:
+    """Names of the walls that the shortest way bends round, in order."""
+    return tuple(dict.fromkeys(nearest_walls(way.problem.workspace, corner, 1)[0] for corner in corners))
+
+
+def _closed(way: Way, key: str) -> Finding:
+    """No way is wide enough: the widest there is, or none for an arm of any width."""
+    problem = way.problem
+    diameter = f"diameter {millimetres(2.0 * problem.arm.radius)}"
+    if problem.workspace.clearance:
+        diameter += f" and clearance {millimetres(problem.workspace.clearance)} on either side"
+    if way.widest > 0.0:
+        place, walls = _narrowest(way, way.at(BEYOND * way.widest))
+        gap = 2.0 * way.widest
+        reason = (
+            f"{key}: the arm is too thick: every way to the goal is closed to it; the widest leads through a gap of "
+            f"{millimetres(gap)} between {listed(walls)} at {at(place)}, the arm has {diameter}"
+        )
+        return _blocking("too thick", reason, way, key, place, walls, gap)
+    place, walls = _narrowest(way, way.at(THIN))
+    opened = way.opened_without(place)
+    who = listed(opened[:3]) if opened else listed(walls)
+    reason = f"{key}: no way leads to the goal, not for an arm of any width: {who} closes it off at {at(place)}"
+    if len(opened) > 1:
+        reason = f"{key}: no way leads to the goal, not for an arm of any width; any of {who} closes it off"
+    return _blocking("blocked", reason, way, key, place, walls, 0.0)
+
+
+def _narrowest(way: Way, space: WideSpace) -> tuple[FloatArray, tuple[str, ...]]:
+    """The missing link between the pieces of free space that hold base and goal, and the walls beside it."""
+    if space.polygons.is_empty:
+        place = 0.5 * (way.problem.arm.base + way.goal)
+    else:
+        start, end = space.components_of_ends
+        place = shapely.get_coordinates(shapely.shortest_line(start, end)).mean(axis=0)
+    return place, _walls_beside(way.problem.workspace, place)
+
+
+def _walls_beside(workspace: Workspace, place: FloatArray) -> tuple[str, ...]:
+    """The two walls nearest to a place; one alone when the place is inside it."""
+    first, *others = nearest_walls(workspace, place, 2)
+    core = next(wall.core for wall in workspace.walls if wall.name == first)
+    inside = first != BOUNDARY_NAME and shapely.distance(core, shapely.Point(place)) == 0.0
+    return (first,) if inside else (first, *others)
+
+
+def _blocking(
+    kind: str, reason: str, way: Way, key: str, place: FloatArray, walls: tuple[str, ...], gap: float
+) -> Finding:
+    clearance, bounds = way.problem.workspace.clearance, {}
+    margin = way.widest_within_length if way.widest else 0.0
+    if margin > clearance:
+        bounds["arm.radius"] = margin - clearance
+    if margin > way.problem.arm.radius and clearance > 0.0:
+        bounds["workspace.clearance"] = margin - way.problem.arm.radius
+    return Finding(
+        kind,
+        reason,
+        key=key,
+        place=point(place),
+        measured=gap,
+        allowed=2.0 * way.margin,
+        obstacles=tuple(dict.fromkeys((*way.opened_without(place), *walls))),
+        bounds=bounds,
+    )

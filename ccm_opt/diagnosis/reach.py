@@ -1,0 +1,157 @@
+"""Whether the goal is near enough, far enough and in a direction that the joints can turn to, whatever stands there."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+from scipy.optimize import brentq
+
+from ccm_opt.diagnosis.ends import TipPlace, tip_places, whole_poses
+from ccm_opt.diagnosis.words import degrees, metres, point
+from ccm_opt.errors import Finding
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import Problem
+
+ROUNDING = 1e-9
+"""Lengths [m] and angles [rad] below this are rounding."""
+
+
+def within_reach(problem: Problem) -> Iterator[Finding]:
+    """Goals of the tip that are farther from every place of the base than the arm is long."""
+    arm = problem.arm
+    for place in tip_places(problem):
+        distance = float(shapely.distance(_base_places(arm), shapely.Point(place.goal.position)))
+        least = distance - place.tolerances.position
+        if least > arm.length + ROUNDING:
+            yield Finding(
+                "too short",
+                f"{place.key}: out of reach: {metres(distance)} from the base, the arm is only {metres(arm.length)} "
+                f"long, {metres(distance - arm.length)} too short",
+                key=place.key,
+                place=point(place.goal.position),
+                measured=distance,
+                allowed=arm.length,
+                bounds={"arm.link_length": least / arm.links},
+            )
+
+
+def within_joint_limits(problem: Problem) -> Iterator[Finding]:
+    """Poses at which a joint is beyond its limit."""
+    arm = problem.arm
+    for pose in whole_poses(problem):
+        bends = np.abs(arm.bends(pose.headings))
+        joint = int(np.argmax(bends - arm.bend_limits))
+        if bends[joint] - arm.bend_limits[joint] <= ROUNDING:
+            continue
+        key = "arm.joint_limit_deg" if joint else "arm.base_limit_deg"
+        yield Finding(
+            "joint limit",
+            f"{pose.key}: the {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[joint]):.2f}°, its limit is "
+            f"{np.rad2deg(arm.bend_limits[joint]):.2f}°",
+            key=pose.key,
+            measured=float(bends[joint]),
+            allowed=float(arm.bend_limits[joint]),
+            unit="rad",
+            bounds={key: float(np.max(bends[1:]) if joint else bends[0])},
+        )
+
+
+def supple_enough(problem: Problem) -> Iterator[Finding]:
+    """Goals of the tip that the joints cannot turn to; only for a base that stands still."""
+    if problem.arm.feed is not None:
+        return
+    for place in tip_places(problem):
+        yield from _turned_far_enough(problem.arm, place)
+        yield from _curled_enough(problem.arm, place)
+
+
+def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
+    """The tip's heading, and the direction of the goal, lie within the sum of all bends.
+
+    The mean of the links' headings, weighted by length, points from base to tip only if some link heads to either
+    side of that direction; so from some joint on the bends add up to the turn from there to the tip's heading.
+    """
+    towards = place.goal.position - arm.base
+    distance, bends = float(np.hypot(*towards)), (arm.links - 1) * arm.joint_limit
+    direction = float(np.arctan2(towards[1], towards[0])) if distance > place.tolerances.position else None
+    aside = float(np.arcsin(min(place.tolerances.position / max(distance, 1e-300), 1.0)))
+    heading = place.goal.heading
+    if heading is not None:
+        turn = _turn(heading - arm.base_heading) - place.tolerances.heading
+        yield from _short_of_turn(arm, place, "from the base's heading to the goal's", turn, bends + arm.base_limit)
+    if direction is not None:
+        turn = _turn(direction - arm.base_heading) - aside
+        yield from _short_of_turn(arm, place, "from the base's heading towards the goal", turn, bends + arm.base_limit)
+    if heading is not None and direction is not None:
+        turn = _turn(heading - direction) - aside - place.tolerances.heading
+        yield from _short_of_turn(arm, place, "from the way to the goal to its heading", turn, bends)
+
+
+def _turn(angle: float) -> float:
+    """The angle the short way round, without its sign [rad]."""
+    return abs(float((angle + np.pi) % (2.0 * np.pi) - np.pi))
+
+
+def _short_of_turn(arm: Arm, place: TipPlace, what: str, turn: float, most: float) -> Iterator[Finding]:
+    if turn <= most + ROUNDING:
+        return
+    base = most - (arm.links - 1) * arm.joint_limit
+    bounds = {"arm.joint_limit_deg": (turn - base) / (arm.links - 1)}
+    if base:
+        bounds["arm.base_limit_deg"] = arm.base_limit + turn - most
+    yield Finding(
+        "too stiff",
+        f"{place.key}: the arm cannot turn enough: {degrees(turn)} {what}, all joints together turn by {degrees(most)}",
+        key=place.key,
+        place=point(place.goal.position),
+        measured=turn,
+        allowed=most,
+        unit="rad",
+        bounds=bounds,
+    )
+
+
+def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
+    """The goal is not nearer to the base than the tightest arc brings the tip (Cauchy's arm lemma, Schur's theorem)."""
+    distance = float(np.hypot(*(place.goal.position - arm.base))) + place.tolerances.position
+    nearest = least_chord(arm.links, arm.link_length, arm.joint_limit)
+    if distance >= nearest - ROUNDING:
+        return
+    limit = brentq(
+        lambda bend: least_chord(arm.links, arm.link_length, bend) - distance, arm.joint_limit, 2.0 * np.pi / arm.links
+    )
+    yield Finding(
+        "too stiff",
+        f"{place.key}: the arm cannot curl up enough: the goal is {metres(distance)} from the base, with "
+        f"every joint at its limit of {degrees(arm.joint_limit)} the tip comes no nearer than {metres(nearest)}",
+        key=place.key,
+        place=point(place.goal.position),
+        measured=distance,
+        allowed=nearest,
+        bounds={"arm.joint_limit_deg": float(limit)},
+    )
+
+
+def least_chord(links: int, length: float, bend: float) -> float:
+    """The least distance from base to tip of links whose bends are at most so large [m].
+
+    Of all chains of equal links whose bends do not exceed ``bend`` the regular arc has the shortest chord, as long as
+    arc and chord together are convex (Cauchy's arm lemma; Schur's theorem for curves): n bend ≤ 2π. It is
+    l sin(n bend / 2) / sin(bend / 2).
+
+    Args:
+        links: n.
+        length: of one link [m].
+        bend: most bend of a joint [rad].
+    """
+    if links * bend >= 2.0 * np.pi:
+        return 0.0
+    return length * links if bend <= 0.0 else length * float(np.sin(0.5 * links * bend) / np.sin(0.5 * bend))
+
+
+def _base_places(arm: Arm) -> shapely.Geometry:
+    """All places of the base: a point, or with a feed axis the stretch that it covers."""
+    if arm.feed is None:
+        return shapely.Point(arm.base)
+    ends = [arm.base + where * arm.feed_direction for where in (arm.feed.low, arm.feed.high)]
+    return shapely.LineString(ends)

@@ -1,0 +1,100 @@
+"""Free space for proofs: never smaller than the truth, so that what is closed here is closed to every planner."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.problem import Problem
+
+ARC = 12
+"""Sides of a quarter of a circle; inscribed arcs lose .2 % of their radius."""
+THIN = 1e-6
+"""Margin that stands for an arm of no width [m]."""
+
+
+@dataclass(frozen=True)
+class WideSpace(FreeSpace):
+    """Places of the arm's axis at which it may be, with the stretch of the mount and the goal's tolerance added.
+
+    Attributes:
+        base: of the arm, shape (2,) [m].
+        mount: arm length from the base that may touch obstacles [m].
+        goal: of the tip, shape (2,) [m].
+        tolerance: of the goal's position [m].
+    """
+
+    base: FloatArray
+    mount: float
+    goal: FloatArray
+    tolerance: float
+
+    @cached_property
+    def polygons(self) -> shapely.MultiPolygon:
+        """Free space as polygons; the exact free set is a subset of it."""
+        room = shapely.buffer(self.workspace.boundary, -self.margin, quad_segs=ARC)
+        grown = [
+            shapely.buffer(wall.core, wall.rounding + self.margin, quad_segs=ARC) for wall in self.workspace.obstacles
+        ]
+        free = shapely.difference(room, shapely.union_all(grown))
+        ends = [_disc(self.base, self.mount), _disc(self.goal, self.tolerance)]
+        whole = shapely.union_all([free, *(shapely.intersection(end, self.workspace.boundary) for end in ends)])
+        polygons = [part for part in shapely.get_parts(whole) if isinstance(part, shapely.Polygon)]
+        space = shapely.MultiPolygon([part for part in polygons if part.area > 1e-12])
+        shapely.prepare(space)
+        return space
+
+    @cached_property
+    def components_of_ends(self) -> tuple[shapely.Polygon, shapely.Polygon]:
+        """The pieces of free space that hold the base and the goal, or come nearest to them."""
+        parts = shapely.get_parts(self.polygons)
+        nearest = [int(np.argmin(shapely.distance(parts, shapely.Point(end)))) for end in (self.base, self.goal)]
+        return parts[nearest[0]], parts[nearest[1]]
+
+    @property
+    def connected(self) -> bool:
+        """Whether the axis could pass from the base to the goal."""
+        if self.polygons.is_empty:
+            return False
+        start, end = self.components_of_ends
+        return bool(start is end or shapely.equals(start, end))
+
+    @cached_property
+    def shortest(self) -> float:
+        """Length of the shortest path from the base to the goal's tolerance [m]; infinite when there is none."""
+        if not self.connected:
+            return np.inf
+        found = self.routes(self.base, self.goal, 1)
+        return max(found[0].length - self.tolerance, 0.0) if found else np.inf
+
+
+def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
+    """A polygon that contains the disc."""
+    wide = max(radius, THIN) / np.cos(np.pi / (4 * ARC))
+    disc: shapely.Geometry = shapely.buffer(shapely.Point(middle), wide, quad_segs=ARC)
+    return disc
+
+
+def wide_space(
+    problem: Problem,
+    goal: FloatArray,
+    tolerance: float,
+    margin: float | None = None,
+    workspace: Workspace | None = None,
+) -> WideSpace:
+    """The wide free space of a problem.
+
+    Args:
+        problem: what was asked.
+        goal: of the tip, shape (2,) [m].
+        tolerance: of the goal's position [m].
+        margin: distance of the axis from walls [m]; radius and clearance when None.
+        workspace: another workspace, or the problem's when None.
+    """
+    arm, workspace = problem.arm, workspace or problem.workspace
+    margin = arm.radius + workspace.clearance if margin is None else margin
+    return WideSpace(workspace, max(margin, THIN), arm.base, arm.mount_length, goal, tolerance)

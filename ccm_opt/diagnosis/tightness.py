@@ -1,0 +1,151 @@
+"""What is tight though it is not proved too tight: gaps, lengths and turns on the routes of the planner."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.curve_planner import configuration_task, find_routes, route_margin
+from ccm_opt.diagnosis.words import at, degrees, listed, metres, millimetres, point
+from ccm_opt.errors import ConfigurationNotFound, Finding, NoPlanFound
+from ccm_opt.freespace.bottleneck import narrowest_passage, nearest_walls
+from ccm_opt.freespace.corridor import Route
+from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.geometry.polygons import cross
+from ccm_opt.motion.ends import Ends, resolve_ends
+from ccm_opt.nlp.configuration import find_configuration
+from ccm_opt.problem import Problem
+
+NARROW = 1.5
+"""A gap narrower than this many diameters is told."""
+SHORT = 1.08
+"""An arm shorter than this multiple of the route is told."""
+STIFF = 1.25
+"""A turn with less room than this multiple of what the tightest bend needs is told."""
+LEAST_TURN = np.deg2rad(20.0)
+"""Turns of a route below this are not told [rad]."""
+TOLD = 3
+"""Routes whose tightness is told."""
+
+
+def tight_places(problem: Problem) -> tuple[Finding, ...]:
+    """What is likely to stand in the way, the tightest first; nothing for arms on a feed axis."""
+    if problem.arm.feed is not None:
+        return ()
+    try:
+        ends = resolve_ends(problem)
+        room = FreeSpace.of(problem.workspace, route_margin(problem, ends))
+        routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
+    except NoPlanFound:
+        return ()
+    told = [
+        finding
+        for number, route in enumerate(routes[:TOLD], start=1)
+        for check in (_narrow, _short, _stiff)
+        for finding in check(problem, room, route, number)
+    ]
+    best: dict[tuple[object, ...], Finding] = {}
+    for finding in sorted(told, key=_spare):
+        best.setdefault((finding.kind, finding.obstacles), finding)
+    return (*best.values(), *_curve(problem, ends, room, routes))
+
+
+def _spare(finding: Finding) -> float:
+    """How much room there is for what is asked, as a ratio; the smaller the tighter."""
+    return (finding.measured or 0.0) / max(finding.allowed or 0.0, 1e-300)
+
+
+def _narrow(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iterator[Finding]:
+    """The narrowest gap on a route against the diameter."""
+    narrow = narrowest_passage(problem.workspace, room.triangulation, route.sleeve)
+    gap, need = narrow.width + 2.0 * room.margin, 2.0 * (problem.arm.radius + problem.workspace.clearance)
+    if gap <= NARROW * need:
+        yield Finding(
+            "too thick",
+            f"the narrowest gap on route {number}, {millimetres(gap)} between {listed(narrow.walls)} at "
+            f"{at(narrow.place)}, is hardly wider than the arm's diameter with its clearance, {millimetres(need)}",
+            proved=False,
+            place=point(narrow.place),
+            measured=gap,
+            allowed=need,
+            obstacles=narrow.walls,
+            bounds={"arm.radius": problem.arm.radius},
+        )
+
+
+def _short(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iterator[Finding]:
+    """The length of a route against the arm's."""
+    del room
+    arm = problem.arm
+    if arm.length <= SHORT * route.length:
+        yield Finding(
+            "too short",
+            f"route {number} is {metres(route.length)} long, the arm of {metres(arm.length)} has little to spare",
+            proved=False,
+            measured=arm.length,
+            allowed=route.length,
+            bounds={"arm.link_length": arm.link_length},
+        )
+
+
+def _stiff(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iterator[Finding]:
+    """The sharpest turn of a route against the tightest bend of the arm, given the room that there is.
+
+    A turn by α round an inner corner from which the outer corner is a distance h away leaves room for an arc of radius
+    h cos(α/2) / (1 − cos(α/2)), tangent to both outer walls; links of length l bend by β to a radius l / (2 tan(β/2)).
+    """
+    arm = problem.arm
+    tightest = 0.5 * arm.link_length / np.tan(0.5 * min(arm.joint_limit, 0.99 * np.pi))
+    for corner, turn, outwards in _turns(route.taut, 2.0 * room.margin):
+        half = np.cos(0.5 * min(abs(turn), 0.95 * np.pi))
+        radius = _depth(room, corner, outwards, arm.length) * half / (1.0 - half)
+        if radius <= STIFF * tightest:
+            wall = nearest_walls(problem.workspace, corner, 1)
+            yield Finding(
+                "too stiff",
+                f"route {number} turns by {degrees(abs(turn))} round {listed(wall)} at {at(corner)}, where there is "
+                f"room for a radius of {millimetres(radius)}; the arm bends to {millimetres(tightest)} at the tightest",
+                proved=False,
+                place=point(corner),
+                measured=radius,
+                allowed=float(tightest),
+                obstacles=wall,
+                bounds={"arm.joint_limit_deg": arm.joint_limit},
+            )
+
+
+def _turns(taut: FloatArray, together: float) -> Iterator[tuple[FloatArray, float, FloatArray]]:
+    """Corners of a taut path, those nearer than ``together`` to the one before counted to it: place, turn, outside."""
+    legs = np.diff(taut, axis=0)
+    legs = legs[np.linalg.norm(legs, axis=1) > 1e-9]
+    if len(legs) < 2:
+        return
+    corners = taut[0] + np.cumsum(legs, axis=0)[:-1]
+    angles = np.arctan2(cross(legs[:-1], legs[1:]), np.einsum("ij,ij->i", legs[:-1], legs[1:]))
+    group = np.cumsum(np.append(True, np.linalg.norm(np.diff(corners, axis=0), axis=1) > together))
+    for k in np.unique(group):
+        mine = np.flatnonzero(group == k)
+        turn = float(angles[mine].sum())
+        if abs(turn) < LEAST_TURN:
+            continue
+        before, after = (leg / np.linalg.norm(leg) for leg in (legs[mine[0]], legs[mine[-1] + 1]))
+        outwards = before - after
+        yield corners[mine[len(mine) // 2]], turn, outwards / max(float(np.linalg.norm(outwards)), 1e-300)
+
+
+def _depth(room: FreeSpace, corner: FloatArray, direction: FloatArray, most: float) -> float:
+    """How far free space goes on from a corner in a direction [m]."""
+    start = corner + 1e-6 * direction
+    ray = shapely.intersection(shapely.LineString([start, corner + most * direction]), room.polygons)
+    pieces = [part for part in shapely.get_parts(ray) if shapely.distance(part, shapely.Point(start)) < 1e-6]
+    return float(max((part.length for part in pieces), default=0.0))
+
+
+def _curve(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, ...]) -> Iterator[Finding]:
+    """Why the curve of the shortest route has no configuration at the goal, in the words of the NLP's rows."""
+    for route in routes[:1]:
+        try:
+            find_configuration(configuration_task(problem, ends, room, route), 1)
+        except ConfigurationNotFound as error:
+            yield Finding("curve", error.diagnosis.reason, proved=False, measured=1.0, allowed=1.0, unit="")
