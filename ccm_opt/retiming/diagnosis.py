@@ -9,11 +9,14 @@ from ccm_opt.retiming.rows import PathRows
 _AXIS = ("first (yaw)", "second (bend)", "third")
 
 
-def axis_name(number: int, limits: Limits) -> str:
-    """Ball and axis of a revolute in words, the ball counted from 1; or the feed axis."""
-    if number == len(limits.velocity):
-        return "the feed axis"
+def revolute_name(number: int) -> str:
+    """Ball and axis of a revolute in words, the ball counted from 1."""
     return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
+
+
+def axis_name(number: int, limits: Limits) -> str:
+    """A revolute in words, or the feed axis, whose number is the next after theirs."""
+    return "the feed axis" if number == len(limits.velocity) else revolute_name(number)
 
 
 def check_static_load(rows: PathRows, limits: Limits) -> None:
