@@ -12,7 +12,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm, Axes, MappingName
 
-MethodName = Literal["nlp"]
+MethodName = Literal["nlp", "hill-climbing"]
 OptimiserName = Literal["sequential-convex", "interior-point", "none"]
 RetimingName = Literal["toppra", "paul"]
 ControllerName = Literal["computed-torque", "pd"]

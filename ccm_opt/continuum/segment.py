@@ -22,12 +22,15 @@ class CurvatureSegment:
         heading: heading at s = 0 [rad].
         curvature: C_a..C_e, shape (5,) [1/m].
         knots: S_b, S_c, S_d with 0 < S_b < S_c < S_d < 1.
+        moments: second derivatives of C over arc length at both ends [1/m³]. The paper's segments have none: their
+            spline is natural. The parts of a divided segment need them to keep the curve where it is.
     """
 
     length: float
     heading: float
     curvature: FloatArray
     knots: Knots = EVEN_KNOTS
+    moments: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if not self.length > 0.0:
@@ -45,7 +48,7 @@ class CurvatureSegment:
     @cached_property
     def coefficients(self) -> FloatArray:
         """Curvature's power coefficients on each piece over arc length from the piece's start, shape (4, 4)."""
-        return piece_coefficients(np.diff(self.breakpoints), np.asarray(self.curvature, dtype=np.float64))
+        return piece_coefficients(np.diff(self.breakpoints), np.asarray(self.curvature, dtype=np.float64), self.moments)
 
     def curvature_at(self, arc: FloatArray) -> FloatArray:
         """C at arc lengths in [0, L], any shape [1/m]."""

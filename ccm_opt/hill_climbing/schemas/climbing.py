@@ -1,0 +1,140 @@
+"""SCM-0 and SCM-7: hill climbing to a goal for the tip, at once or along a straight line."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.continuum.segment_types import wrap
+from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose, Weights
+from ccm_opt.hill_climbing.operators import Moves
+from ccm_opt.hill_climbing.search import Climb, Ending, Strategy, climb
+from ccm_opt.hill_climbing.shapes import Shapes
+from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
+from ccm_opt.hill_climbing.world import World
+
+SUBGOAL_SPACING = 0.03
+"""Distance of the subgoals of SCM-7 as a share of the arm's length."""
+SUBGOAL_TURN = 0.12
+"""Most that the tip turns from subgoal to subgoal [rad]."""
+PUSH = 1e-3
+"""Weight of the walls beside the distance; none in open space."""
+ON_THE_WAY = Precision(2e-3, 2e-2)
+"""Precision asked at the subgoals of SCM-7 but the last."""
+
+
+def scm_0(
+    world: World,
+    start: Configuration,
+    goal: TipPose,
+    *,
+    precision: Precision | None = None,
+    weights: Weights | None = None,
+    strategy: Strategy = Strategy.STEEPEST,
+    most_steps: int = 600,
+) -> Schema:
+    """SCM-0: pure hill climbing to a goal for the tip's position and, if given, orientation.
+
+    Keeps the number and the lengths of the segments; changes interpolation points and base rotation.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        goal: for the tip.
+        precision: how near counts.
+        weights: of the distance function.
+        strategy: of the climb.
+        most_steps: moves at most.
+
+    Yields:
+        Every move.
+
+    Returns:
+        A configuration within the precision.
+
+    Raises:
+        SchemaStopped: in a local minimum, or where all that improves is blocked.
+    """
+    here = start
+    distance = Distance(goal, start.length, weights or Weights(), precision=precision or Precision())
+
+    def objective(shapes: Shapes) -> np.ndarray:
+        positions, headings = world.tips(shapes)
+        return distance.of(positions, headings, shapes.heading)
+
+    moves = Moves(tuple(range(len(start.segments))))
+    way = climb(world, start, Climb(objective, distance.threshold, moves, strategy, most_steps, PUSH))
+    while True:
+        try:
+            here = next(way)
+        except StopIteration as end:
+            if end.value is Ending.ARRIVED:
+                return here
+            raise SchemaStopped("SCM-0", here, f"{end.value}, {miss(world, here, goal)}") from None
+        yield Step("SCM-0", here)
+
+
+def scm_7(world: World, start: Configuration, goal: TipPose) -> Schema:
+    """SCM-7: a sequence of SCM-0 whose subgoals lie on the straight line from the tip to its goal.
+
+    The tip's heading turns evenly on the way. Where the arm may move straight from subgoal to subgoal, it does.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        goal: for the tip.
+
+    Yields:
+        The configuration at every subgoal, with the moves between where they are needed.
+
+    Returns:
+        A configuration at the goal.
+
+    Raises:
+        SchemaStopped: a subgoal is not reached.
+    """
+    here = start
+    (position,), (heading,) = world.tips(Shapes.of([start]))
+    line = goal.position - position
+    turn = 0.0 if goal.heading is None else wrap(goal.heading - float(heading))
+    count = max(1, int(np.ceil(max(np.hypot(*line) / (SUBGOAL_SPACING * start.length), abs(turn) / SUBGOAL_TURN))))
+    for k in range(1, count + 1):
+        share = k / count
+        subgoal = TipPose(position + share * line, None if goal.heading is None else float(heading) + share * turn)
+        try:
+            here = yield from _hop(world, here, subgoal, None if k == count else ON_THE_WAY)
+        except SchemaStopped as stopped:
+            reason = f"at subgoal {k} of {count}: {stopped.diagnosis.reason}"
+            raise SchemaStopped("SCM-7", stopped.configuration, reason) from stopped
+    return here
+
+
+def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
+    """To the next subgoal by SCM-0, in one step if the world lets it."""
+    moves: list[Configuration] = []
+    way = scm_0(world, start, subgoal, precision=precision)
+    while True:
+        try:
+            moves.append(next(way).configuration)
+        except StopIteration as end:
+            here: Configuration = end.value
+            break
+    if len(moves) > 1 and world.move_allowed(start, here):
+        moves = [here]
+    for configuration in moves:
+        yield Step("SCM-7", configuration)
+    return here
+
+
+def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
+    """How far the tip is from a goal, in words."""
+    (position,), (heading,) = world.tips(Shapes.of([configuration]))
+    text = f"the tip {1e3 * float(np.hypot(*(position - goal.position))):.1f} mm"
+    if goal.heading is not None:
+        text += f" and {abs(np.rad2deg(wrap(float(heading) - goal.heading))):.1f}°"
+    return text + " off its goal"
+
+
+def at_rest(goal: TipPose, heading: float) -> TipPose:
+    """A goal with a heading, for one that has none."""
+    return goal if goal.heading is not None else replace(goal, heading=heading)

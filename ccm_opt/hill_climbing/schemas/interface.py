@@ -1,0 +1,89 @@
+"""SCM-6: take the curvature out of a segment's end, so that another can go on from there."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose
+from ccm_opt.hill_climbing.operators import Moves, Operator
+from ccm_opt.hill_climbing.search import Climb, Ending, end_of
+from ccm_opt.hill_climbing.shapes import Shapes
+from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
+from ccm_opt.hill_climbing.world import World
+
+HELD = (
+    Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.S_B, Operator.S_C, Operator.S_D, Operator.ROTATE,
+)  # fmt: skip
+"""Operators that leave the curvature at the end alone."""
+HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
+"""How exactly a pose is preserved."""
+PUSH = 1e-3
+"""Weight of the walls while a pose is held."""
+TURN = 0.3
+"""Most that the end's curvature changes in one step, times the segment's length [rad]."""
+
+
+def scm_6(world: World, start: Configuration) -> Schema:
+    """SCM-6: change the curvature at the end to zero, while preserving the tip's position and orientation.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+
+    Yields:
+        A configuration with the tip where it was for every part of the way to zero.
+
+    Returns:
+        A configuration with C_e = 0 and the tip where it was.
+
+    Raises:
+        SchemaStopped: the tip cannot be held.
+    """
+    position, heading = start.tip
+    held = TipPose(position, heading)
+    here, last = start, len(start.segments) - 1
+    end = float(start.segments[-1].curvature[-1])
+    count = int(np.ceil(abs(end) * start.segments[-1].length / TURN))
+    for k in range(1, count + 1):
+        shapes = Shapes.of([here])
+        shapes.curvature[0, -1, -1] = end * (1.0 - k / count)
+        here = hold(world, here, shapes.configuration(0), last, held, "SCM-6")
+        yield Step("SCM-6", here)
+    return here
+
+
+def hold(
+    world: World, before: Configuration, changed: Configuration, segment: int, held: TipPose, schema: str
+) -> Configuration:
+    """Bring the end of a segment back to a pose after a change, by operators that leave its end curvature alone.
+
+    Args:
+        world: the world.
+        before: where the arm was; it must be able to move from there to the result.
+        changed: the arm after the change.
+        segment: whose end is held; the operators move this one.
+        held: where its end has to be.
+        schema: in whose name.
+
+    Raises:
+        SchemaStopped: its end cannot be held, or something is in the way.
+    """
+
+    def objective(shapes: Shapes) -> FloatArray:
+        return distance(shapes.first_segments(segment + 1))
+
+    def reachable(here: Configuration, there: Shapes) -> BoolArray:
+        del here
+        return world.passes(before, there)
+
+    distance = Distance(held, before.length, precision=HELD_PRECISION)
+    watched = replace(world, passes=reachable)
+    for guard in (replace(world, passes=World().passes), watched):
+        task = Climb(objective, distance.threshold, Moves((segment,), HELD), push=PUSH)
+        here, ending = end_of(guard, changed, task)
+        if ending is Ending.ARRIVED and world.move_allowed(before, here):
+            return here
+    reason = "contact" if ending is Ending.ARRIVED else str(ending)
+    raise SchemaStopped(schema, before, f"the segment of {changed.segments[segment].length:.3f} m: {reason}")

@@ -1,0 +1,100 @@
+"""SCM-2 and SCM-8: from one curvature to another by interpolation."""
+
+import numpy as np
+
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.continuum.decomposition import interpolate
+from ccm_opt.continuum.segment_types import wrap
+from ccm_opt.hill_climbing.shapes import Shapes
+from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
+from ccm_opt.hill_climbing.world import World
+
+STRIDE = 0.12
+"""Greatest change of heading anywhere on the curve between two steps [rad]."""
+_SAMPLES = 65
+
+
+def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
+    """SCM-2: move by interpolation from the current curvature to one selected by SCM-1.
+
+    Keeps base and length; base rotation and curvature go straight to those of the target.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        target: a configuration of the same base and length.
+
+    Yields:
+        Configurations evenly on the way.
+
+    Returns:
+        The target.
+
+    Raises:
+        SchemaStopped: something is in the way.
+    """
+    here = start
+    shares = _shares(start, target)
+    for share in shares:
+        there = interpolate(start, target, share)
+        if not world.move_allowed(here, there):
+            raise SchemaStopped("SCM-2", here, f"contact after {share:.0%} of the way to the selected curvature")
+        here = there
+        yield Step("SCM-2", here)
+    return here
+
+
+def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_as_free: bool = False) -> Schema:
+    """SCM-8: SCM-2 while the direction of the vector from base to tip is preserved.
+
+    The base turns so that it is; the target's own base rotation is not kept.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        target: a configuration of the same base and length.
+        as_far_as_free: end before a contact instead of stopping there.
+
+    Yields:
+        Configurations on the way.
+
+    Returns:
+        The target, turned about the base, or the last configuration before a contact.
+
+    Raises:
+        SchemaStopped: something is in the way.
+    """
+    here = start
+    direction = direction_to_tip(world, start)
+    for share in _shares(start, target):
+        mixed = interpolate(start, target, share)
+        there = turned(mixed, wrap(direction - direction_to_tip(world, mixed)))
+        there = turned(there, 2.0 * np.pi * round((here.base_heading - there.base_heading) / (2.0 * np.pi)))
+        if not world.move_allowed(here, there):
+            if as_far_as_free and here is not start:
+                return here
+            raise SchemaStopped("SCM-8", here, f"contact after {share:.0%} of the way to the selected curvature")
+        here = there
+        yield Step("SCM-8", here)
+    return here
+
+
+def turned(configuration: Configuration, angle: float) -> Configuration:
+    """A configuration turned about its base [rad]."""
+    shapes = Shapes.of([configuration])
+    shapes.heading[0] += angle
+    return shapes.configuration(0)
+
+
+def direction_to_tip(world: World, configuration: Configuration) -> float:
+    """Direction of the vector from base to tip [rad]."""
+    ((x, y),), _ = world.tips(Shapes.of([configuration]))
+    return float(np.arctan2(y - configuration.base[1], x - configuration.base[0]))
+
+
+def _shares(start: Configuration, target: Configuration) -> list[float]:
+    """Shares of the way at which no heading has changed by more than the stride since the last."""
+    arc = np.linspace(0.0, start.length, _SAMPLES)
+    most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
+    count = max(1, int(np.ceil(most / STRIDE)))
+    return [k / count for k in range(1, count + 1)]

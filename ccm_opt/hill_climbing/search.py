@@ -1,0 +1,135 @@
+"""Hill climbing over curvature operators (section 3.1): steepest, or the first improvement."""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TypeAlias
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.hill_climbing.operators import Moves
+from ccm_opt.hill_climbing.shapes import Shapes
+from ccm_opt.hill_climbing.world import World
+
+Objective: TypeAlias = Callable[[Shapes], FloatArray]
+"""Distance of each configuration of a batch, shape (m,)."""
+LEAST_GAIN = 1e-4
+"""A move counts as an improvement when it takes away at least this share of the distance."""
+TRIED_AT_ONCE = 8
+"""Candidates asked of the world in one go, best first."""
+MOST_TRIED = 96
+"""Improving candidates asked in all before the climb counts as blocked."""
+
+
+class Strategy(StrEnum):
+    """Which improving move is taken."""
+
+    STEEPEST = "steepest"
+    FIRST = "first-improvement"
+
+
+class Ending(StrEnum):
+    """How a climb ended."""
+
+    ARRIVED = "arrived"
+    LOCAL_MINIMUM = "local minimum"
+    BLOCKED = "blocked"
+    STEPS = "out of steps"
+
+
+@dataclass(frozen=True)
+class Climb:
+    """What a climb aims at, and with what.
+
+    Attributes:
+        objective: the distance function.
+        threshold: the climb has arrived at values no greater.
+        moves: the operators.
+        strategy: which improving move is taken.
+        most_steps: moves at most.
+        push: weight of the world's crowding beside the distance. Where both balance, the climb goes on without it.
+    """
+
+    objective: Objective
+    threshold: float
+    moves: Moves = field(default_factory=Moves)
+    strategy: Strategy = Strategy.STEEPEST
+    most_steps: int = 600
+    push: float = 0.0
+
+
+def climb(world: World, start: Configuration, task: Climb) -> Generator[Configuration, None, Ending]:
+    """Climb until the distance is small enough or no move improves it.
+
+    All candidate moves of a step are evaluated as one batch; those that improve are shown to the world in the order
+    of the strategy until one may be moved to.
+
+    Args:
+        world: says which moves are allowed.
+        start: where to begin; it is not yielded.
+        task: what to aim at.
+
+    Yields:
+        The configuration after each move.
+
+    Returns:
+        How it ended.
+    """
+    here, left, push, last = start, float(task.objective(Shapes.of([start]))[0]), task.push, 0
+    for _ in range(task.most_steps):
+        if left <= task.threshold:
+            return Ending.ARRIVED
+        candidates = task.moves.candidates(here)
+        distances = task.objective(candidates)
+        while True:
+            values, value = _pushed(world, push, candidates, distances, here, left)
+            order = _order(values, (1.0 - LEAST_GAIN) * value, task.strategy, last)
+            chosen = _first_allowed(world, here, candidates, order)
+            if chosen is not None or push == 0.0:
+                break
+            push = 0.0
+        if chosen is None:
+            return Ending.BLOCKED if len(order) else Ending.LOCAL_MINIMUM
+        here, left, last = candidates.configuration(chosen), float(distances[chosen]), chosen
+        yield here
+    return Ending.ARRIVED if left <= task.threshold else Ending.STEPS
+
+
+def _pushed(
+    world: World, push: float, candidates: Shapes, distances: FloatArray, here: Configuration, left: float
+) -> tuple[FloatArray, float]:
+    """Distances with crowding added, of the candidates and of the configuration they are compared with."""
+    if push == 0.0:
+        return distances, left
+    return distances + push * world.crowding(candidates), left + push * float(world.crowding(Shapes.of([here]))[0])
+
+
+def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configuration, Ending]:
+    """Where a climb ends, and how."""
+    here, way = start, climb(world, start, task)
+    while True:
+        try:
+            here = next(way)
+        except StopIteration as end:
+            ending: Ending = end.value
+            return here, ending
+
+
+def _order(values: FloatArray, below: float, strategy: Strategy, last: int) -> IntArray:
+    """Improving candidates: best first, or in the order of the operators beginning with the one used last."""
+    improving = np.flatnonzero(values < below)
+    if strategy is Strategy.STEEPEST:
+        return improving[np.argsort(values[improving], kind="stable")][:MOST_TRIED]
+    turn = int(np.searchsorted(improving, last))
+    return np.roll(improving, -turn)[:MOST_TRIED]
+
+
+def _first_allowed(world: World, here: Configuration, candidates: Shapes, order: IntArray) -> int | None:
+    for k in range(0, len(order), TRIED_AT_ONCE):
+        some = order[k : k + TRIED_AT_ONCE]
+        passing = world.passes(here, candidates.take(some))
+        if passing.any():
+            return int(some[np.argmax(passing)])
+    return None

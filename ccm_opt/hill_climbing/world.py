@@ -1,0 +1,83 @@
+"""What a schema may know of the world: where the base is, how far it turns, and which moves touch nothing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.hill_climbing.shapes import Shapes
+
+Passes: TypeAlias = Callable[[Configuration, Shapes], BoolArray]
+"""Whether the arm may move from a configuration straight to each of a batch, shape (m,)."""
+Tips: TypeAlias = Callable[[Shapes], tuple[FloatArray, FloatArray]]
+"""Positions (m, 2) [m] and headings (m,) [rad] of the tips of whole configurations."""
+
+
+Gap: TypeAlias = Callable[[FloatArray], FloatArray]
+"""About how far points (..., 2) [m] are from contact with a wall, shape (...) [m]."""
+KEPT_OFF = 0.03
+"""Points nearer to contact than this share of the arm's length are pushed away."""
+POINTS = 24
+"""Points on a configuration that are pushed."""
+
+
+def _far(points: FloatArray) -> FloatArray:
+    return np.full(points.shape[:-1], np.inf)
+
+
+def _anything(here: Configuration, there: Shapes) -> BoolArray:
+    del here
+    return np.ones(len(there), dtype=np.bool_)
+
+
+def _curve_tips(shapes: Shapes) -> tuple[FloatArray, FloatArray]:
+    return shapes.tips
+
+
+@dataclass(frozen=True)
+class World:
+    """The world as the schemas see it; without anything given it is open space.
+
+    Attributes:
+        passes: which moves the arm can make: joint limits, walls, itself, and the sweep on the way.
+        tips: where the tip of the whole arm is: that of the curve, or that of the jointed arm that follows it.
+        gap: about how far points are from contact.
+        curvature_limit: |C| beyond half of it counts as crowding [1/m].
+        base_range: least and greatest heading of the base [rad].
+    """
+
+    passes: Passes = field(default=_anything)
+    tips: Tips = field(default=_curve_tips)
+    gap: Gap = field(default=_far)
+    curvature_limit: float = np.inf
+    base_range: tuple[float, float] = (-np.inf, np.inf)
+
+    @property
+    def base_turns(self) -> bool:
+        """Whether the base can be pointed anywhere."""
+        return self.base_range[1] - self.base_range[0] >= 2.0 * np.pi
+
+    @property
+    def of_curve(self) -> "World":
+        """The same world with tips read on the curve, as subgoals on the way are."""
+        return replace(self, tips=_curve_tips)
+
+    def crowding(self, shapes: Shapes) -> FloatArray:
+        """How much configurations crowd walls and joint limits: mean squares of what they lack, shape (m,).
+
+        A potential as in reference [8] of the paper and Khatib (1986); the paper itself only says that moves are made
+        in front of obstacles.
+        """
+        strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - 0.5)
+        crowding: FloatArray = np.square(strain).mean(axis=(1, 2))
+        if self.gap is not _far:
+            lack = np.maximum(0.0, 1.0 - self.gap(shapes.points(POINTS)) / (KEPT_OFF * shapes.length[:, None]))
+            crowding += np.square(lack).mean(axis=1)
+        return crowding
+
+    def move_allowed(self, here: Configuration, there: Configuration) -> bool:
+        """Whether the arm may move from one configuration straight to another."""
+        return bool(self.passes(here, Shapes.of([there]))[0])
