@@ -75,3 +75,37 @@ def check(
         from ccm_opt.cli.checking import check_folders  # noqa: PLC0415 - loads numpy
 
         raise typer.Exit(check_folders(folders))
+
+
+@app.command()
+def compare(
+    files: Annotated[
+        list[Path] | None, typer.Argument(help="Problem files.", metavar="[FILE…]", show_default=False)
+    ] = None,
+    *,
+    suite: Annotated[
+        list[str] | None, typer.Option(help="Suite: shared, open-space, clutter-N, duct. May be repeated.")
+    ] = None,
+    count: Annotated[int | None, typer.Option(min=1, help="Problems of each suite.", show_default="20, or all")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first random problem.")] = 0,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Method. May be repeated.", show_default="nlp and hill-climbing")
+    ] = None,
+    planner: Annotated[
+        list[str] | None, typer.Option(help="Another planner as module:attribute. May be repeated.")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes of this machine.")] = 1,
+    dask: Annotated[str | None, typer.Option(help="Scheduler of a Dask cluster, instead of processes.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the journal, tables and pictures.")] = Path("runs/comparison"),
+    time_limit: Annotated[
+        float | None, typer.Option(min=0.001, help="Of every planner, in s.", show_default="the problem's")
+    ] = None,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
+) -> None:
+    """Run planners on the same problems and compare what they find; go on where an earlier run stopped."""
+    with _cancellable():
+        from ccm_opt.cli.comparing import Wanted, compare_methods  # noqa: PLC0415 - loads numpy
+
+        named = (files or (), suite or (), count, seed, method or (), planner or ())
+        wanted = Wanted(*named, workers, dask, out, time_limit, pictures=not no_pictures)
+        raise typer.Exit(compare_methods(wanted))

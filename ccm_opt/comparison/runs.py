@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from importlib import import_module
 from importlib.metadata import version
 from typing import Literal
 
@@ -25,6 +26,7 @@ _ALONE = threading.Lock()
 """Compiled functions and IPOPT are not for two threads at once; workers of a cluster may have several."""
 LONGEST_REASON = 400
 """Characters of a reason that are kept."""
+MICROMETRE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Quantity:
         unit: of the value.
         scale: whether two values are compared by their ratio or by their difference.
         more_is_better: whether the greater value is the better one.
+        tie: differences up to this count as none; in ``unit``.
     """
 
     key: str
@@ -44,11 +47,12 @@ class Quantity:
     unit: str
     scale: Literal["ratio", "difference"] = "ratio"
     more_is_better: bool = False
+    tie: float = 0.0
 
 
 QUANTITIES = (
-    Quantity("tip_error_m", "tip error", "m", "difference"),
-    Quantity("least_wall_clearance_m", "clearance", "m", "difference", more_is_better=True),
+    Quantity("tip_error_m", "tip error", "m", "difference", tie=MICROMETRE),
+    Quantity("least_wall_clearance_m", "clearance", "m", "difference", more_is_better=True, tie=MICROMETRE),
     Quantity("joint_path_length_rad", "joint path length", "rad"),
     Quantity("duration_s", "duration", "s"),
     Quantity("peak_torque_Nm", "peak torque", "N m"),
@@ -137,6 +141,7 @@ class ClockedPlanner:
 def execute(task: Task) -> Run:
     """Run a task; whatever goes wrong is the result. CPU time is that of this process, so tasks run one at a time."""
     with _ALONE:
+        _load_libraries()
         begin, wall = time.process_time(), time.perf_counter()
         planner = None
         try:
@@ -179,6 +184,13 @@ def _told(error: BaseException) -> tuple[Outcome, str]:
     place = traceback.extract_tb(error.__traceback__)
     where = f" ({os.path.basename(place[-1].filename)}, line {place[-1].lineno})" if place else ""  # noqa: PTH119 - a text
     return "crashed", f"{type(error).__name__}: {error}{where}"
+
+
+@cache
+def _load_libraries() -> None:
+    """Load what is loaded when first used, so that no run pays for it."""
+    for name in ("ccm_opt.pipeline", "casadi", "toppra.algorithm"):
+        import_module(name)
 
 
 @cache

@@ -147,6 +147,7 @@ def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> Figure
     if len(values) == 0:
         return FigurePair(quantity, 0, math.nan, math.nan, math.nan, Interval(-math.inf, math.inf), math.nan, math.nan)
     gap = np.log(values[:, 0] / values[:, 1]) if quantity.scale == "ratio" else values[:, 0] - values[:, 1]
+    gap = np.where(np.abs(values[:, 0] - values[:, 1]) <= quantity.tie, 0.0, gap)
     back = np.exp if quantity.scale == "ratio" else np.asarray
     bounds = median_interval(gap)
     wins = gap > 0.0 if quantity.more_is_better else gap < 0.0

@@ -1,0 +1,127 @@
+"""``ccm-opt compare``: run methods on the same problems, tell what came of it, write tables and pictures."""
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from ccm_opt.cli.comparison_tables import print_comparison
+from ccm_opt.cli.outcome import BUG, CANCELLED, SOLVED, complain, report, run_all
+from ccm_opt.comparison.comparing import Comparison, compare
+from ccm_opt.comparison.executors import DaskWorkers, LocalWorkers, Workers
+from ccm_opt.comparison.files import JOURNAL, write_comparison
+from ccm_opt.comparison.journal import open_journal
+from ccm_opt.comparison.methods import DEFAULT, check_methods
+from ccm_opt.comparison.runs import QUANTITIES, Run
+from ccm_opt.comparison.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the command line asks for.
+
+    Attributes:
+        files: problem files.
+        suites: names of suites.
+        count: problems of each suite, or None.
+        seed: first seed of random suites.
+        methods: names of methods; the default ones when empty.
+        planners: planners from elsewhere, as ``module:attribute``.
+        workers: processes of this machine.
+        dask: address of a Dask scheduler, or None.
+        out: folder for the journal, tables and pictures.
+        time_limit: of every planner [s], or None.
+        pictures: whether to draw.
+    """
+
+    files: Sequence[Path]
+    suites: Sequence[str]
+    count: int | None
+    seed: int
+    methods: Sequence[str]
+    planners: Sequence[str]
+    workers: int
+    dask: str | None
+    out: Path
+    time_limit: float | None
+    pictures: bool
+
+
+def compare_methods(wanted: Wanted) -> int:
+    """Run the comparison.
+
+    Args:
+        wanted: the options.
+
+    Returns:
+        The exit code: 0 when every run ended in a result, though it be that there is no plan; 1 when one crashed.
+    """
+    code = run_all([wanted], _compare)
+    if code == CANCELLED:
+        complain(f"every run that was done is in {wanted.out / JOURNAL}; the same command goes on from there")
+    return code
+
+
+def _compare(wanted: Wanted) -> int:
+    if str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))  # planners beside the user, as with python -m
+    cases = chosen_cases(wanted)
+    methods = check_methods((*(wanted.methods or DEFAULT), *wanted.planners))
+    workers: Workers = DaskWorkers(wanted.dask) if wanted.dask else LocalWorkers(wanted.workers)
+    with open_journal(wanted.out / JOURNAL) as journal, _display(len(cases) * len(methods)) as progress:
+        comparison = compare(cases, methods, workers, journal, time_limit=wanted.time_limit, progress=progress)
+    write_comparison(comparison, wanted.out, _pictures(comparison) if wanted.pictures else {})
+    crashed = any(run.outcome == "crashed" for run in comparison.failures)
+    return report(lambda: print_comparison(comparison, wanted.out), BUG if crashed else SOLVED)
+
+
+def chosen_cases(wanted: Wanted) -> tuple[Case, ...]:
+    """The problems: of the files, then of the suites; the shared ones when neither is given.
+
+    Raises:
+        ProblemError: when a file or suite cannot be used, or two problems have the same name.
+    """
+    suites = wanted.suites or (() if wanted.files else (SHARED,))
+    from_suites = (case for suite in suites for case in cases_of_suite(suite, wanted.count, wanted.seed))
+    return distinct((*cases_of_files(wanted.files), *from_suites))
+
+
+@contextmanager
+def _display(count: int) -> Iterator[Callable[[Run], None]]:
+    """Count the runs on stderr when that is a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda _: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("runs", total=count)
+        yield lambda run: progress.update(task, advance=1, description=escape(f"{run.problem}, {run.method}"))
+
+
+def _pictures(comparison: Comparison) -> Mapping[str, bytes]:
+    from ccm_opt.plotting.comparison import MethodRuns, Panel, paired_png, success_png  # noqa: PLC0415 - matplotlib
+
+    def drawn(name: str) -> MethodRuns:
+        runs, interval = comparison.of(name), comparison.solved(name)[1]
+        figures = {item.key: np.array([run.figure(item.key) for run in runs]) for item in QUANTITIES}
+        solved = np.array([run.solved for run in runs], dtype=bool)
+        return MethodRuns(name, solved, figures["cpu_s"], (interval.low, interval.high), figures)
+
+    methods = {name: drawn(name) for name in comparison.methods}
+    panels = [
+        Panel(item.key, f"{item.title} [{item.unit}]", item.key != "least_wall_clearance_m")
+        for item in QUANTITIES
+        if item.key != "cpu_s"
+    ]
+    pictures = {"success.png": success_png(list(methods.values()))}
+    for number, pair in enumerate(comparison.pairs, start=1):
+        name = "paired.png" if len(comparison.pairs) == 1 else f"paired-{number}.png"
+        pictures[name] = paired_png(methods[pair.first], methods[pair.second], panels)
+    return pictures
