@@ -22,12 +22,16 @@ class JointPath:
         keyframes: bends at the planner's keyframes, shape (K, links) [rad]; with a feed axis one more column [m].
         curves: the continuum curve behind each keyframe, length K.
         candidate: name of the tactic that found the motion.
+        leaders: paths that the arm follows joint by joint, in order, each of shape (m, 2) [m]; none when it does not.
+        spare: gap beyond contact that the whole path is certified to keep [m]; timing may use it up.
     """
 
     spline: "BSpline"
     keyframes: FloatArray
     curves: tuple[Configuration, ...]
     candidate: str = ""
+    leaders: tuple[FloatArray, ...] = ()
+    spare: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def resolve_ends(problem: Problem) -> Ends:
     arm = clamped_arm(problem.arm) if clamped else problem.arm
     _refuse_bad_pose(problem, arm, start, "start")
     if isinstance(problem.goal, TipGoal):
-        _refuse_blocked_tip(problem, problem.goal)
+        refuse_blocked_tip(problem, problem.goal)
         near_enough = (TOLERANCE_SHARE * problem.tolerances.position, TOLERANCE_SHARE * problem.tolerances.heading)
         goal = GoalPose(problem.goal.position, problem.goal.heading, near_enough=near_enough)
         return Ends(start, goal, None, clamped)
@@ -81,7 +81,7 @@ def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
     return map_curve(problem.arm, pose.configuration, problem.planner.mapping)
 
 
-def _refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
+def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
     """Refuse a goal at which the tip, or with a heading the last link, is deeper in a wall than tolerances allow."""
     arm, tolerances = problem.arm, problem.tolerances
     play = tolerances.position

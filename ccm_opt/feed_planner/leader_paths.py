@@ -1,0 +1,158 @@
+"""Paths for a leader: the feed axis to beyond the hole, then a curve to the goal that the arm can follow.
+
+The curve is a configuration of the continuous curve (section 4.1 of the paper and the multiple-shooting NLP), only
+that its base is a place on the feed axis and its length is free within what the range of the feed leaves.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.curve_planner import CORNER_DISTANCE
+from ccm_opt.errors import ConfigurationNotFound
+from ccm_opt.freespace.corridor import Route
+from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.geometry.polygons import path_length
+from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.feeding.leader import FINENESS, LeaderPath
+from ccm_opt.nlp.configuration import find_configuration
+from ccm_opt.nlp.task import ConfigurationTask
+from ccm_opt.problem import Problem, TipGoal
+
+SPARES = (1.0, 0.4, 0.1)
+"""Room that free space keeps beyond radius and clearance, as shares of a link's sagitta at its joint limit."""
+STRETCHES = (1.03, 1.1, 1.25, 1.5, 2.0)
+"""Lengths of the curve that are tried, over that of the taut way."""
+ATTEMPTS = 3
+"""Attempts of the NLP at one curve."""
+CURVATURE_SHARE = 0.9
+"""Share of the tightest bend that the curve may use."""
+CHORD_SPARE = 1e-2
+"""Share of the curve's length by which chords may be shorter than their arcs."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Between which arc lengths a leader's path has to end, so that the base is in the range of the feed then [m]."""
+
+    least: float
+    most: float
+
+    @classmethod
+    def of(cls, arm: Arm, feed: Feed) -> "Reach":
+        """The bounds for an arm on a feed axis."""
+        return cls(feed.low + arm.length, feed.high + arm.length)
+
+
+@dataclass
+class LeaderPaths:
+    """Finds paths for the leader of one problem.
+
+    Attributes:
+        problem: with a feed axis.
+        goal: where the tip has to arrive.
+        deadline: when to stop.
+        shortest: length of the shortest way seen, from the arm's own base position [m]; for the diagnosis.
+        refusals: why the NLP found no curve, one line each.
+    """
+
+    problem: Problem
+    goal: TipGoal
+    deadline: Deadline
+    shortest: float = np.inf
+    refusals: tuple[str, ...] = ()
+
+    def along(self, straight: float, reach: Reach) -> Iterator[LeaderPath]:
+        """Paths that follow the feed axis up to a given arc length, most promising first."""
+        for spare in SPARES:
+            room = self._room(spare)
+            begin, end = self._curve_ends(straight)
+            if not room.contains(np.stack((begin, end))).all():
+                continue
+            routes = self._routes(room, begin, end, reach.most - straight)
+            for k, (route, length) in enumerate(self._lengths(routes, straight, reach)):
+                if self.deadline.passed():
+                    return
+                curve = self._curve(room, route, begin, end, length)
+                if curve is not None:
+                    yield self._path(straight, curve, f"curve {k + 1} of {length:.3f} m")
+
+    def _room(self, spare: float) -> FreeSpace:
+        arm = self.problem.arm
+        sagitta = 0.125 * arm.joint_limit * arm.link_length
+        return FreeSpace.of(
+            self.problem.workspace, max(arm.radius + self.problem.workspace.clearance + spare * sagitta, 1e-6)
+        )
+
+    def _curve_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
+        """Where the curve begins and ends; with a goal heading the last link lies straight behind the goal."""
+        arm = self.problem.arm
+        return arm.base + straight * arm.feed_direction, self.goal.position - self._tail * self._goal_direction
+
+    @property
+    def _tail(self) -> float:
+        return 0.0 if self.goal.heading is None else self.problem.arm.link_length
+
+    @property
+    def _goal_direction(self) -> FloatArray:
+        heading = self.goal.heading or 0.0
+        return np.array([np.cos(heading), np.sin(heading)])
+
+    def _routes(self, room: FreeSpace, begin: FloatArray, end: FloatArray, longest: float) -> tuple[Route, ...]:
+        shrink = CORNER_DISTANCE * self.problem.arm.length
+        routes = room.routes(begin, end, self.problem.planner.routes, shrink=shrink)
+        if routes:
+            before = float(np.hypot(*(begin - self.problem.arm.base)))
+            self.shortest = min(self.shortest, before + routes[0].length + self._tail)
+        return tuple(route for route in routes if route.length + self._tail <= longest)
+
+    def _lengths(self, routes: tuple[Route, ...], straight: float, reach: Reach) -> list[tuple[Route, float]]:
+        """Routes with lengths of the curve to try along them, shortest first."""
+        least = (reach.least - straight - self._tail) * (1.0 + CHORD_SPARE)
+        most = reach.most - straight - self._tail
+        found = []
+        for route in routes:
+            lengths = np.clip(route.length * np.array(STRETCHES), least, most)
+            lengths = np.unique(np.round(lengths[lengths > route.length], 9))
+            found += [(route, float(length)) for length in lengths]
+        return sorted(found, key=lambda pair: pair[1])
+
+    def _curve(
+        self, room: FreeSpace, route: Route, begin: FloatArray, end: FloatArray, length: float
+    ) -> Configuration | None:
+        arm = self.problem.arm
+        taut = room.path_of_sleeve(route.sleeve, begin, end)
+        task = ConfigurationTask(
+            base=begin,
+            base_heading_range=(arm.base_heading, arm.base_heading),
+            length=length,
+            curvature_limit=CURVATURE_SHARE * 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi)) / arm.link_length,
+            goal=end,
+            goal_heading=self.goal.heading,
+            corridor=room.corridor(Route(route.sleeve, taut, path_length(taut))),
+        )
+        try:
+            return find_configuration(task, ATTEMPTS)
+        except ConfigurationNotFound as refused:
+            self.refusals = (*self.refusals, refused.diagnosis.reason)
+            return None
+
+    def _path(self, straight: float, curve: Configuration, name: str) -> LeaderPath:
+        """The feed axis, the curve and the last link, sampled."""
+        arm = self.problem.arm
+        first = min(arm.feed.low if arm.feed is not None else 0.0, 0.0) - arm.link_length
+        spacing = arm.link_length / FINENESS
+        inner = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length / spacing))) + 1)
+        before = np.arange(first, straight - 0.5 * spacing, arm.link_length)
+        points = [arm.base + before[:, None] * arm.feed_direction, curve.positions_at(inner)]
+        headings = [np.full(len(before), arm.base_heading), curve.heading_at(inner)]
+        arcs = [before, straight + inner]
+        if self._tail:
+            points.append(self.goal.position[None])
+            headings.append(headings[-1][-1:])
+            arcs.append(arcs[-1][-1:] + self._tail)
+        return LeaderPath(np.concatenate(arcs), np.concatenate(points), np.concatenate(headings), straight, name)

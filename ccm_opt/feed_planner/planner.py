@@ -1,0 +1,158 @@
+"""The planner of arms on a feed axis: follow the leader into the room beyond the hole, change shape where need be."""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from scipy.interpolate import BSpline
+
+from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
+from ccm_opt.feed_planner.leader_paths import LeaderPaths, Reach
+from ccm_opt.feed_planner.query import FeedQuery
+from ccm_opt.feed_planner.tactics import Way, following, reshaping, reshaping_at_once
+from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.feeding.leader import LeaderPath
+from ccm_opt.motion.link_space import nearest_curve
+from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.solution import JointPath
+from ccm_opt.stages import Stages
+
+PLANNING_SHARE = 0.9
+"""Share of the time limit that planning may use."""
+FOLLOWING_SHARE = 0.4
+"""Share of the time limit that following alone may use."""
+PATHS_RESHAPED_TO = 3
+"""Leaders' paths to which a change of shape is tried."""
+
+
+@dataclass(frozen=True)
+class FeedPlanner:
+    """Plans motions of an arm on a feed axis; satisfies the ``Planner`` protocol.
+
+    Attributes:
+        stages: names and times the stages.
+    """
+
+    stages: Stages = field(default_factory=Stages)
+
+    def plan(self, problem: Problem) -> JointPath:
+        """Plan a certified motion of bends and feed.
+
+        Raises:
+            ProblemError: the arm has no feed axis.
+            NoPlanFound: with the reason and what would help.
+        """
+        if problem.arm.feed is None:
+            raise ProblemError("the feed planner needs an arm with arm.feed, got one whose base is fixed")
+        deadline = Deadline(time.monotonic() + PLANNING_SHARE * problem.planner.time_limit)
+        with self.stages("mapping"):
+            query = FeedQuery.of(problem, problem.arm.feed, deadline)
+        with self.stages("motion"):
+            return _Search(query).answer()
+
+
+@dataclass
+class _Search:
+    """The search for one motion, and what it has seen on the way.
+
+    Attributes:
+        query: what is asked.
+        paths: leaders' paths found so far.
+        finder: finds more of them for a goal of the tip.
+        refused: why ways were refused.
+    """
+
+    query: FeedQuery
+
+    def __post_init__(self) -> None:
+        goal, limit = self.query.problem.goal, self.query.problem.planner.time_limit
+        until = Deadline(min(self.query.deadline.at, time.monotonic() + FOLLOWING_SHARE * limit))
+        self.finder = LeaderPaths(self.query.problem, goal, until) if isinstance(goal, TipGoal) else None
+        self.paths: list[LeaderPath] = []
+        self.refused: list[str] = []
+
+    def answer(self) -> JointPath:
+        """The first way that is certified.
+
+        Raises:
+            NoPlanFound: when none is.
+        """
+        for way in self._ways():
+            spline = self.query.motions.path(way.keyframes)
+            if spline is not None:
+                return self._joint_path(way, spline)
+            self.refused.append(f"{way.name}: not certified")
+            if self.query.deadline.passed():
+                break
+        raise self._nothing_found()
+
+    def _ways(self) -> Iterator[Way]:
+        """All ways, those that follow a leader all the time first."""
+        for path in self._leaders():
+            self.paths.append(path)
+            yield from following(self.query, path)
+        yield from reshaping_at_once(self.query)
+        for path in self.paths[:PATHS_RESHAPED_TO]:
+            yield from reshaping(self.query, path)
+
+    def _leaders(self) -> Iterator[LeaderPath]:
+        """Leaders' paths, most promising first."""
+        if self.query.goal_path is not None:
+            yield self.query.goal_path
+        if self.finder is not None:
+            for straight in self._straights():
+                yield from self.finder.along(straight, Reach.of(self.query.arm, self.query.feed))
+
+    def _straights(self) -> list[float]:
+        """Arc lengths up to which leaders' paths follow the feed axis, in the order they are tried [m]."""
+        query, arm, least = self.query, self.query.arm, self.query.least_straight
+        tip, drawn_back = query.start.feed + arm.length, query.feed.low + arm.length
+        lengths = [least]
+        if not query.start.bends.any() and tip > least:
+            lengths = [tip, least]
+        if drawn_back > least:
+            lengths.insert(-1, drawn_back)
+        if query.feed.high > least:
+            lengths.append(query.feed.high + 2.0 * query.motions.travel)
+        return lengths
+
+    def _joint_path(self, way: Way, spline: BSpline) -> JointPath:
+        arm = self.query.arm
+        curves = tuple(nearest_curve(arm, headings) for headings in arm.headings(way.keyframes[:, :-1]))
+        return JointPath(spline, way.keyframes, curves, way.name, way.leaders)
+
+    def _nothing_found(self) -> NoPlanFound:
+        if self.finder is not None and not self.paths:
+            necessary = _unreachable(self.query, self.finder.shortest)
+            if necessary is not None:
+                return UnreachableGoal(necessary)
+        refused = self.refused + list(self.finder.refusals if self.finder is not None else ())
+        reason = (
+            f"no motion found along {len(self.paths)} leaders' paths, {len(self.refused)} ways could not be certified"
+        )
+        evidence: dict[str, object] = {"refused": refused[:20]}
+        if self.query.deadline.passed():
+            slow = Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence)
+            return TimeLimitReached(slow)
+        advice = ("raise planner.routes", "use a smaller radius or clearance", "widen arm.feed.range")
+        return MotionNotFound(Diagnosis(reason, "motion", advice, evidence))
+
+
+def _unreachable(query: FeedQuery, shortest: float) -> Diagnosis | None:
+    """Why no path to the goal can exist, given the shortest way seen [m]; None when one might."""
+    arm, most = query.arm, Reach.of(query.arm, query.feed).most
+    if shortest == float("inf"):
+        reason = (
+            f"no way from the hole to the goal is wide enough for the arm: diameter {2e3 * arm.radius:.1f} mm, "
+            f"clearance {1e3 * query.problem.workspace.clearance:.1f} mm"
+        )
+        return Diagnosis(
+            reason, "free space", ("use a smaller arm.radius or workspace.clearance", "remove an obstacle")
+        )
+    if shortest > most:
+        reason = (
+            f"the shortest way along the feed axis to the goal is {shortest:.3f} m long from arm.base, "
+            f"but the tip comes {most:.3f} m far at most"
+        )
+        return Diagnosis(reason, "free space", ("widen arm.feed.range", "use a longer arm"), {"way_length": shortest})
+    return None

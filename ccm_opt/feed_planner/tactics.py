@@ -1,0 +1,121 @@
+"""Ways from the start to the end of a leader's path: by following alone, or with a change of shape on the way."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.feed_planner.poses import FedPose
+from ccm_opt.feed_planner.query import FeedQuery
+from ccm_opt.feed_planner.reshaping import Reshaping
+from ccm_opt.motion.feeding.leader import LeaderPath
+from ccm_opt.motion.feeding.slide import joined, pose_on, slide, slide_shape
+from ccm_opt.problem import TipGoal
+
+SAME_POSE = 1e-7
+"""Bends that differ by less are the same [rad]."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """Keyframes from start to goal, and what they came from.
+
+    Attributes:
+        keyframes: bends and feed, shape (K, links + 1) [rad, m].
+        leaders: paths followed, each of shape (m, 2) [m]; none when the arm does not follow all the way.
+        name: of the tactic.
+    """
+
+    keyframes: FloatArray
+    leaders: tuple[FloatArray, ...]
+    name: str
+
+
+def following(query: FeedQuery, path: LeaderPath) -> Iterator[Way]:
+    """Ways that follow a leader all the time: ahead from the start, or back along the start's own shape first."""
+    end = query.end_on(path)
+    if end is None:
+        return
+    arm, start = query.arm, query.start
+    if np.max(np.abs(pose_on(arm, path, start.feed) - start.bends)) < SAME_POSE:
+        name = f"follow the leader, {path.name}"
+        yield Way(_pinned(query, slide(arm, path, start.feed, end)), (path.points,), name)
+    back = min(query.fully_drawn_back(path), start.feed, end)
+    if back < query.feed.low:
+        return
+    for own, drawn in drawn_back(query, back):
+        keyframes = joined(drawn, slide(arm, path, back, end))
+        yield Way(_pinned(query, keyframes), (own, path.points), f"draw back, then follow the leader, {path.name}")
+
+
+def drawn_back(query: FeedQuery, back: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """The start's own path and keyframes of the arm drawn back along it to a feed."""
+    arm, start = query.arm, query.start
+    if query.start_path is not None:
+        yield query.start_path.points, slide(arm, query.start_path, start.feed, back)
+    else:
+        points = arm.joint_positions(arm.headings(start.bends), start.feed)
+        behind = arm.base + (query.feed.low - arm.link_length) * arm.feed_direction
+        yield np.vstack((behind, points)), slide_shape(arm, start.bends, start.feed, back)
+
+
+def reshaping_at_once(query: FeedQuery) -> Iterator[Way]:
+    """Ways without any feed, for goals that are reached from where the base is."""
+    goal = query.problem.goal if query.goal is None else query.goal.bends
+    if query.goal is not None and query.goal.feed != query.start.feed:
+        return
+    if not isinstance(goal, TipGoal | np.ndarray):
+        return
+    keyframes = _reshaper(query).keyframes(query.start, goal, query.feed.hole)
+    if keyframes is not None:
+        yield Way(_pinned(query, keyframes), (), "change shape at the start's feed")
+
+
+def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[Way]:
+    """Ways that go along the start's own shape to some feed, change there to the shape of a path, and follow it."""
+    end = query.end_on(path)
+    if end is None:
+        return
+    for turn in _turns(query, end):
+        arm = query.arm
+        own = _to_feed(query, turn)
+        if own is None:
+            continue
+        before = FedPose(own[-1, :-1], turn)
+        wanted = pose_on(arm, path, turn)
+        outside = query.feed.hole if len(own) == 1 else query.outside
+        changed = _reshaper(query).keyframes(before, wanted, outside)
+        if changed is not None:
+            keyframes = joined(own, changed, slide(arm, path, turn, end))
+            yield Way(_pinned(query, keyframes), (), f"change shape at a feed of {turn:.3f} m, {path.name}")
+
+
+def _turns(query: FeedQuery, end: float) -> list[float]:
+    """Feeds at which to change shape, the start's first, then farther back."""
+    start, low = query.start.feed, query.feed.low
+    first = min(start, end)
+    feeds = [first, low, 0.5 * (first + low)]
+    return [feed for k, feed in enumerate(feeds) if feed not in feeds[:k]]
+
+
+def _to_feed(query: FeedQuery, turn: float) -> FloatArray | None:
+    """Keyframes along the start's own shape to a feed, or None when the shape bends too near to the hole."""
+    if turn == query.start.feed:
+        return query.start.row[None]
+    if query.start_path is None:
+        return None
+    return slide(query.arm, query.start_path, query.start.feed, turn)
+
+
+def _reshaper(query: FeedQuery) -> Reshaping:
+    return Reshaping(query.problem, query.deadline)
+
+
+def _pinned(query: FeedQuery, keyframes: FloatArray) -> FloatArray:
+    """Keyframes whose ends are the start, and the goal of the whole arm when there is one, without rounding."""
+    pinned = keyframes.copy()
+    pinned[0] = query.start.row
+    if query.goal is not None:
+        pinned[-1] = query.goal.row
+    return pinned

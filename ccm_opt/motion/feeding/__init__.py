@@ -1,0 +1,1 @@
+"""Motions of an arm that a feed axis carries through a guide: follow-the-leader, gating at the hole, deviation."""

@@ -1,0 +1,81 @@
+"""From keyframes of bends and feed to a certified smooth path of both."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.contacts import ContactFinder, Contacts
+from ccm_opt.motion.feeding.carried_arm import CarriedArm
+from ccm_opt.motion.feeding.gating import straight_while_held
+from ccm_opt.motion.spline_path import certified_spline
+from ccm_opt.motion.task import SPARE
+from ccm_opt.motion.walls import Walls
+
+
+@dataclass(frozen=True)
+class FeedMotions:
+    """What makes a motion of the arm on its feed axis safe.
+
+    Attributes:
+        arm: with a feed axis.
+        workspace: the room.
+        travel: of the base between two samples of a trajectory [m].
+        gap: of the narrower end of the motion [m]; the certificate spares half of it at most.
+    """
+
+    arm: Arm
+    workspace: Workspace
+    travel: float
+    gap: float = np.inf
+
+    @cached_property
+    def carried(self) -> CarriedArm:
+        """The arm with the feed in its poses."""
+        return CarriedArm.of(self.arm)
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The certificate that motions must pass."""
+        spare = SPARE * self.arm.length
+        return Certificate(self.carried, self.workspace, float(np.clip(0.5 * self.gap, 0.0, spare)))
+
+    def contacts(self, bends: FloatArray, feed: float) -> tuple[Contacts, ContactFinder, bool]:
+        """Near pairs of a pose, what describes them, and whether links cross something."""
+        points = self.carried.joint_positions(self.carried.poses(np.append(bends, feed)))
+        finder = ContactFinder(
+            self.arm, Walls.of(self.workspace), self.workspace.clearance, 0.0, 0.02 * self.arm.length
+        )
+        return finder.find(points), finder, finder.crosses(points)
+
+    def within_limits(self, keyframes: FloatArray) -> bool:
+        """Whether keyframes keep joint limits and the range of the feed."""
+        feed = self.arm.feed
+        bends, feeds = keyframes[:, :-1], keyframes[:, -1]
+        in_range = feed is not None and bool(np.all((feeds >= feed.low) & (feeds <= feed.high)))
+        return in_range and bool(np.all(np.abs(bends) <= self.arm.bend_limits))
+
+    def touching_nothing(self, keyframes: FloatArray) -> bool:
+        """Whether keyframes of bends and feed, linear between them, touch nothing."""
+        return len(Certificate.of(self.carried, self.workspace).failures(self.carried.poses(keyframes))) == 0
+
+    def certified(self, keyframes: FloatArray) -> bool:
+        """Whether keyframes of bends and feed, linear between them, are clear of everything."""
+        return len(self.certificate.failures(self.carried.poses(keyframes))) == 0
+
+    def path(self, keyframes: FloatArray) -> BSpline | None:
+        """The smooth path of bends and feed near keyframes, shape (K, links + 1); None when it cannot be certified."""
+        if not self.within_limits(keyframes):
+            return None
+        spline = certified_spline(self.carried.poses(keyframes), self.certificate)
+        if spline is None:
+            return None
+        poses = np.asarray(spline.c)
+        control = np.column_stack((self.arm.bends(poses[:, :-1]), poses[:, -1] * self.arm.link_length))
+        path = BSpline(spline.t, control, spline.k)
+        return path if straight_while_held(self.arm, path, self.travel) else None

@@ -1,0 +1,54 @@
+"""Whether joints are straight for as long as the guide holds them."""
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import BoolArray
+from ccm_opt.jointed.arm import HELD_TOLERANCE, Arm
+from ccm_opt.problem import Limits
+
+SAMPLE_STEP = 5e-3
+"""Longest time between two samples of a trajectory, between which all joints move linearly [s]."""
+_SAMPLES_A_SPAN = 12
+
+
+def travel_between_samples(limits: Limits) -> float:
+    """How far the base can move between two samples of a trajectory [m]."""
+    return SAMPLE_STEP * (limits.feed_velocity or 0.0)
+
+
+def straight_while_held(arm: Arm, spline: BSpline, travel: float) -> bool:
+    """Whether every joint is exactly straight while it is held, and for some travel of the base before and after.
+
+    A joint is taken as bent on a whole span of the spline when one of the span's control points bends it.
+
+    Args:
+        arm: with a feed axis.
+        spline: of bends and feed, over [0, 1].
+        travel: of the base, around a joint's bending, in which the joint must be outside the guide too [m].
+    """
+    feed = arm.feed
+    if feed is None:
+        return True
+    samples = np.asarray(spline(np.linspace(0.0, 1.0, _SAMPLES_A_SPAN * _spans(spline) + 1)))[:, -1]
+    covered = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(samples)))))
+    bent = _bent_spans(spline)
+    for joint in np.flatnonzero(bent.any(axis=0)):
+        spans = np.flatnonzero(bent[:, joint])
+        first = np.searchsorted(covered, covered[spans * _SAMPLES_A_SPAN] - travel, side="left")
+        last = np.searchsorted(covered, covered[(spans + 1) * _SAMPLES_A_SPAN] + travel, side="right")
+        least = min(float(samples[max(a - 1, 0) : b + 1].min()) for a, b in zip(first, last, strict=True))
+        if least + joint * arm.link_length < feed.hole - 0.5 * HELD_TOLERANCE:
+            return False
+    return True
+
+
+def _spans(spline: BSpline) -> int:
+    return len(spline.c) - spline.k
+
+
+def _bent_spans(spline: BSpline) -> BoolArray:
+    """Which joints a control point bends on which span, shape (spans, links), boolean."""
+    bent = np.asarray(spline.c)[:, :-1] != 0.0
+    on_span: BoolArray = np.any([bent[k : k + _spans(spline)] for k in range(spline.k + 1)], axis=0)
+    return on_span

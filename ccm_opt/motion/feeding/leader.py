@@ -1,0 +1,99 @@
+"""The leader's path, and the arm drawn along it: every joint on the path, one chord of a link after the other."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from ccm_opt.arrays import FloatArray
+
+FINENESS = 32
+"""Samples of a path to the link; cubic Hermite interpolation between them errs by less than 1e-7 of a link."""
+_ITERATIONS = 40
+_TOLERANCE = 1e-13
+
+
+@dataclass(frozen=True)
+class LeaderPath:
+    """A path with a continuous heading; arc length is counted from ``Arm.base`` along the feed axis.
+
+    Attributes:
+        arc: of the samples, increasing, shape (m,) [m].
+        points: shape (m, 2) [m].
+        headings: unwrapped, shape (m,) [rad].
+        straight: arc length up to which the path is the feed axis [m].
+        name: of the way it was found, for messages.
+    """
+
+    arc: FloatArray
+    points: FloatArray
+    headings: FloatArray
+    straight: float
+    name: str = ""
+
+    @property
+    def end(self) -> float:
+        """Arc length at the end of the path [m]."""
+        return float(self.arc[-1])
+
+    @cached_property
+    def _curve(self) -> CubicHermiteSpline:
+        tangents = np.column_stack((np.cos(self.headings), np.sin(self.headings)))
+        return CubicHermiteSpline(self.arc, self.points, tangents)
+
+    def positions(self, arc: FloatArray) -> FloatArray:
+        """Points of the path, shape (..., 2) [m]; straight on beyond its ends."""
+        inside = np.clip(arc, self.arc[0], self.arc[-1])
+        beyond = np.asarray(arc - inside)[..., None]
+        ends = np.array([[np.cos(h), np.sin(h)] for h in self.headings[[0, -1]]])
+        points: FloatArray = self._curve(inside) + beyond * np.where(beyond < 0.0, ends[0], ends[1])
+        return points
+
+    def joints(self, feeds: FloatArray, links: int, link_length: float) -> FloatArray:
+        """Arc lengths of the joints and the tip of an arm on the path, shape (len(feeds), links + 1) [m].
+
+        Args:
+            feeds: arc lengths of the base, shape (k,) [m].
+            links: number of links.
+            link_length: l [m].
+        """
+        arc = np.empty((len(feeds), links + 1))
+        arc[:, 0] = feeds
+        for j in range(links):
+            arc[:, j + 1] = self._next(arc[:, j], link_length)
+        return arc
+
+    def base_with_tip_at_end(self, links: int, link_length: float) -> float:
+        """Arc length of the base of an arm that lies on the path with its tip at the end [m]."""
+        arc = np.array([self.end])
+        for _ in range(links):
+            arc = self._next(arc, -link_length)
+        return float(arc[0])
+
+    def _next(self, arc: FloatArray, chord: float) -> FloatArray:
+        """The next places on the path a chord away, ahead of ``arc`` or, for a negative chord, behind; Newton."""
+        here = self.positions(arc)
+        length, sign = abs(chord), np.sign(chord)
+        guess = arc + chord  # no chord is longer than its arc, so the root lies further on
+        for _ in range(_ITERATIONS):
+            apart = self.positions(guess) - here
+            distance = np.hypot(apart[..., 0], apart[..., 1])
+            slope = np.einsum("...i,...i->...", apart, self._tangents(guess)) / distance
+            step = (length - distance) / np.where(sign * slope > 0.2, slope, sign * 0.2)
+            guess = guess + np.clip(step, -0.5 * length, 0.5 * length)
+            if np.max(np.abs(step)) < _TOLERANCE:
+                break
+        return guess
+
+    def _tangents(self, arc: FloatArray) -> FloatArray:
+        tangents: FloatArray = self._curve(np.clip(arc, self.arc[0], self.arc[-1]), 1)
+        return tangents
+
+    def link_headings(self, joints: FloatArray) -> FloatArray:
+        """Headings of the links between joints on the path, each the one nearest to the path's own [rad]."""
+        steps = np.diff(self.positions(joints), axis=-2)
+        chords = np.arctan2(steps[..., 1], steps[..., 0])
+        middle = np.interp(0.5 * (joints[..., :-1] + joints[..., 1:]), self.arc, self.headings)
+        headings: FloatArray = chords + 2.0 * np.pi * np.round((middle - chords) / (2.0 * np.pi))
+        return headings

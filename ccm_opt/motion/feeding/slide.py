@@ -1,0 +1,61 @@
+"""Follow-the-leader keyframes: the arm carried along a path, or along its own shape.
+
+Keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
+"""
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.feeding.leader import LeaderPath
+
+STEP = 0.125
+"""Feed between two keyframes, in link lengths."""
+_NO_BEND = 1e-10
+"""Bends below this are rounding of straight chords [rad]."""
+
+
+def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
+    """Keyframes of the arm carried along a path from one feed to another, shape (K, links + 1)."""
+    feeds = feeds_between(arm, start, end)
+    joints = path.joints(feeds, arm.links, arm.link_length)
+    bends = arm.bends(path.link_headings(joints))
+    return np.column_stack((np.where(np.abs(bends) < _NO_BEND, 0.0, bends), feeds))
+
+
+def pose_on(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
+    """Bends of the arm on a path, shape (links,) [rad]."""
+    return slide(arm, path, feed, feed)[0, :-1]
+
+
+def slide_shape(arm: Arm, bends: FloatArray, feed: float, end: float) -> FloatArray:
+    """Keyframes of the arm drawn back along its own shape, shape (K, links + 1).
+
+    A joint takes the bend of the joint before it when it comes to its place, and linearly between: no bend grows
+    beyond those the shape has. Joints that come to places where the shape had none are straight.
+
+    Args:
+        arm: the arm.
+        bends: of the shape, shape (links,) [rad].
+        feed: where the arm has that shape [m].
+        end: feed to be drawn back to, less than ``feed`` [m].
+    """
+    feeds = feeds_between(arm, feed, end)
+    joints = arm.link_length * np.arange(arm.links)
+    known = np.concatenate(([-arm.link_length], joints))
+    values = np.concatenate(([0.0], bends))
+    drawn = np.interp((feeds - feed)[:, None] + joints, known, values)
+    return np.column_stack((drawn, feeds))
+
+
+def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
+    """Feeds from one to another, both held, at most a ``STEP`` apart [m]."""
+    if start == end:
+        return np.array([start])
+    return np.linspace(start, end, 1 + int(np.ceil(abs(end - start) / (STEP * arm.link_length) - 1e-9)))
+
+
+def joined(*pieces: FloatArray) -> FloatArray:
+    """Keyframes of several pieces in a row, each beginning where the one before ends."""
+    first, *others = [piece for piece in pieces if len(piece)]
+    return np.concatenate((first, *(piece[1:] for piece in others)))
