@@ -9,6 +9,8 @@ import numpy as np
 
 from ccm_opt import retiming, verification
 from ccm_opt.curve_planner import CurvePlanner
+from ccm_opt.diagnosis.explain import explaining, refuse_impossible
+from ccm_opt.diagnosis.recall import Recalling
 from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import check_options, simulate
 from ccm_opt.errors import VerificationError
@@ -22,7 +24,11 @@ PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "t
 
 
 def solve(
-    problem: Problem, *, progress: Callable[[str], None] | None = None, planner: Planner | None = None
+    problem: Problem,
+    *,
+    progress: Callable[[str], None] | None = None,
+    planner: Planner | None = None,
+    explain: bool = True,
 ) -> Solution:
     """Plan, time, simulate and verify a motion.
 
@@ -30,6 +36,7 @@ def solve(
         problem: what to solve.
         progress: called with the name of each stage when it starts.
         planner: another planner; the curve planner when None.
+        explain: whether the time left after a failure is used to tell why, and what change would help.
 
     Returns:
         A verified solution; there is no unverified one.
@@ -42,10 +49,12 @@ def solve(
     stages = Stages(progress)
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation)
-    path = (planner or CurvePlanner(stages)).plan(problem)
-    with stages("dynamics model"):
-        inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
-    trajectory, joints, checks = timed_and_verified(problem, path, inverse_dynamics, stages)
+    chosen = Recalling(planner or CurvePlanner(stages))
+    quiet = Recalling(planner or CurvePlanner(), chosen.paths)
+    with explaining(problem, lambda changed: planned(changed, quiet, Stages()), stages, wanted=explain):
+        with stages("necessary checks"):
+            refuse_impossible(problem)
+        path, trajectory, joints, checks = planned(problem, chosen, stages)
     with stages("simulation"):
         simulated = simulate(problem.arm, trajectory, joints, problem.simulation, problem.limits)
     return Solution(
@@ -59,6 +68,21 @@ def solve(
         dict(stages.timings),
         versions=versions(),
     )
+
+
+def planned(
+    problem: Problem, planner: Planner, stages: Stages
+) -> tuple[JointPath, JointTrajectory, JointStates, tuple[Check, ...]]:
+    """A path with its first timing that passes every check.
+
+    Raises:
+        NoPlanFound: there is no plan within the limits.
+        VerificationError: the verifier refuses the plan.
+    """
+    path = planner.plan(problem)
+    with stages("dynamics model"):
+        inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
+    return path, *timed_and_verified(problem, path, inverse_dynamics, stages)
 
 
 def timed_and_verified(

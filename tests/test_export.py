@@ -117,6 +117,8 @@ def test_a_failure_leaves_its_record_alone(small_problem: Problem, tmp_path: Pat
         "stage": "routes",
         "advice": ["move it"],
         "evidence": {"gap": 0.01},
+        "findings": [],
+        "relaxations": [],
     }
     with pytest.raises(VerificationError, match="timed-out'; no way round"):
         load_problem_data(target)

@@ -56,12 +56,15 @@ def solve(
     out: Annotated[Path, typer.Option(help="Where each problem's folder is written.")] = Path("runs"),
     method: Annotated[str | None, typer.Option(help="Planner, instead of the one in the file.")] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
+    no_diagnosis: Annotated[
+        bool, typer.Option("--no-diagnosis", help="Without a plan, do not look for what would help.")
+    ] = False,
 ) -> None:
     """Solve problems; write OUT/<name>/ for each."""
     with _cancellable():
         from ccm_opt.cli.solving import solve_files  # noqa: PLC0415 - loads numpy
 
-        raise typer.Exit(solve_files(files, out, method, pictures=not no_pictures))
+        raise typer.Exit(solve_files(files, out, method, pictures=not no_pictures, explain=not no_diagnosis))
 
 
 @app.command()

@@ -6,7 +6,7 @@ from pathlib import Path
 from ccm_opt.cli.outcome import SOLVED, report, run_all, warn
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import print_solution
-from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, UnreachableGoal, VerificationError
+from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.export.folder import check_target, write_failure, write_solution
 from ccm_opt.problem import Problem
 from ccm_opt.problem_file import load_problem
@@ -17,7 +17,7 @@ LEFT_PLAN = 0.1
 """Tracking error from which the simulated arm has left the plan [rad]."""
 
 
-def solve_files(files: Sequence[Path], out: Path, method: str | None, *, pictures: bool) -> int:
+def solve_files(files: Sequence[Path], out: Path, method: str | None, *, pictures: bool, explain: bool = True) -> int:
     """Solve every file; all are tried.
 
     Args:
@@ -25,6 +25,7 @@ def solve_files(files: Sequence[Path], out: Path, method: str | None, *, picture
         out: directory of the output folders.
         method: planner asked for on the command line, or None.
         pictures: whether to draw.
+        explain: whether a problem without a plan is explained in the time that is left.
 
     Returns:
         The exit code.
@@ -37,7 +38,7 @@ def solve_files(files: Sequence[Path], out: Path, method: str | None, *, picture
         first = taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
-        return _solve(problem, out, pictures=pictures)
+        return _solve(problem, out, pictures=pictures, explain=explain)
 
     return run_all(files, solve_one)
 
@@ -49,10 +50,10 @@ def _check_method(method: str | None) -> None:
         raise ProblemError(f"--method {method} is unknown; expected {' or '.join(METHODS)}")
 
 
-def _solve(problem: Problem, out: Path, *, pictures: bool) -> int:
+def _solve(problem: Problem, out: Path, *, pictures: bool, explain: bool) -> int:
     check_target(out / problem.name)
     with stage_display(problem.name) as clock:
-        solution = _plan(problem, out, clock)
+        solution = _plan(problem, out, clock, explain=explain)
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
@@ -73,15 +74,13 @@ def _warn_of_tracking(solution: Solution) -> None:
     )
 
 
-def _plan(problem: Problem, out: Path, clock: StageClock) -> Solution:
-    """Run the pipeline; a failure after the search began leaves its record in the output folder."""
+def _plan(problem: Problem, out: Path, clock: StageClock, *, explain: bool) -> Solution:
+    """Run the pipeline; a problem without a plan leaves the record of why in the output folder."""
     clock("loading")
     from ccm_opt.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
     try:
-        return solve(problem, progress=clock)
-    except UnreachableGoal:
-        raise
+        return solve(problem, progress=clock, explain=explain)
     except NoPlanFound as error:
         write_failure(problem, error.status, error.diagnosis, out, clock.timings)
         raise

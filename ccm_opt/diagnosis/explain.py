@@ -5,14 +5,13 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
-from ccm_opt.diagnosis.load import overloaded
+from ccm_opt.diagnosis.load import joint_words, overloaded
 from ccm_opt.diagnosis.parameters import Omission
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.relaxation import Solve, Trials, candidates, hardest_bound, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation, UnreachableGoal
 from ccm_opt.problem import Problem
-from ccm_opt.retiming.diagnosis import revolute_name
 
 
 @contextmanager
@@ -74,7 +73,7 @@ def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
     if problem.limits.torque is None or not isinstance(number, int) or not isinstance(torque, float):
         return ()
     where = f"at {place:.1%} of the path " if isinstance(place, float) else "on the path "
-    return (overloaded(problem, f"{where}{revolute_name(number)}", number, torque),)
+    return (overloaded(problem, f"{where}{joint_words(problem.arm, number)}", number, torque),)
 
 
 def _diagnosis(

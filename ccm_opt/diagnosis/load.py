@@ -7,9 +7,9 @@ import numpy as np
 from ccm_opt.diagnosis.ends import WholePose, whole_poses
 from ccm_opt.dynamics.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import Finding
-from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import Problem
-from ccm_opt.retiming.diagnosis import revolute_name
 
 FULL = 1.0
 """Share of its limit up to which a torque is allowed."""
@@ -26,7 +26,7 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
         load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
         number = int(np.argmax(load / torque))
         if load[number] > FULL * torque[number]:
-            where = f"{pose.key}: at the {pose.name} {revolute_name(number)}"
+            where = f"{pose.key}: at the {pose.name} {joint_words(problem.arm, number)}"
             yield overloaded(problem, where, number, float(load[number]), pose)
 
 
@@ -53,3 +53,8 @@ def overloaded(problem: Problem, where: str, number: int, load: float, pose: Who
         unit="N m",
         bounds={"limits.torque": share, "arm.link_mass": 1.0 / share},
     )
+
+
+def joint_words(arm: Arm, number: int) -> str:
+    """A revolute in words: its ball, counted from 1, and its name."""
+    return f"joint {number // 3 + 1} ({joint_names(arm)[number]})"

@@ -16,13 +16,12 @@ from ccm_opt.problem_file.build import (
     build_arm,
     build_pose,
     build_problem,
-    build_tolerances,
     build_workspace,
     feed_of,
 )
 from ccm_opt.problem_file.issues import Issues
 from ccm_opt.problem_file.keypath import KeyPath, lookup
-from ccm_opt.problem_file.placement import check_base, check_goal
+from ccm_opt.problem_file.placement import check_base
 from ccm_opt.problem_file.quantities import METRES
 from ccm_opt.problem_file.rules import check_alternatives, goal_paths
 from ccm_opt.problem_file.scene_file import with_scene
@@ -183,10 +182,6 @@ def _check_places(draft: _Draft, units: str, issues: Issues) -> None:
         arm = build_arm(draft.arm)
         base = arm.base if arm.feed is None else arm.base + feed_of(draft.start, arm) * arm.feed_direction
         check_base(workspace, base.tolist(), units, issues)
-    for path, pose in _poses(draft):
-        if isinstance(pose, GoalTable) and pose.position is not None and _lists_fit(draft.arm):
-            place = (*path, "position")
-            check_goal(workspace, build_arm(draft.arm), pose.position, build_tolerances(pose), units, place, issues)
 
 
 def _lists_fit(arm: ArmTable) -> bool:
