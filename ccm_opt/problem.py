@@ -153,6 +153,29 @@ class PlannerOptions:
 
 
 @dataclass(frozen=True)
+class Disturbances:
+    """What the simulated arm does otherwise than its controller believes.
+
+    Attributes:
+        mass_error: share by which the links are heavier, above -1.
+        payload: mass of a point at the tip that the controller does not know of [kg].
+        friction: viscous friction of every revolute that it does not know of [N m s/rad].
+        angle_noise: standard deviation of measured angles [rad]; of the bends alone while the arm stays in its plane.
+        velocity_noise: the same of measured joint speeds [rad/s].
+        start_delay: time for which brakes still hold the arm when the motion begins [s].
+        seed: of the noise.
+    """
+
+    mass_error: float = 0.0
+    payload: float = 0.0
+    friction: float = 0.0
+    angle_noise: float = 0.0
+    velocity_noise: float = 0.0
+    start_delay: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
 class SimulationOptions:
     """How the timed motion is simulated.
 
@@ -163,6 +186,7 @@ class SimulationOptions:
         bandwidth: natural frequency ωn of the computed-torque error dynamics [1/s].
         proportional_gain: of the PD law [N m/rad].
         derivative_gain: of the PD law [N m s/rad].
+        disturbances: what the controller does not know of.
     """
 
     gravity: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
@@ -171,6 +195,7 @@ class SimulationOptions:
     bandwidth: float = 50.0
     proportional_gain: float = 2.0
     derivative_gain: float = 0.002
+    disturbances: Disturbances = field(default_factory=Disturbances)
 
 
 @dataclass(frozen=True)

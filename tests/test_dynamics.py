@@ -259,7 +259,7 @@ def test_a_damaged_library_is_compiled_again(
     """A file that cannot be loaded is replaced, without falling back."""
     monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
     compiled.cache_folder().mkdir(parents=True)
-    key, compiler = f"rnea {arm_structure(make_arm(2))}", compiled.find_compiler()
+    key, compiler = compiled._key(arm_structure(make_arm(2))), compiled.find_compiler()
     if compiler is None:
         pytest.skip("no C compiler")
     (compiled.cache_folder() / f"{compiled._digest(key, compiler)}.so").write_bytes(b"not a library")

@@ -125,10 +125,13 @@ def test_the_virtual_machine_simulates_the_same(monkeypatch: pytest.MonkeyPatch)
 
 def free_fall(arm: Arm, seconds: float, step: float) -> list[FloatArray]:
     """States of an arm falling freely, straight and at rest at first: the loop with its torques limited to zero."""
-    loop = simulation._closed_loop(arm, SimulationOptions(step=step), loose_limits(arm, torque=0.0))
-    states = [np.zeros(6 * arm.links)]
+    loop = simulation.closed_loop(arm, arm, SimulationOptions(step=step), loose_limits(arm, torque=0.0))
+    width, state = 3 * arm.links + 1, np.zeros((2, 3 * arm.links + 1))
+    states = [state[:, :-1].ravel()]
     for _ in range(round(seconds / step / simulation.CHUNK)):
-        states.append(loop(states[-1], np.zeros((3 * simulation.CHUNK, 3 * arm.links)))[0][-1].copy())
+        rest = np.zeros((simulation.CHUNK, 3, width))
+        state = loop.run(state, rest, rest[:, :2, :-1], 0)[0][-1]
+        states.append(state[:, :-1].ravel())
     return states
 
 
@@ -311,7 +314,7 @@ def test_hermite_is_exact_for_cubics(coefficients: list[float], u: float) -> Non
     """Interpolation inside a step reproduces any cubic."""
     cubic = np.polynomial.Polynomial(coefficients)
     rate, step = cubic.deriv(), 0.3
-    start, end = (np.array([[cubic(t), rate(t)]]) for t in (0.0, step))
+    start, end = (np.array([[[cubic(t)], [rate(t)]]]) for t in (0.0, step))
     assert np.allclose(hermite(np.array([u]), step, start, end), cubic(u * step), atol=1e-12)
 
 

@@ -28,7 +28,7 @@ STATE = 12
 def steps(axes: Axes) -> tuple[Any, Any, Any, Any]:
     """The functions tip, inertia, base and acceleration, as ``aba.AbaSteps`` has them."""
     state, world = ca.SX.sym("state", STATE), ca.SX.sym("world", 5)
-    tip = ca.Function("aba_tip", [world], [ca.vertcat(pack(world[3] * ca.SX.eye(3)), ca.SX.zeros(6))])
+    tip = ca.Function("aba_tip", [world], [ca.densify(ca.vertcat(pack(world[3] * ca.SX.eye(3)), ca.SX.zeros(6)))])
     base = base_step(state, unpack(state[:6]), state[6:9])
     return tip, _inertia_step(axes), base, _acceleration_step(axes)
 

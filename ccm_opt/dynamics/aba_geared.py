@@ -27,7 +27,7 @@ def steps(axes: Axes) -> tuple[Any, Any, Any, Any]:
     """The functions tip, inertia, base and acceleration, as ``aba.AbaSteps`` has them."""
     state, world = ca.SX.sym("state", STATE), ca.SX.sym("world", 5)
     payload = ca.diagcat(ca.SX.zeros(3, 3), world[3] * ca.SX.eye(3))
-    tip = ca.Function("aba_tip", [world], [ca.vertcat(pack(payload), ca.SX.zeros(6))])
+    tip = ca.Function("aba_tip", [world], [ca.densify(ca.vertcat(pack(payload), ca.SX.zeros(6)))])
     base = base_step(state, unpack(state[:21])[3:, 3:], state[24:])
     return tip, _inertia_step(axes), base, _acceleration_step(axes)
 
@@ -48,6 +48,7 @@ def _inertia_step(axes: Axes) -> Any:
     bias = P + passed[:, :3] @ beta + U @ free
     R = ca.diagcat(joint.rotation(angles), joint.rotation(angles))
     outputs = [ca.vertcat(pack(R @ passed @ R.T), R @ bias), ca.vertcat(free - gain[:, :3] @ beta, ca.vec(gain))]
+
     return ca.Function("aba_inertia", [state, trig, motion, tau, qd, body, drive], outputs)
 
 

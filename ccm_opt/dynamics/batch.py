@@ -1,4 +1,4 @@
-"""Dynamics functions evaluated for many joint states in one call."""
+"""Inverse or forward dynamics for one state or many, compiled when the machine can."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,64 +6,51 @@ from typing import Any
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics.compiled import BufferedFunction, load_functions
+from ccm_opt.dynamics.compiled import load_library
+from ccm_opt.dynamics.interpreted import InterpretedFunction
 from ccm_opt.dynamics.model import ArmModel, Structure
+from ccm_opt.dynamics.native import NativeFunction
 from ccm_opt.errors import ProblemError
 
-BATCH = 32  # states in one call of the mapped function
+MISFIT = (TypeError, ValueError, NotImplementedError)
 
 
 class BatchedDynamics:
-    """A function (state, state, state, feed, bodies, drives, world) -> (state, feed) of an arm, for one state or many.
+    """A function of three joint states and one value of the feed axis, to a joint state and one value of the feed.
+
+    ``one`` is its short form for one state and a feed of 0: the result for the joints alone. It raises one of MISFIT
+    for arrays that are not contiguous doubles of shape (3 * links,).
 
     Args:
-        name: of the function that ``build`` makes.
-        build: makes the CasADi function of a structure.
+        symbol: the compiled function.
+        build: makes the same as a CasADi function.
         model: the arm's model.
     """
 
-    def __init__(self, name: str, build: Callable[[Structure], Any], model: ArmModel) -> None:
-        batch = f"{name}_batch"
-        functions = load_functions(
-            f"{name} {model.structure}", (name, batch), lambda: _single_and_batch(build(model.structure), batch)
+    def __init__(self, symbol: str, build: Callable[[Structure], Any], model: ArmModel) -> None:
+        library = load_library(model.structure)
+        self._function: NativeFunction | InterpretedFunction = (
+            InterpretedFunction(build(model.structure), model)
+            if library is None
+            else NativeFunction(library, symbol, model)
         )
-        self._joints = model.structure.joints
-        self._single, self._batch = BufferedFunction(functions[name]), BufferedFunction(functions[batch])
-        for function in (self._single, self._batch):
-            for array, value in zip(function.inputs[4:], (model.bodies, model.drives, model.world), strict=True):
-                array[...] = value
+        self.one, self._shape = self._function.one, (model.structure.joints,)
 
-    def __call__(self, *states: FloatArray, feed: FloatArray | float = 0.0) -> tuple[FloatArray, FloatArray]:
-        """Evaluate at states of shape (3 * links,) or (N, 3 * links), all three alike.
-
-        Args:
-            states: three, for example angles, velocities and accelerations.
-            feed: of the base, shape () or (N,).
+    def with_feed(
+        self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Evaluate at states of shape (3 * links,) or (N, 3 * links), all three alike, and a feed of () or (N,).
 
         Returns:
-            The result for the joints, of the states' shape, and for the base, of shape () or (N,).
+            The results for the joints, of the states' shape, and for the feed axis, of shape () or (N,).
+
+        Raises:
+            ProblemError: when the shapes do not fit.
         """
-        shape = states[0].shape
-        if any(state.shape != shape for state in states) or shape[-1:] != (self._joints,) or len(shape) > 2:
-            shapes = ", ".join(str(state.shape) for state in states)
-            raise ProblemError(f"joint states have shapes {shapes}; expected three of (N, {self._joints})")
-        if len(shape) == 1:
-            joints, base = self._single(*states, feed)
-            return joints.copy(), base[0].copy()
-        return self._many(states, np.broadcast_to(feed, shape[:1]))
-
-    def _many(self, states: tuple[FloatArray, ...], feed: FloatArray) -> tuple[FloatArray, FloatArray]:
-        joints, base = np.empty(states[0].shape), np.empty(len(feed))
-        for start in range(0, len(feed), BATCH):
-            rows = slice(start, min(start + BATCH, len(feed)))
-            count = rows.stop - rows.start
-            for array, values in zip(self._batch.inputs, (*states, feed[:, None]), strict=False):
-                array[:count] = values[rows]
-            results = self._batch()
-            joints[rows], base[rows] = results[0][:count], results[1][:count, 0]
-        return joints, base
-
-
-def _single_and_batch(function: Any, name: str) -> tuple[Any, Any]:
-    """A function and its map over a batch, with the arm's numbers in common."""
-    return function, function.map(name, "serial", BATCH, [4, 5, 6], [])
+        shapes = {np.shape(first), np.shape(second), np.shape(third)}
+        if len(shapes) > 1 or np.shape(first)[-1:] != self._shape or np.ndim(first) > 2:
+            shown = f"{np.shape(first)}, {np.shape(second)}, {np.shape(third)}"
+            raise ProblemError(f"joint states have shapes {shown}; expected three of (N, {self._shape[0]})")
+        q, qd, last = (np.atleast_2d(np.asarray(x, dtype=np.float64)) for x in (first, second, third))
+        out, out_feed = self._function.many(q, qd, last, np.broadcast_to(feed, q.shape[:1]))
+        return (out, out_feed) if np.ndim(first) == 2 else (out[0], out_feed[0])

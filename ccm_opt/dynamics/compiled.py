@@ -1,99 +1,69 @@
-"""CasADi functions compiled by the machine's C compiler, kept on disk, and called through plain buffers.
+"""The recursions compiled by the machine's C compiler, once for arms of any number of links, and kept on disk.
 
-The code depends on the structure of an arm alone: masses, lengths, gravity and gains are run-time inputs, so that all
-arms of equally many links share one library. Without a compiler, or when it fails, CasADi's virtual machine evaluates
-the same functions, about ten times slower; one log line says so.
+CasADi generates the functions of one link; ``recursion.c`` runs them along the arm and closes the loop. Masses,
+lengths, gravity, gains and the number of links are run-time inputs, so that a machine compiles at most four libraries:
+two orders of axes, with rotor inertia or without. Without a compiler, or when it fails, CasADi's virtual machine
+evaluates the same functions, about ten times slower; one log line says so.
 """
 
+import ctypes
 import hashlib
 import logging
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
-import numpy as np
 import platformdirs
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics.aba import aba_steps
+from ccm_opt.dynamics.model import Structure
+from ccm_opt.dynamics.rnea import rnea_steps
 
 CACHE_VARIABLE = "CCM_OPT_CACHE"  # folder of the cache
 COMPILER_VARIABLE = "CCM_OPT_CC"  # compiler to use; empty: none
 COMPILERS = ("gcc", "clang", "cc")
-FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
+FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
 COMPILE_TIME_LIMIT = 300.0  # s
+RECURSION = Path(__file__).with_name("recursion.c")
+PRIVATE = "#define CASADI_SYMBOL_EXPORT static inline\n"  # the functions of one link are for the recursions alone
+SYMBOLS = ("inverse_dynamics", "forward_dynamics", "simulate")
 logger = logging.getLogger(__name__)
 
 
-class BufferedFunction:
-    """A CasADi function with arrays of its own for inputs and outputs, called without allocation by CasADi.
-
-    Not for use by two threads at once. CasADi stores matrices by columns: an input of shape (rows, columns) is taken
-    as a C-ordered array of shape (columns, rows).
-
-    Args:
-        function: CasADi function with dense inputs and outputs.
-    """
-
-    def __init__(self, function: Any) -> None:
-        self._buffer, self._evaluate = function.buffer()
-        self.inputs = [_array(function.size_in(i)) for i in range(function.n_in())]
-        self.outputs = [_array(function.size_out(i)) for i in range(function.n_out())]
-        for i, array in enumerate(self.inputs):
-            self._buffer.set_arg(i, array.data)
-        for i, array in enumerate(self.outputs):
-            self._buffer.set_res(i, array.data)
-
-    def __call__(self, *arguments: FloatArray | float) -> list[FloatArray]:
-        """Evaluate; the returned arrays are overwritten by the next call.
-
-        Args:
-            arguments: values of the first inputs; later inputs keep what ``inputs`` holds.
-        """
-        for array, argument in zip(self.inputs, arguments, strict=False):
-            array[...] = argument
-        self._evaluate()
-        return self.outputs
+def prepare(structure: Structure) -> None:
+    """Begin to compile in the background what an arm will need; ``load_library`` waits for it."""
+    pool = ThreadPoolExecutor(1, thread_name_prefix="compile")
+    pool.submit(load_library, structure)
+    pool.shutdown(wait=False)
 
 
-def _array(shape: tuple[int, int]) -> FloatArray:
-    rows, columns = shape
-    return np.zeros(rows) if columns == 1 else np.zeros((columns, rows))
-
-
-def load_functions(key: str, names: Sequence[str], build: Callable[[], Sequence[Any]]) -> dict[str, Any]:
-    """Compiled functions from the cache, compiled first when they are new.
-
-    Args:
-        key: what the generated code depends on, beside the package's own source.
-        names: names of the functions.
-        build: makes the CasADi functions of these names; called only when they are not in the cache.
-
-    Returns:
-        Functions by name: compiled ones, or CasADi's own when they cannot be compiled.
-    """
+def load_library(structure: Structure) -> ctypes.CDLL | None:
+    """The compiled recursions of a structure, from the cache or compiled first; None when there is no compiling."""
     compiler = find_compiler()
     if compiler is None:
         _say_uncompiled("no C compiler was found")
-        return {function.name(): function for function in build()}
-    library = cache_folder() / f"{_digest(key, compiler)}{'.dll' if sys.platform == 'win32' else '.so'}"
+        return None
+    library = cache_folder() / f"{_digest(_key(structure), compiler)}{'.dll' if sys.platform == 'win32' else '.so'}"
     try:
         if library.exists():
-            with suppress(RuntimeError):  # damaged: compile it again
-                return _open(library, names)
-        _compile(library, compiler, build())
-        return _open(library, names)
-    except (OSError, RuntimeError, subprocess.SubprocessError) as error:
+            with suppress(OSError, AttributeError):  # damaged: compile it again
+                return _open(library)
+        _compile(library, compiler, structure)
+        return _open(library)
+    except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError) as error:
         _say_uncompiled(_first_line(error))
-        return {function.name(): function for function in build()}
+        return None
 
 
 def find_compiler() -> str | None:
@@ -109,22 +79,52 @@ def cache_folder() -> Path:
     return Path(root) / "dynamics"
 
 
-def _open(library: Path, names: Sequence[str]) -> dict[str, Any]:
-    return {name: ca.external(name, str(library)) for name in names}
+def _key(structure: Structure) -> str:
+    """What the generated code depends on, beside this package's source."""
+    return f"{structure.axes} {'geared' if structure.geared else 'free'}"
 
 
-def _compile(library: Path, compiler: str, functions: Sequence[Any]) -> None:
+def _open(library: Path) -> ctypes.CDLL:
+    """Load a library that keeps the interpreter's lock while it runs, which makes short calls shorter."""
+    opened = ctypes.PyDLL(str(library))
+    for symbol in SYMBOLS:
+        function = getattr(opened, symbol)
+        function.restype, function.argtypes = None, (ctypes.c_void_p,)
+    return opened
+
+
+def _compile(library: Path, compiler: str, structure: Structure) -> None:
     """Generate, compile, and put the finished library in its place in one step, so that readers see all or nothing."""
     library.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=library.parent) as folder:
-        generator = ca.CodeGenerator("dynamics.c")
-        for function in functions:
-            generator.add(function)
-        source = generator.generate(f"{folder}/")
-        output = Path(folder) / library.name
-        command = [compiler, *FLAGS, source, "-o", str(output), "-lm"]
+        source, output = Path(folder) / "dynamics.c", Path(folder) / library.name
+        source.write_text(source_text(structure), encoding="utf-8")
+        command = [compiler, *FLAGS, str(source), "-o", str(output), "-lm"]
         subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_TIME_LIMIT)  # noqa: S603 - our own list
         output.replace(library)
+
+
+def source_text(structure: Structure) -> str:
+    """C source: the functions of one link, then the recursions around them."""
+    rnea, aba = rnea_steps(structure.axes), aba_steps(structure)
+    sizes = {"STATE": aba.inertia.size1_in(0), "SOLVED": aba.inertia.size1_out(1)}
+    defines = "".join(f"#define {name} {size}\n" for name, size in sizes.items())
+    return f"{PRIVATE}{_generated([*rnea, *aba])}\n{defines}{RECURSION.read_text(encoding='utf-8')}"
+
+
+def _generated(functions: Sequence[Any]) -> str:
+    generator = ca.CodeGenerator("steps.c")
+    for function in functions:
+        if not all(function.sparsity_out(i).is_dense() for i in range(function.n_out())):
+            raise RuntimeError(f"{function.name()} leaves out zeros, which the recursions do not expect")
+        generator.add(function)
+    return _without_null_checks(str(generator.dump()))
+
+
+def _without_null_checks(code: str) -> str:
+    """The same code for callers that pass every argument and take every result."""
+    code = re.sub(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0", r"arg[\1][\2]", code)
+    return re.sub(r"if \(res\[\d+\]!=0\) res", "res", code)
 
 
 def _digest(key: str, compiler: str) -> str:
@@ -152,7 +152,7 @@ def _processor() -> str:
 def _own_source() -> str:
     """Digest of this package's source, from which the code is generated."""
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
+    for path in sorted([*Path(__file__).parent.glob("*.py"), RECURSION]):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

@@ -2,7 +2,7 @@
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.aba import build_aba
-from ccm_opt.dynamics.batch import BatchedDynamics
+from ccm_opt.dynamics.batch import MISFIT, BatchedDynamics
 from ccm_opt.dynamics.model import arm_model
 from ccm_opt.jointed.arm import Arm
 
@@ -16,7 +16,8 @@ class ForwardDynamics:
     """
 
     def __init__(self, arm: Arm, gravity: FloatArray) -> None:
-        self._aba = BatchedDynamics("aba", build_aba, arm_model(arm, gravity))
+        self._aba = BatchedDynamics("forward_dynamics", build_aba, arm_model(arm, gravity))
+        self._one = self._aba.one
 
     def __call__(self, angles: FloatArray, velocities: FloatArray, torques: FloatArray) -> FloatArray:
         """Accelerations [rad/s²], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
@@ -32,7 +33,10 @@ class ForwardDynamics:
         Raises:
             ProblemError: when the shapes do not fit the arm.
         """
-        return self._aba(angles, velocities, torques)[0]
+        try:
+            return self._one(angles, velocities, torques)
+        except MISFIT:
+            return self._aba.with_feed(angles, velocities, torques)[0]
 
     def with_feed(
         self, angles: FloatArray, velocities: FloatArray, torques: FloatArray, thrust: FloatArray | float
@@ -45,4 +49,4 @@ class ForwardDynamics:
             torques: [N m].
             thrust: on the base along the base heading, shape (N,) or () [N].
         """
-        return self._aba(angles, velocities, torques, feed=thrust)
+        return self._aba.with_feed(angles, velocities, torques, thrust)

@@ -1,7 +1,7 @@
 """Joint torques of a motion (section 5.4)."""
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics.batch import BatchedDynamics
+from ccm_opt.dynamics.batch import MISFIT, BatchedDynamics
 from ccm_opt.dynamics.model import arm_model
 from ccm_opt.dynamics.rnea import build_rnea
 from ccm_opt.jointed.arm import Arm
@@ -18,7 +18,8 @@ class InverseDynamics:
     """
 
     def __init__(self, arm: Arm, gravity: FloatArray) -> None:
-        self._rnea = BatchedDynamics("rnea", build_rnea, arm_model(arm, gravity))
+        self._rnea = BatchedDynamics("inverse_dynamics", build_rnea, arm_model(arm, gravity))
+        self._one = self._rnea.one
 
     def __call__(
         self,
@@ -39,7 +40,13 @@ class InverseDynamics:
         Raises:
             ProblemError: when the shapes do not fit the arm.
         """
-        return self._rnea(angles, velocities, accelerations, feed=_feed(feed_accelerations))[0]
+        try:
+            if feed_accelerations is None:
+                return self._one(angles, velocities, accelerations)
+        except MISFIT:
+            pass  # many states, or not contiguous
+        feed = 0.0 if feed_accelerations is None else feed_accelerations
+        return self._rnea.with_feed(angles, velocities, accelerations, feed)[0]
 
     def feed_forces(
         self,
@@ -52,11 +59,8 @@ class InverseDynamics:
 
         It is the component along the base heading of what the base must bear to move the whole arm, gravity included.
         """
-        return self._rnea(angles, velocities, accelerations, feed=_feed(feed_accelerations))[1]
-
-
-def _feed(accelerations: FloatArray | float | None) -> FloatArray | float:
-    return 0.0 if accelerations is None else accelerations
+        feed = 0.0 if feed_accelerations is None else feed_accelerations
+        return self._rnea.with_feed(angles, velocities, accelerations, feed)[1]
 
 
 def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:

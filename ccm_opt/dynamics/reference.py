@@ -60,14 +60,14 @@ def hermite(fraction: FloatArray, step: float, start: FloatArray, end: FloatArra
     Args:
         fraction: place inside the step in [0, 1], shape (N,).
         step: length of a step [s].
-        start: angles, then velocities, at the start of each step, shape (N, 2 * joints).
+        start: angles and velocities at the start of each step, shape (N, 2, joints).
         end: likewise at the end.
 
     Returns:
         Angles, shape (N, joints) [rad].
     """
-    q0, v0 = np.split(start, 2, axis=1)
-    q1, v1 = np.split(end, 2, axis=1)
+    q0, v0 = start[:, 0], start[:, 1]
+    q1, v1 = end[:, 0], end[:, 1]
     u = fraction[:, None]
     rise, drop = u * u * (3.0 - 2.0 * u), 1.0 - u
     return q0 + rise * (q1 - q0) + step * u * drop * (drop * v0 - u * v1)

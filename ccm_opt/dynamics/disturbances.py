@@ -1,0 +1,44 @@
+"""How the simulated arm differs from the one its controller believes in."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import Disturbances
+
+
+def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
+    """The arm that is simulated: heavier links, more payload, more friction."""
+    heavier = 1.0 + disturbances.mass_error
+    return replace(
+        arm,
+        masses=heavier * arm.masses,
+        inertia_axial=heavier * arm.inertia_axial,
+        inertia_transverse=heavier * arm.inertia_transverse,
+        payload=arm.payload + disturbances.payload,
+        friction=np.asarray(arm.friction) + disturbances.friction,
+    )
+
+
+class Noise:
+    """Normal noise on what is measured of the joints.
+
+    Args:
+        disturbances: its standard deviations and seed.
+        planar: whether the arm stays in its plane; then only the bends are measured, so that it does stay there.
+    """
+
+    def __init__(self, disturbances: Disturbances, *, planar: bool) -> None:
+        self._scale = np.array([[disturbances.angle_noise], [disturbances.velocity_noise]])
+        self._random, self._planar = np.random.default_rng(disturbances.seed), planar
+
+    def draw(self, count: int, joints: int) -> FloatArray:
+        """Noise on angles [rad] and speeds [rad/s] of some steps, shape (count, 2, joints)."""
+        if not np.any(self._scale):
+            return np.zeros((count, 2, joints))
+        noise = self._scale * self._random.standard_normal((count, 2, joints))
+        if self._planar:
+            noise[..., 0::3] = noise[..., 2::3] = 0.0
+        return noise
