@@ -44,7 +44,7 @@ class Case:
     name: str
     suite: str
     seed: int = 0
-    given: Problem | None = None
+    given: Problem | None = field(default=None, compare=False)
     fingerprint: str = field(default="")
 
     def problem(self) -> Problem:

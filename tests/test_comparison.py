@@ -1,0 +1,311 @@
+"""Comparison of planners: suites, methods, resuming, failures, files, and the command line."""
+
+import csv
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from ccm_opt.cli.comparing import Wanted, compare_methods
+from ccm_opt.comparison.comparing import Comparison, compare
+from ccm_opt.comparison.executors import LocalWorkers
+from ccm_opt.comparison.files import comparison_json, runs_csv
+from ccm_opt.comparison.journal import open_journal
+from ccm_opt.comparison.methods import METHODS, check_methods, method_named
+from ccm_opt.comparison.runs import Run, Task, execute, failed
+from ccm_opt.comparison.scenes import links_apart
+from ccm_opt.comparison.suites import (
+    SUITES,
+    Case,
+    cases_of_files,
+    cases_of_suite,
+    distinct,
+    scene_maker,
+    shared_folder,
+)
+from ccm_opt.errors import ProblemError
+
+from .conftest import PROBLEMS, SMALL_PROBLEM
+
+STRAIGHT = "tests.comparison_tasks:StraightPlanner"
+BROKEN = "tests.comparison_tasks:BrokenPlanner"
+TO_JOINTS = SMALL_PROBLEM.replace("position = [0.3, 0.1]", "joints_deg = [0.0, 10.0, 10.0, 10.0]")
+
+
+class InThread:
+    """Executes in a thread of this process, and counts how often an executor is opened."""
+
+    def __init__(self) -> None:
+        self.opened = 0
+
+    @contextmanager
+    def open(self) -> Iterator[tuple[Executor, int]]:
+        """An executor with one thread."""
+        self.opened += 1
+        with ThreadPoolExecutor(1) as executor:
+            yield executor, 2
+
+
+def small_cases(tmp_path: Path, count: int = 3) -> tuple[Case, ...]:
+    """Copies of the small problem with a goal for the joints, and one with a goal for the tip."""
+    for k in range(count):
+        (tmp_path / f"p{k}.toml").write_text(TO_JOINTS.replace('"small"', f'"small-{k}"'))
+    (tmp_path / "tip.toml").write_text(SMALL_PROBLEM.replace('"small"', '"tip"'))
+    return cases_of_files(sorted(tmp_path.glob("*.toml")))
+
+
+def wanted(tmp_path: Path, **changes: object) -> Wanted:
+    """Options of the command line."""
+    values: dict[str, object] = {
+        "files": sorted(tmp_path.glob("*.toml")), "suites": (), "count": None, "seed": 0, "methods": (STRAIGHT,),
+        "planners": (), "workers": 1, "dask": None, "out": tmp_path / "out", "time_limit": None, "pictures": False,
+    }  # fmt: skip
+    return Wanted(**{**values, **changes})  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- suites
+
+
+@pytest.mark.parametrize("suite", [*SUITES, "clutter-3"])
+def test_a_seed_gives_the_same_problem_everywhere(suite: str) -> None:
+    """Two makings of one case agree in every number; another seed differs."""
+    first, again = (cases_of_suite(suite, 2, first_seed=7) for _ in range(2))
+    assert first == again
+    one, two, other = first[0].problem(), again[0].problem(), first[1].problem()
+    assert one.name == f"{suite}-7"
+    np.testing.assert_array_equal(one.start.bends, two.start.bends)  # type: ignore[union-attr]
+    np.testing.assert_array_equal(one.goal.position, two.goal.position)  # type: ignore[union-attr]
+    assert [wall.core for wall in one.workspace.walls] == [wall.core for wall in two.workspace.walls]
+    assert not np.array_equal(one.goal.position, other.goal.position)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("suite", ["open-space", "clutter-20", "clutter-80"])
+def test_starts_and_goals_of_random_problems_touch_nothing(suite: str) -> None:
+    """Both poses keep off every obstacle and off themselves, and obey the joint limits."""
+    for seed in range(4):
+        scene = scene_maker(suite)(seed)
+        for pose in (scene.start, scene.goal):
+            points = scene.arm.joint_positions(pose)
+            line = shapely.LineString(points[1:])
+            assert links_apart(scene.arm, points)
+            assert all(line.distance(wall.core) > scene.arm.radius for wall in scene.workspace.walls)
+            assert np.all(np.abs(scene.arm.bends(pose)) <= scene.arm.bend_limits)
+        assert len(scene.workspace.obstacles) == int(suite.partition("clutter-")[2] or 0)
+
+
+def test_the_shared_suite_is_the_problem_files() -> None:
+    """All files of the folder, in the order of their names; fewer when asked."""
+    cases = cases_of_suite("shared")
+    assert [case.name for case in cases] == sorted(path.stem for path in PROBLEMS.glob("*.toml"))
+    assert cases_of_suite("shared", 2) == cases[:2]
+    assert shared_folder() == PROBLEMS
+
+
+def test_what_is_no_suite_is_refused_with_the_names() -> None:
+    """An unknown name, and more shared problems than there are, say what to try."""
+    with pytest.raises(ProblemError, match="shared, open-space, clutter-20"):
+        cases_of_suite("open-sapce")
+    with pytest.raises(ProblemError, match="has 9 problems"):
+        cases_of_suite("shared", 10)
+
+
+def test_two_problems_of_one_name_are_refused(tmp_path: Path) -> None:
+    """The same problem twice counts once; another one of the same name is refused."""
+    cases = small_cases(tmp_path, 1)
+    assert distinct((*cases, *cases)) == cases
+    (tmp_path / "p0.toml").write_text(TO_JOINTS.replace('"small"', '"small-0"') + "\nheading_tolerance_deg = 2.0\n")
+    with pytest.raises(ProblemError, match="'small-0'"):
+        distinct((*cases, *small_problem_again(tmp_path)))
+
+
+def small_problem_again(tmp_path: Path) -> tuple[Case, ...]:
+    """The first file, read again."""
+    return cases_of_files([tmp_path / "p0.toml"])
+
+
+# ---------------------------------------------------------------- methods
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_every_method_of_the_table_makes_a_planner(name: str) -> None:
+    """Each method makes something with a ``plan``, and its options are options of a problem."""
+    assert callable(method_named(name).make().plan)
+    problem = cases_of_suite("shared", 1)[0].problem()
+    prepared = method_named(name).prepared(problem, 3.0).planner
+    assert prepared.time_limit == 3.0
+    assert all(getattr(prepared, key) == value for key, value in method_named(name).options.items())
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nlpp", "expected one of nlp"),
+        ("no_such_module:Planner", "No module named"),
+        ("tests.comparison_tasks:Missing", "cannot be loaded"),
+        ("tests.comparison_tasks:NOT_A_PLANNER", "without a method 'plan'"),
+    ],
+)
+def test_what_is_no_planner_is_refused_before_any_work(name: str, message: str) -> None:
+    """A method that cannot be had is told with its name."""
+    with pytest.raises(ProblemError, match=message):
+        check_methods([name])
+
+
+def test_methods_count_once() -> None:
+    """A method named twice is run once."""
+    assert check_methods([STRAIGHT, STRAIGHT]) == (STRAIGHT,)
+
+
+# ---------------------------------------------------------------- runs
+
+
+def test_a_run_holds_every_figure_of_a_verified_motion(tmp_path: Path) -> None:
+    """What is solved has been timed and verified by the driver; CPU time is there, and no reason."""
+    run = execute(Task(small_cases(tmp_path)[0], STRAIGHT))
+    assert (run.outcome, run.reason, run.tactic) == ("solved", "", "straight")
+    length = np.deg2rad(10.0) * np.sqrt(3.0)
+    assert run.figure("joint_path_length_rad") == pytest.approx(length, rel=1e-6)
+    assert run.figure("duration_s") > 0.0
+    assert 0.0 <= run.figure("planning_cpu_s") <= run.figure("cpu_s")
+
+
+def test_every_way_to_fail_is_an_outcome_with_a_reason(tmp_path: Path) -> None:
+    """No plan, a refused motion, and a defect of a planner each end as a record, not as an exception."""
+    cases = small_cases(tmp_path)
+    no_plan = execute(Task(cases[-1], STRAIGHT))
+    crash = execute(Task(cases[0], BROKEN))
+    assert (no_plan.outcome, no_plan.reason) == ("no plan", "MotionNotFound: this planner goes to joint poses only")
+    assert crash.outcome == "crashed"
+    assert "ZeroDivisionError: no plan for small-0 (comparison_tasks.py, line" in crash.reason
+    blocked = tmp_path / "blocked.toml"
+    blocked.write_text(TO_JOINTS.replace("[0.0, 10.0, 10.0, 10.0]", "[120.0, 0.0, 0.0, 0.0]"))
+    refused = execute(Task(cases_of_files([blocked])[0], STRAIGHT))
+    assert refused.outcome == "refused"
+    assert "wall clearance" in refused.reason
+
+
+def test_keys_tell_runs_apart(tmp_path: Path) -> None:
+    """Another problem, content, method or time limit is another run; the same is the same."""
+    cases = small_cases(tmp_path)
+    changed = Case(cases[0].name, "files", 0, cases[0].given, "other content")
+    tasks = [Task(cases[0], STRAIGHT), Task(cases[1], STRAIGHT), Task(changed, STRAIGHT)]
+    tasks += [Task(cases[0], "nlp"), Task(cases[0], STRAIGHT, 1.0)]
+    assert len({task.key for task in tasks}) == len(tasks)
+    assert Task(cases[0], STRAIGHT).key == tasks[0].key
+
+
+# ---------------------------------------------------------------- comparing
+
+
+def test_a_comparison_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    """Only missing runs are made; the whole is the same as without the stop, and no executor is opened for nothing."""
+    cases, path = small_cases(tmp_path), tmp_path / "journal.jsonl"
+    workers, made = InThread(), []
+    with open_journal(path) as journal:
+        compare(cases[:2], (STRAIGHT,), workers, journal)
+    with open_journal(path) as journal:
+        whole = compare(cases, (STRAIGHT,), workers, journal, progress=lambda run: made.append(run.problem))
+        assert sorted(made) == sorted(case.name for case in cases[2:])
+        assert compare(cases, (STRAIGHT,), workers, journal) == whole
+    assert workers.opened == 2
+    assert [run.problem for run in whole.of(STRAIGHT)] == [case.name for case in cases]
+    assert len(path.read_text().splitlines()) == len(cases)
+
+
+def test_what_crashed_is_run_again(tmp_path: Path) -> None:
+    """A defect may have been mended since, so a crash in the journal does not count as done."""
+    cases, path = small_cases(tmp_path, 1)[:1], tmp_path / "journal.jsonl"
+    with open_journal(path) as journal:
+        journal.append(failed(Task(cases[0], STRAIGHT), RuntimeError("worker died")))
+    with open_journal(path) as journal:
+        assert compare(cases, (STRAIGHT,), InThread(), journal).of(STRAIGHT)[0].solved
+
+
+def made_comparison() -> Comparison:
+    """A comparison nobody ran: two problems, two methods, one failure with an awkward reason."""
+
+    def run(problem: str, method: str, outcome: str, reason: str, **figures: float) -> Run:
+        return Run(f"{problem}{method}", problem, method, outcome, reason, figures)  # type: ignore[arg-type]
+
+    rows = (
+        (run("a", "nlp", "solved", "", duration_s=1.0), run("a", "nlp-paul", "solved", "", duration_s=2.0)),
+        (run("b", "nlp", "solved", "", duration_s=3.0), run("b", "nlp-paul", "no plan", 'a "reason",\nin two lines')),
+    )
+    return Comparison(("a", "b"), ("nlp", "nlp-paul"), rows)
+
+
+def test_files_hold_every_run_and_every_failure() -> None:
+    """The CSV has a row a run that a reader splits again; the JSON has shares, pairs and failures, and no NaN."""
+    rows = list(csv.DictReader(runs_csv(made_comparison()).splitlines(keepends=True)))
+    assert [(row["problem"], row["method"], row["duration_s"]) for row in rows] == [
+        ("a", "nlp", "1.0"), ("a", "nlp-paul", "2.0"), ("b", "nlp", "3.0"), ("b", "nlp-paul", ""),
+    ]  # fmt: skip
+    assert rows[-1]["reason"] == 'a "reason",\nin two lines'
+    data = json.loads(comparison_json(made_comparison()), parse_constant=pytest.fail)
+    assert [(method["name"], method["solved"]) for method in data["methods"]] == [("nlp", 2), ("nlp-paul", 1)]
+    assert data["pairs"][0]["success"]["first_only"] == 1
+    assert data["pairs"][0]["figures"]["duration_s"]["median_ratio"] == pytest.approx(0.5)
+    assert data["pairs"][0]["figures"]["duration_s"]["interval"] == [0.0, None]
+    assert [failure["problem"] for failure in data["failures"]] == ["b"]
+
+
+# ---------------------------------------------------------------- command line
+
+
+def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Tables by method and by pairs, every failure with its reason, CSV, JSON, pictures; exit code 0."""
+    small_cases(tmp_path)
+    options = wanted(tmp_path, methods=(STRAIGHT, "nlp"), workers=2, pictures=True)
+    assert compare_methods(options) == 0
+    out = capsys.readouterr().out
+    assert "methods on 4 problems" in out
+    assert f"{STRAIGHT} against nlp" in out
+    assert f"tip, {STRAIGHT}: no plan. MotionNotFound: this planner goes to joint poses only" in out
+    files = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    assert sorted(files) == ["comparison.json", "journal.jsonl", "paired.png", "runs.csv", "success.png"]
+    assert files["paired.png"].startswith(b"\x89PNG")
+    assert len(files["journal.jsonl"].splitlines()) == 8
+
+
+def test_a_crash_is_a_bug_and_the_rest_is_still_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A planner with a defect gives exit code 1 after all runs are made."""
+    small_cases(tmp_path)
+    assert compare_methods(wanted(tmp_path, planners=(BROKEN,))) == 1
+    out = capsys.readouterr().out
+    assert out.count("crashed. ZeroDivisionError") == 4
+    assert STRAIGHT in out
+
+
+def test_bad_input_ends_before_any_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An unknown suite or method gives exit code 2, and nothing is written."""
+    assert compare_methods(wanted(tmp_path, suites=("nothing",))) == 2
+    assert compare_methods(wanted(tmp_path, methods=("nothing",))) == 2
+    assert "there is no suite 'nothing'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_the_command_line_compares_a_suite(tmp_path: Path) -> None:
+    """``ccm-opt compare`` with a random suite, resumed with more problems, makes only the new runs."""
+    command = [sys.executable, "-m", "ccm_opt", "compare", "--suite", "open-space", "--method", "nlp", "--no-pictures"]
+    command += ["--out", str(tmp_path)]
+    for count in (1, 2):
+        done = subprocess.run([*command, "--count", str(count)], capture_output=True, text=True, check=True)
+        assert f"nlp  {count} (100 %)".replace("  ", " ") in " ".join(done.stdout.split())
+        assert len((tmp_path / "journal.jsonl").read_text().splitlines()) == count
+
+
+def test_workers_of_a_comparison_are_processes(tmp_path: Path) -> None:
+    """The default executor runs the tasks of a comparison in other processes, with the same outcomes."""
+    cases = small_cases(tmp_path, 1)
+    with open_journal(tmp_path / "one.jsonl") as one, open_journal(tmp_path / "two.jsonl") as two:
+        here = compare(cases, (STRAIGHT,), InThread(), one)
+        there = compare(cases, (STRAIGHT,), LocalWorkers(2), two)
+    assert [run.outcome for run in here.of(STRAIGHT)] == [run.outcome for run in there.of(STRAIGHT)]
