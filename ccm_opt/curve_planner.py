@@ -22,7 +22,7 @@ from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.spline_path import certified_spline
+from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.motion.task import Motion, MotionTask, Remembered, Slowness
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by
 from ccm_opt.nlp.configuration import find_configuration
@@ -270,4 +270,5 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
         raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))
     control = problem.arm.bends(spline.c)
     curves = tuple(nearest_curve(problem.arm, headings) for headings in motion.headings)
-    return JointPath(BSpline(spline.t, control, spline.k), problem.arm.bends(motion.headings), curves, motion.candidate)
+    keyframes, spare = problem.arm.bends(motion.headings), spare_kept(spline, task.certificate)
+    return JointPath(BSpline(spline.t, control, spline.k), keyframes, curves, motion.candidate, spare=spare)

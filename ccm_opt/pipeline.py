@@ -95,7 +95,10 @@ def timed_and_verified(
         VerificationError: no timing passes; it names what the last of them fails.
     """
     revolutes, method = partial(revolute_angles, problem.arm), problem.planner.retiming
-    timings = retiming.timings(path, problem.limits, inverse_dynamics, revolutes=revolutes, method=method)
+    length = problem.arm.link_length
+    timings = retiming.timings(
+        path, problem.limits, inverse_dynamics, revolutes=revolutes, method=method, link_length=length
+    )
     failures: list[str] = []
     while True:
         with stages("retiming"):

@@ -6,8 +6,10 @@ from scipy.interpolate import BSpline
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.certificate import Certificate
 
-LEAST_SAMPLES, MOST_SAMPLES = 4, 24
+LEAST_SAMPLES, MOST_SAMPLES = 4, 96
 """Samples of a span between which the certificate takes the headings to be linear."""
+_SPLINE_SHARE = 0.5
+"""Share of the certificate's spare gap that linear interpolation between samples may err by; a path keeps the rest."""
 _LEAST_SPARE = 2e-6
 """Share of the arm's length that linear interpolation between samples may err by, whatever the certificate spares."""
 _REFINEMENTS = 5
@@ -27,9 +29,10 @@ def certified_spline(keyframes: FloatArray, certificate: Certificate) -> BSpline
     control = _at_least_four(keyframes)
     for _ in range(_REFINEMENTS):
         spline = clamped_spline(control)
-        count = _samples_a_span(spline, certificate)
-        samples = np.linspace(0.0, 1.0, count * (len(control) - DEGREE) + 1)
-        failing = np.unique(certificate.failures(spline(samples)) // count)
+        counts = _samples_a_span(spline, certificate)
+        ends = np.concatenate(([0], np.cumsum(counts)))
+        samples = np.interp(np.arange(ends[-1] + 1), ends, np.linspace(0.0, 1.0, len(ends)))
+        failing = np.unique(np.searchsorted(ends, certificate.failures(spline(samples)), side="right") - 1)
         if len(failing) == 0:
             return spline
         control = _halve_legs(control, failing)
@@ -43,15 +46,28 @@ def clamped_spline(control: FloatArray) -> BSpline:
     return BSpline(knots, control, DEGREE)
 
 
-def _samples_a_span(spline: BSpline, certificate: Certificate) -> int:
-    """Samples that bring linear interpolation within the gap that the certificate spares.
+def spare_kept(spline: BSpline, certificate: Certificate) -> float:
+    """Gap beyond contact that a certified spline keeps: what is spared, less the error of linear interpolation [m]."""
+    errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate) ** 2
+    return max(0.0, certificate.spare - float(np.max(errors)))
 
-    It errs by ⅛ h² max|φ''| in a heading, so by Σ l of that in a position; the control points of φ'' bound φ''.
+
+def _samples_a_span(spline: BSpline, certificate: Certificate) -> IntArray:
+    """Samples of each span that bring linear interpolation within its share of the gap that the certificate spares."""
+    allowed = max(_SPLINE_SHARE * certificate.spare, _LEAST_SPARE * certificate.arm.length)
+    wanted = np.ceil(np.sqrt(_interpolation_errors(spline, certificate) / allowed))
+    return np.clip(wanted, LEAST_SAMPLES, MOST_SAMPLES).astype(np.intp)
+
+
+def _interpolation_errors(spline: BSpline, certificate: Certificate) -> FloatArray:
+    """How far each span, interpolated linearly between its ends, may be off, shape (spans,) [m].
+
+    It errs by ⅛ h² max|φ''| in a heading, so by Σ l of that in a position; φ'' is linear on a span, its control points
+    are its values at the knots.
     """
-    arm, spans = certificate.arm, len(spline.c) - DEGREE
-    bound = arm.link_length * float(np.abs(spline.derivative(2).c).sum(axis=1).max()) / (8.0 * spans**2)
-    allowed = max(certificate.spare, _LEAST_SPARE * arm.length)
-    return int(np.clip(np.ceil(np.sqrt(bound / allowed)), LEAST_SAMPLES, MOST_SAMPLES))
+    spans = len(spline.c) - DEGREE
+    turning = np.abs(spline.derivative(2).c).sum(axis=1)[: spans + 1]
+    return np.asarray(certificate.arm.link_length * np.maximum(turning[:-1], turning[1:]) / (8.0 * spans**2))
 
 
 def _at_least_four(control: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ def timings(
     *,
     revolutes: Revolutes,
     method: RetimingName = "toppra",
+    link_length: float | None = None,
 ) -> Iterator[JointTrajectory]:
     """Timed motions along a path, the most wanted first; the first that the verifier accepts is the one to take.
 
@@ -30,12 +31,13 @@ def timings(
         inverse_dynamics: angles, velocities, accelerations to torques, as ``retime`` takes it.
         revolutes: bends to revolute angles.
         method: how to time.
+        link_length: of the arm [m], by which TOPP-RA's samples are so close that chords between them stay by the path.
 
     Raises:
         RetimingError: from the first motion, or a later one, that cannot be timed within the limits.
     """
     if method == "toppra":
-        yield retime(path, limits, inverse_dynamics, revolutes=revolutes)
+        yield retime(path, limits, inverse_dynamics, revolutes=revolutes, link_length=link_length)
         return
     turn = partial(retime_paul, path, limits, inverse_dynamics, revolutes=revolutes)
     yield from (turn(window=window) for window in WINDOWS)

@@ -15,12 +15,16 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.solution import FeedMotion, JointTrajectory
+from ccm_opt.solution import FeedMotion, JointPath, JointTrajectory
 
 logger = logging.getLogger(__name__)
 
 LEAST_SAMPLES = 100
 """Samples of a short motion, whatever the step."""
+SPARE_SHARE = 0.5
+"""Share of the gap that the path spares that chords may use."""
+HAIR = 5e-7
+"""Sag that is allowed anyhow [m], half of what the verifier forgives."""
 MOST_PIECES = 32
 """Pieces that a step may be cut into so that chords stay near the path."""
 _ROUNDS = 4
@@ -38,6 +42,11 @@ class Chords:
 
     link_length: float
     sag: float
+
+    @classmethod
+    def beside(cls, path: JointPath, link_length: float) -> "Chords":
+        """Within a share of the gap that a path is certified to spare; where it spares none, within a hair."""
+        return cls(link_length, max(SPARE_SHARE * path.spare, HAIR))
 
 
 class Profile(Protocol):

@@ -43,7 +43,7 @@ def retime(
     revolutes: Revolutes,
     grid: int = 200,
     step: float = 4e-3,
-    chords: Chords | None = None,
+    link_length: float | None = None,
 ) -> JointTrajectory:
     """The fastest motion along a path from rest to rest, within the limits.
 
@@ -57,7 +57,8 @@ def retime(
         revolutes: bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too.
         grid: wanted number of grid intervals along the path.
         step: largest time between two samples [s].
-        chords: how far the straight pieces between samples may leave the path; None leaves the steps as they are.
+        link_length: of the arm [m]; by it, steps are cut where chords between samples would leave the path by more
+            than half the gap that the path is certified to spare. None leaves the steps as they are.
 
     Returns:
         Samples, the first and last at rest at the path's ends; angles, velocities and accelerations are those of one
@@ -67,6 +68,7 @@ def retime(
         RetimingError: a drive cannot even hold the arm still at some point of the path.
     """
     spline, links = path.spline, len(limits.velocity) // 3
+    chords = None if link_length is None else Chords.beside(path, link_length)
 
     def checked_rows(s: FloatArray) -> PathRows:
         rows = path_rows(spline, s, limits, inverse_dynamics, revolutes)
@@ -123,7 +125,7 @@ def _speed_profile(dense: PathRows) -> SpeedProfile:
             break
         more = np.maximum(check.excess, 0.0)
         tightened += np.maximum(np.append(more, 0.0), np.append(0.0, more))
-        speed = np.maximum(speed, np.sqrt(profile.squared))
+        speed = np.sqrt(profile.squared) if not np.any(speed) else 0.5 * (speed + np.sqrt(profile.squared))
     return profile.slowed(check.stretch)
 
 
