@@ -16,6 +16,8 @@ ANGLE_TOLERANCE = 1e-9
 def check_arm_lists(arm: ArmTable, issues: Issues) -> None:
     """Masses and moments of inertia given as lists need one value a link."""
     _one_each(arm.masses, ("arm", "masses"), (arm.links,), "link", issues)
+    for key in ("rotor_inertia", "friction"):
+        _one_each(getattr(arm, key), ("arm", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
     inertia = arm.inertia
     if isinstance(inertia, InertiaTable):
         _one_each(inertia.axial, ("arm", "inertia", "axial"), (arm.links,), "link", issues)

@@ -12,6 +12,7 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.problem import (
     CurvePose,
+    Disturbances,
     Goal,
     JointPose,
     Limits,
@@ -26,6 +27,7 @@ from ccm_opt.problem import (
 )
 from ccm_opt.problem_file.schema import (
     ArmTable,
+    DisturbancesTable,
     FeedTable,
     GoalTable,
     LimitsTable,
@@ -121,6 +123,9 @@ def build_arm(table: ArmTable) -> Arm:
         inertia_transverse=transverse,
         axes=table.axes,
         feed=None if table.feed is None else _feed(table.feed),
+        payload=table.payload,
+        rotor_inertia=_each_revolute(table.rotor_inertia, table.links),
+        friction=_each_revolute(table.friction, table.links),
     )
 
 
@@ -205,7 +210,13 @@ def _simulation(table: SimulationTable) -> SimulationOptions:
         bandwidth=table.bandwidth,
         proportional_gain=table.gains.proportional,
         derivative_gain=table.gains.derivative,
+        disturbances=_disturbances(table.disturbances),
     )
+
+
+def _disturbances(table: DisturbancesTable) -> Disturbances:
+    values = table.model_dump()
+    return Disturbances(angle_noise=values.pop("angle_noise_deg"), **values)
 
 
 def _each(value: float | Sequence[float], links: int) -> FloatArray:

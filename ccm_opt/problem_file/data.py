@@ -11,7 +11,17 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.problem import Goal, JointPose, Limits, Problem, SimulationOptions, Start, TipGoal, Tolerances
+from ccm_opt.problem import (
+    Disturbances,
+    Goal,
+    JointPose,
+    Limits,
+    Problem,
+    SimulationOptions,
+    Start,
+    TipGoal,
+    Tolerances,
+)
 from ccm_opt.problem_file.reading import parse_problem
 from ccm_opt.problem_file.scene_file import obstacle_table
 
@@ -106,6 +116,9 @@ def _arm(arm: Arm) -> Table:
         "inertia": {"axial": _list(arm.inertia_axial), "transverse": _list(arm.inertia_transverse)},
         "axes": arm.axes,
     }
+    for key in ("payload", "rotor_inertia", "friction"):
+        if np.any(value := np.asarray(getattr(arm, key), dtype=np.float64)):
+            table[key] = _list(value) if value.ndim else float(value)
     if arm.feed is not None:
         table["feed"] = {"range": [float(arm.feed.low), float(arm.feed.high)], "hole": float(arm.feed.hole)}
     return table
@@ -170,7 +183,13 @@ def _simulation(options: SimulationOptions) -> Table:
         "controller": options.controller,
         "bandwidth": float(options.bandwidth),
         "gains": gains,
+        "disturbances": _disturbances(options.disturbances),
     }
+
+
+def _disturbances(disturbances: Disturbances) -> Table:
+    table = asdict(disturbances)
+    return table | {"angle_noise_deg": _degrees(table.pop("angle_noise"))}
 
 
 def _degrees(angle: float) -> float:

@@ -100,6 +100,17 @@ def _positive_each(value: object) -> float | list[float]:
     return [_positive(entry, f"; [{k}] is {described(entry)}") for k, entry in enumerate(value)]
 
 
+def _non_negative(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= sys.float_info.max:
+        raise ValueError(f"expected a number that is not negative, or a list of such; got {described(value)}")
+    return float(value)
+
+
+def _non_negative_each(value: object) -> float | list[float]:
+    """One number or a list of numbers, zero allowed, as floats."""
+    return [_non_negative(entry) for entry in value] if isinstance(value, list) else _non_negative(value)
+
+
 Length: TypeAlias = Annotated[float, AfterValidator(_to_metres)]
 PositiveLength: TypeAlias = Annotated[float, Field(gt=0.0), AfterValidator(_to_metres)]
 NonNegativeLength: TypeAlias = Annotated[float, Field(ge=0.0), AfterValidator(_to_metres)]
@@ -122,3 +133,6 @@ Box: TypeAlias = Annotated[list[Length], exactly(4), AfterValidator(_ordered_box
 
 PositiveEach: TypeAlias = Annotated[float | list[float], BeforeValidator(_positive_each)]
 """One positive number for all, or a list with one each."""
+NonNegativeEach: TypeAlias = Annotated[float | list[float], BeforeValidator(_non_negative_each)]
+"""The same with zero allowed."""
+NonNegative: TypeAlias = Annotated[float, Field(ge=0.0)]

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from ccm_opt.jointed.arm import Arm, Axes, MappingName
 from ccm_opt.problem import (
     ControllerName,
+    Disturbances,
     MethodName,
     OptimiserName,
     PlannerOptions,
@@ -28,6 +29,8 @@ from ccm_opt.problem_file.quantities import (
     Curvature,
     Degrees,
     Length,
+    NonNegative,
+    NonNegativeEach,
     NonNegativeLength,
     Point,
     Polyline,
@@ -145,6 +148,9 @@ class ArmTable(Table):
     masses: Annotated[list[Positive], Field(min_length=1)] | None = None
     inertia: InertiaTable | None = None
     axes: Axes = Arm.axes
+    payload: NonNegative = 0.0
+    rotor_inertia: NonNegativeEach = 0.0
+    friction: NonNegativeEach = 0.0
     feed: FeedTable | None = None
 
 
@@ -236,6 +242,18 @@ class GainsTable(Table):
     derivative: Positive = SimulationOptions.derivative_gain
 
 
+class DisturbancesTable(Table):
+    """What the simulated arm does otherwise than its controller believes."""
+
+    mass_error: Annotated[float, Field(gt=-1.0)] = Disturbances.mass_error
+    payload: NonNegative = Disturbances.payload
+    friction: NonNegative = Disturbances.friction
+    angle_noise_deg: Annotated[float, Field(ge=0.0), AfterValidator(math.radians)] = Disturbances.angle_noise
+    velocity_noise: NonNegative = Disturbances.velocity_noise
+    start_delay: NonNegative = Disturbances.start_delay
+    seed: Annotated[int, Field(ge=0)] = Disturbances.seed
+
+
 class SimulationTable(Table):
     """How the timed motion is simulated."""
 
@@ -244,6 +262,7 @@ class SimulationTable(Table):
     controller: ControllerName = SimulationOptions.controller
     bandwidth: Positive = SimulationOptions.bandwidth
     gains: GainsTable = GainsTable()
+    disturbances: DisturbancesTable = DisturbancesTable()
 
 
 _FOLDER_NAME = re.compile(r"\w(?:[\w .+-]*[\w+-])?")

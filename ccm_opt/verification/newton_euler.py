@@ -25,7 +25,7 @@ def joint_torques(
     """Torques of all revolutes along a planar motion.
 
     Args:
-        arm: the arm; masses and inertia are used.
+        arm: the arm; masses and inertia are used, payload and drives too.
         gravity: shape (3,) [m/s²].
         bends: shape (T, links) [rad].
         velocities: of the bends, shape (T, links) [rad/s].
@@ -39,11 +39,19 @@ def joint_torques(
     along, across = _directions(headings)
     rate, growth = np.cumsum(velocities, axis=1), np.cumsum(accelerations, axis=1)
     own = _own_forces(arm, gravity, along, across, rate, growth, feed_accelerations)
-    moments = _joint_moments(arm, along, own, growth)
+    carried = _payload_force(arm, gravity, along, across, rate, growth, feed_accelerations)
+    moments = _joint_moments(arm, along, own, carried, growth)
     before = np.concatenate((np.full((len(headings), 1), arm.base_heading), headings[:, :-1]), axis=1)
     last = along if arm.axes == "zyx" else across
     projected = (np.sum(moments * _directions(before)[1], axis=2), moments @ _OUT, np.sum(moments * last, axis=2))
-    return np.stack(projected, axis=2).reshape(len(bends), 3 * arm.links)
+    torques = np.stack(projected, axis=2).reshape(len(bends), 3 * arm.links)
+    torques[:, 1::3] -= _of_bends(arm, arm.rotor_inertia) * accelerations + _of_bends(arm, arm.friction) * velocities
+    return torques
+
+
+def _of_bends(arm: Arm, drives: FloatArray | float) -> FloatArray:
+    """A property of the drives for the bends alone, shape (links,)."""
+    return np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * arm.links,))[1::3]
 
 
 def _directions(headings: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -64,7 +72,8 @@ def feed_forces(
     along, across = _directions(link_headings(arm, bends))
     rate, growth = np.cumsum(velocities, axis=1), np.cumsum(accelerations, axis=1)
     own = _own_forces(arm, gravity, along, across, rate, growth, feed_accelerations)
-    return np.asarray(np.sum(own, axis=1) @ _axis(arm))
+    carried = _payload_force(arm, gravity, along, across, rate, growth, feed_accelerations)
+    return np.asarray((np.sum(own, axis=1) + carried[:, 0]) @ _axis(arm))
 
 
 def _axis(arm: Arm) -> FloatArray:
@@ -89,13 +98,29 @@ def _own_forces(
     return np.asarray(arm.masses[:, None] * (centre - gravity))
 
 
-def _joint_moments(arm: Arm, along: FloatArray, own: FloatArray, growth: FloatArray) -> FloatArray:
+def _payload_force(
+    arm: Arm,
+    gravity: FloatArray,
+    along: FloatArray,
+    across: FloatArray,
+    rate: FloatArray,
+    growth: FloatArray,
+    feed_accelerations: FloatArray | None,
+) -> FloatArray:
+    """Force that the payload at the tip needs, shape (T, 1, 3) [N]."""
+    tip = arm.link_length * np.sum(growth[..., None] * across - (rate**2)[..., None] * along, axis=1, keepdims=True)
+    if feed_accelerations is not None:
+        tip += feed_accelerations[:, None, None] * _axis(arm)
+    return np.asarray(arm.payload * (tip - gravity))
+
+
+def _joint_moments(arm: Arm, along: FloatArray, own: FloatArray, carried: FloatArray, growth: FloatArray) -> FloatArray:
     """Moment each joint exerts on the links beyond it, about itself, shape (T, links, 3) [N m].
 
     N_i = N_{i+1} + l e_i × F_{i+1} + ½ l e_i × f_i + dL_i/dt, with f_i the force that link i's mass needs.
     """
     l = arm.link_length
-    beyond = _sum_from_tip(own) - own
+    beyond = _sum_from_tip(own) - own + carried
     spin = -(arm.inertia_transverse * growth)[..., None] * _OUT
     return _sum_from_tip(np.cross(l * along, beyond + 0.5 * own) + spin)
 
