@@ -1,7 +1,7 @@
 """Frozen results of every stage, from the curve's keyframes to the simulated arm."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from ccm_opt.arrays import FloatArray
@@ -32,6 +32,19 @@ class JointPath:
     candidate: str = ""
     leaders: tuple[FloatArray, ...] = ()
     spare: float = 0.0
+
+    def reversed(self) -> "JointPath":
+        """The same motion from its end to its start; to draw the arm back is to reverse how it came."""
+        spline = self.spline
+        backwards = type(spline)(spline.t[-1] - spline.t[::-1], spline.c[::-1].copy(), spline.k)
+        return replace(
+            self,
+            spline=backwards,
+            keyframes=self.keyframes[::-1].copy(),
+            curves=self.curves[::-1],
+            candidate=f"{self.candidate}, backwards" if self.candidate else "backwards",
+            leaders=self.leaders[::-1],
+        )
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ that its base is a place on the feed axis and its length is free within what the
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -66,20 +67,28 @@ class LeaderPaths:
     shortest: float = np.inf
     refusals: tuple[str, ...] = ()
 
-    def along(self, straight: float, reach: Reach) -> Iterator[LeaderPath]:
-        """Paths that follow the feed axis up to a given arc length, most promising first."""
+    def along(self, straight: float, reach: Reach, curves: int) -> Iterator[LeaderPath]:
+        """Paths that follow the feed axis up to a given arc length, most promising first.
+
+        Args:
+            straight: arc length at which the path may leave the axis [m].
+            reach: between which arc lengths it has to end.
+            curves: how many are asked for at most.
+        """
+        for k, (room, route, length) in enumerate(islice(self._candidates(straight, reach), curves), start=1):
+            if self.deadline.passed():
+                return
+            curve = self._curve(room, route, *self._curve_ends(straight), length)
+            if curve is not None:
+                yield self._path(straight, curve, f"curve {k} of {length:.3f} m")
+
+    def _candidates(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, Route, float]]:
+        """Free space, a route through it and a length of the curve, in the order they are tried."""
         for spare in SPARES:
-            room = self._room(spare)
-            begin, end = self._curve_ends(straight)
-            if not room.contains(np.stack((begin, end))).all():
-                continue
-            routes = self._routes(room, begin, end, reach.most - straight)
-            for k, (route, length) in enumerate(self._lengths(routes, straight, reach)):
-                if self.deadline.passed():
-                    return
-                curve = self._curve(room, route, begin, end, length)
-                if curve is not None:
-                    yield self._path(straight, curve, f"curve {k + 1} of {length:.3f} m")
+            room, ends = self._room(spare), self._curve_ends(straight)
+            if room.contains(np.stack(ends)).all():
+                routes = self._routes(room, *ends, reach.most - straight)
+                yield from ((room, *pair) for pair in self._lengths(routes, straight, reach))
 
     def _room(self, spare: float) -> FreeSpace:
         arm = self.problem.arm

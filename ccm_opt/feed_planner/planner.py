@@ -21,6 +21,8 @@ PLANNING_SHARE = 0.9
 """Share of the time limit that planning may use."""
 FOLLOWING_SHARE = 0.4
 """Share of the time limit that following alone may use."""
+CURVES_TO_TRY, MOST_CURVES = 5, 60
+"""Curves asked for where others may do as well, and at most."""
 PATHS_RESHAPED_TO = 3
 """Leaders' paths to which a change of shape is tried."""
 
@@ -48,6 +50,8 @@ class FeedPlanner:
         with self.stages("mapping"):
             query = FeedQuery.of(problem, problem.arm.feed, deadline)
         with self.stages("motion"):
+            if query.goal is not None and query.goal_path is None and query.start_path is not None:
+                return _Search(query.backwards(query.goal)).answer().reversed()
             return _Search(query).answer()
 
 
@@ -78,9 +82,9 @@ class _Search:
             NoPlanFound: when none is.
         """
         for way in self._ways():
-            spline = self.query.motions.path(way.keyframes)
-            if spline is not None:
-                return self._joint_path(way, spline)
+            found = self.query.motions.path(way.keyframes)
+            if found is not None:
+                return self._joint_path(way, *found)
             self.refused.append(f"{way.name}: not certified")
             if self.query.deadline.passed():
                 break
@@ -100,26 +104,29 @@ class _Search:
         if self.query.goal_path is not None:
             yield self.query.goal_path
         if self.finder is not None:
-            for straight in self._straights():
-                yield from self.finder.along(straight, Reach.of(self.query.arm, self.query.feed))
+            reach = Reach.of(self.query.arm, self.query.feed)
+            for straight, curves in self._straights():
+                yield from self.finder.along(straight, reach, curves)
 
-    def _straights(self) -> list[float]:
-        """Arc lengths up to which leaders' paths follow the feed axis, in the order they are tried [m]."""
-        query, arm, least = self.query, self.query.arm, self.query.least_straight
-        tip, drawn_back = query.start.feed + arm.length, query.feed.low + arm.length
-        lengths = [least]
-        if not query.start.bends.any() and tip > least:
-            lengths = [tip, least]
-        if drawn_back > least:
-            lengths.insert(-1, drawn_back)
+    def _straights(self) -> list[tuple[float, int]]:
+        """Arc lengths up to which leaders' paths follow the feed axis [m], and how many curves to ask for at each.
+
+        A straight start lies on a path that is straight up to its tip; else it is drawn back as far as it must.
+        """
+        query, least = self.query, self.query.least_straight
+        lengths = [(least, MOST_CURVES)]
+        if query.feed.low + query.arm.length > least:
+            lengths.insert(0, (query.feed.low + query.arm.length, CURVES_TO_TRY))
+        if not query.start.bends.any() and query.start.feed + query.arm.length > least:
+            lengths.insert(0, (query.start.feed + query.arm.length, CURVES_TO_TRY))
         if query.feed.high > least:
-            lengths.append(query.feed.high + 2.0 * query.motions.travel)
+            lengths.append((query.feed.high + 2.0 * query.motions.travel, MOST_CURVES))
         return lengths
 
-    def _joint_path(self, way: Way, spline: BSpline) -> JointPath:
+    def _joint_path(self, way: Way, spline: BSpline, spare: float) -> JointPath:
         arm = self.query.arm
         curves = tuple(nearest_curve(arm, headings) for headings in arm.headings(way.keyframes[:, :-1]))
-        return JointPath(spline, way.keyframes, curves, way.name, way.leaders)
+        return JointPath(spline, way.keyframes, curves, way.name, way.leaders, spare)
 
     def _nothing_found(self) -> NoPlanFound:
         if self.finder is not None and not self.paths:

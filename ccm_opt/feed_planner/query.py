@@ -52,6 +52,10 @@ class FeedQuery:
             gap = min(gap, refuse_bad_pose(motions, goal, "goal"))
         return cls(problem, feed, start, goal, replace(motions, gap=gap), deadline)
 
+    def backwards(self, goal: FedPose) -> "FeedQuery":
+        """The way from the goal of the whole arm to the start."""
+        return replace(self, start=goal, goal=self.start)
+
     @property
     def arm(self) -> Arm:
         """The arm."""
@@ -86,7 +90,7 @@ class FeedQuery:
         return own_path(self.arm, self.goal.bends, self.goal.feed, self.least_straight)
 
     def fully_drawn_back(self, path: LeaderPath) -> float:
-        """The feed at which the whole arm lies on the straight part of a path [m]; may be below the range."""
+        """The greatest feed at which the whole arm lies on the straight part of a path [m]; may be below the range."""
         return path.straight - self.arm.length
 
     def end_on(self, path: LeaderPath) -> float | None:

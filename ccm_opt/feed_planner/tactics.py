@@ -10,7 +10,7 @@ from ccm_opt.feed_planner.poses import FedPose
 from ccm_opt.feed_planner.query import FeedQuery
 from ccm_opt.feed_planner.reshaping import Reshaping
 from ccm_opt.motion.feeding.leader import LeaderPath
-from ccm_opt.motion.feeding.slide import joined, pose_on, slide, slide_shape
+from ccm_opt.motion.feeding.slide import joined, pose_on, slide
 from ccm_opt.problem import TipGoal
 
 SAME_POSE = 1e-7
@@ -41,23 +41,14 @@ def following(query: FeedQuery, path: LeaderPath) -> Iterator[Way]:
     if np.max(np.abs(pose_on(arm, path, start.feed) - start.bends)) < SAME_POSE:
         name = f"follow the leader, {path.name}"
         yield Way(_pinned(query, slide(arm, path, start.feed, end)), (path.points,), name)
-    back = min(query.fully_drawn_back(path), start.feed, end)
-    if back < query.feed.low:
+    own = query.start_path
+    if own is None:
         return
-    for own, drawn in drawn_back(query, back):
-        keyframes = joined(drawn, slide(arm, path, back, end))
-        yield Way(_pinned(query, keyframes), (own, path.points), f"draw back, then follow the leader, {path.name}")
-
-
-def drawn_back(query: FeedQuery, back: float) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """The start's own path and keyframes of the arm drawn back along it to a feed."""
-    arm, start = query.arm, query.start
-    if query.start_path is not None:
-        yield query.start_path.points, slide(arm, query.start_path, start.feed, back)
-    else:
-        points = arm.joint_positions(arm.headings(start.bends), start.feed)
-        behind = arm.base + (query.feed.low - arm.link_length) * arm.feed_direction
-        yield np.vstack((behind, points)), slide_shape(arm, start.bends, start.feed, back)
+    back = min(query.fully_drawn_back(path), query.fully_drawn_back(own), start.feed, end)
+    if back >= query.feed.low:
+        keyframes = joined(slide(arm, own, start.feed, back), slide(arm, path, back, end))
+        name = f"draw back, then follow the leader, {path.name}"
+        yield Way(_pinned(query, keyframes), (own.points, path.points), name)
 
 
 def reshaping_at_once(query: FeedQuery) -> Iterator[Way]:

@@ -13,7 +13,7 @@ from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import ContactFinder, Contacts
 from ccm_opt.motion.feeding.carried_arm import CarriedArm
 from ccm_opt.motion.feeding.gating import straight_while_held
-from ccm_opt.motion.spline_path import certified_spline
+from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.motion.task import SPARE
 from ccm_opt.motion.walls import Walls
 
@@ -68,8 +68,15 @@ class FeedMotions:
         """Whether keyframes of bends and feed, linear between them, are clear of everything."""
         return len(self.certificate.failures(self.carried.poses(keyframes))) == 0
 
-    def path(self, keyframes: FloatArray) -> BSpline | None:
-        """The smooth path of bends and feed near keyframes, shape (K, links + 1); None when it cannot be certified."""
+    def path(self, keyframes: FloatArray) -> tuple[BSpline, float] | None:
+        """The smooth path of bends and feed near keyframes, and the gap that it spares [m].
+
+        Args:
+            keyframes: bends and feed, shape (K, links + 1) [rad, m].
+
+        Returns:
+            None when no such path can be certified.
+        """
         if not self.within_limits(keyframes):
             return None
         spline = certified_spline(self.carried.poses(keyframes), self.certificate)
@@ -78,4 +85,6 @@ class FeedMotions:
         poses = np.asarray(spline.c)
         control = np.column_stack((self.arm.bends(poses[:, :-1]), poses[:, -1] * self.arm.link_length))
         path = BSpline(spline.t, control, spline.k)
-        return path if straight_while_held(self.arm, path, self.travel) else None
+        if not straight_while_held(self.arm, path, self.travel):
+            return None
+        return path, spare_kept(spline, self.certificate)

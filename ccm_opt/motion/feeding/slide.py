@@ -28,26 +28,6 @@ def pose_on(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
     return slide(arm, path, feed, feed)[0, :-1]
 
 
-def slide_shape(arm: Arm, bends: FloatArray, feed: float, end: float) -> FloatArray:
-    """Keyframes of the arm drawn back along its own shape, shape (K, links + 1).
-
-    A joint takes the bend of the joint before it when it comes to its place, and linearly between: no bend grows
-    beyond those the shape has. Joints that come to places where the shape had none are straight.
-
-    Args:
-        arm: the arm.
-        bends: of the shape, shape (links,) [rad].
-        feed: where the arm has that shape [m].
-        end: feed to be drawn back to, less than ``feed`` [m].
-    """
-    feeds = feeds_between(arm, feed, end)
-    joints = arm.link_length * np.arange(arm.links)
-    known = np.concatenate(([-arm.link_length], joints))
-    values = np.concatenate(([0.0], bends))
-    drawn = np.interp((feeds - feed)[:, None] + joints, known, values)
-    return np.column_stack((drawn, feeds))
-
-
 def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
     """Feeds from one to another, both held, at most a ``STEP`` apart [m]."""
     if start == end:
