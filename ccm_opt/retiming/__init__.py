@@ -5,11 +5,12 @@ from functools import partial
 
 from ccm_opt.problem import Limits, RetimingName
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
+from ccm_opt.retiming.joining import joined, reversed_trajectory
 from ccm_opt.retiming.paul import WINDOWS, retime_paul
 from ccm_opt.retiming.timing import retime
 from ccm_opt.solution import JointPath, JointTrajectory
 
-__all__ = ["retime", "retime_paul", "timings"]
+__all__ = ["joined", "retime", "retime_paul", "reversed_trajectory", "timings"]
 
 
 def timings(

@@ -1,0 +1,113 @@
+"""Motions put together in time: legs with pauses between them, and a motion backward."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.solution import FeedMotion, JointTrajectory
+
+SAME_PLACE = 1e-9
+"""Difference [rad, m] between the end of a leg and the start of the next that counts as rounding."""
+STEP = 4e-3
+"""Largest time between two samples of a pause [s]."""
+
+
+def joined(
+    trajectories: Sequence[JointTrajectory], pauses: Sequence[float] = (), *, step: float = STEP
+) -> JointTrajectory:
+    """One motion along several legs, each from rest to rest, with pauses between them.
+
+    Args:
+        trajectories: at least one; each begins where the one before ends.
+        pauses: time at rest after each leg but the last, length ``len(trajectories) − 1`` [s]; none when left out.
+        step: largest time between two samples of a pause [s].
+
+    Returns:
+        Its ``stops`` are the samples at which the legs end, beside those that the legs have themselves. The sample at
+        a stop without a pause reports the acceleration at the end of the leg.
+
+    Raises:
+        RetimingError: a leg does not begin where the one before ends.
+        ValueError: the pauses do not fit the legs.
+    """
+    pauses = pauses or [0.0] * (len(trajectories) - 1)
+    if len(pauses) != len(trajectories) - 1 or min(pauses, default=0.0) < 0.0:
+        raise ValueError(f"got pauses {list(pauses)} for {len(trajectories)} legs; expected one, ≥ 0, between two legs")
+    whole = trajectories[0]
+    for number, (leg, pause) in enumerate(zip(trajectories[1:], pauses, strict=True), start=1):
+        _check_place(whole, leg, number)
+        whole = _after(_paused(whole, pause, step), leg, stop=len(whole.time) - 1)
+    return whole
+
+
+def reversed_trajectory(trajectory: JointTrajectory) -> JointTrajectory:
+    """The same motion backward: velocities change their sign, accelerations do not; a retraction."""
+    feed = trajectory.feed
+    return JointTrajectory(
+        trajectory.time[-1] - trajectory.time[::-1],
+        trajectory.bend_angles[::-1].copy(),
+        0.0 - trajectory.bend_velocities[::-1],
+        trajectory.bend_accelerations[::-1].copy(),
+        feed
+        if feed is None
+        else FeedMotion(feed.positions[::-1].copy(), 0.0 - feed.velocities[::-1], feed.accelerations[::-1].copy()),
+        tuple(len(trajectory.time) - 1 - stop for stop in reversed(trajectory.stops)),
+    )
+
+
+def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTrajectory:
+    """The motion with its last pose held for some time."""
+    count = int(np.ceil(pause / step - 1e-9))
+    if count == 0:
+        return trajectory
+    last = np.repeat(trajectory.bend_angles[-1:], count, axis=0)
+    rest = np.zeros_like(last)
+    place, still = np.full(count, 0.0 if trajectory.feed is None else trajectory.feed.positions[-1]), np.zeros(count)
+    feed = None if trajectory.feed is None else FeedMotion(place, still, still)
+    time = np.linspace(0.0, pause, count + 1)[1:]
+    return _chained(trajectory, JointTrajectory(time, last, rest, rest, feed))
+
+
+def _after(first: JointTrajectory, leg: JointTrajectory, stop: int) -> JointTrajectory:
+    """Two motions in a row; the first sample of the second is the last of the first."""
+    feed = None if leg.feed is None else FeedMotion(*(values[1:] for values in vars(leg.feed).values()))
+    tail = JointTrajectory(leg.time[1:], leg.bend_angles[1:], leg.bend_velocities[1:], leg.bend_accelerations[1:], feed)
+    later = tuple(len(first.time) - 1 + number for number in leg.stops)
+    return replace(_chained(first, tail), stops=(*first.stops, stop, *later))
+
+
+def _chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory:
+    """The samples of both, the time of the second counted from the end of the first."""
+
+    def both(name: str) -> FloatArray:
+        return np.concatenate((getattr(first, name), getattr(second, name)))
+
+    feed = None
+    if first.feed is not None and second.feed is not None:
+        pairs = zip(vars(first.feed).values(), vars(second.feed).values(), strict=True)
+        feed = FeedMotion(*(np.concatenate(pair) for pair in pairs))
+    time = np.concatenate((first.time, first.time[-1] + second.time))
+    q, qd, qdd = (both(name) for name in ("bend_angles", "bend_velocities", "bend_accelerations"))
+    return JointTrajectory(time, q, qd, qdd, feed, first.stops)
+
+
+def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> None:
+    gaps = [np.max(np.abs(leg.bend_angles[0] - first.bend_angles[-1]))]
+    if (first.feed is None) != (leg.feed is None):
+        gaps.append(np.inf)
+    elif first.feed is not None and leg.feed is not None:
+        gaps.append(np.abs(leg.feed.positions[0] - first.feed.positions[-1]))
+    gap = float(max(gaps))
+    if gap <= SAME_PLACE:
+        return
+    raise RetimingError(
+        Diagnosis(
+            reason=f"leg {number + 1} begins {gap:.3g} (rad or m) away from where leg {number} ends",
+            stage="retiming",
+            advice=("plan each leg from the end of the one before",),
+            evidence={"leg": number + 1, "gap": gap},
+        )
+    )
