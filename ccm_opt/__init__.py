@@ -16,13 +16,35 @@ if TYPE_CHECKING:
     from ccm_opt.problem import Problem
     from ccm_opt.problem_file import load_problem
     from ccm_opt.solution import Solution
+    from ccm_opt.user_terms.quantities import Quantities
+    from ccm_opt.user_terms.terms import Constraint, Cost, Interval, constraint, cost
     from ccm_opt.verification import verify as check
 
 __version__ = "0.1.0"
 
-__all__ = ["Problem", "Solution", "__version__", "check", "errors", "load_problem", "solve"]
+__all__ = [
+    "Constraint",
+    "Cost",
+    "Interval",
+    "Problem",
+    "Quantities",
+    "Solution",
+    "__version__",
+    "check",
+    "constraint",
+    "cost",
+    "errors",
+    "load_problem",
+    "solve",
+]
 
 _HOMES = {
+    "Constraint": ("ccm_opt.user_terms.terms", "Constraint"),
+    "Cost": ("ccm_opt.user_terms.terms", "Cost"),
+    "Interval": ("ccm_opt.user_terms.terms", "Interval"),
+    "Quantities": ("ccm_opt.user_terms.quantities", "Quantities"),
+    "constraint": ("ccm_opt.user_terms.terms", "constraint"),
+    "cost": ("ccm_opt.user_terms.terms", "cost"),
     "Problem": ("ccm_opt.problem", "Problem"),
     "Solution": ("ccm_opt.solution", "Solution"),
     "check": ("ccm_opt.verification", "verify"),

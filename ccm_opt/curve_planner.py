@@ -21,6 +21,7 @@ from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.link_space import nearest_curve
+from ccm_opt.motion.own_ends import refuse_contradicted
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.motion.task import Motion, MotionTask, Remembered, Slowness
@@ -30,6 +31,7 @@ from ccm_opt.nlp.task import ConfigurationTask
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
+from ccm_opt.user_terms.compiled import UserTerms
 
 ROUTE_MARGIN = 1e-3
 """Free space for routes is inflated by this share of the arm's length beyond radius and clearance."""
@@ -61,9 +63,11 @@ class CurvePlanner:
 
     Attributes:
         stages: names and times the stages.
+        terms: the user's own constraints and costs, or None.
     """
 
     stages: Stages = field(default_factory=Stages)
+    terms: UserTerms | None = None
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
@@ -74,6 +78,8 @@ class CurvePlanner:
         deadline = Deadline(time.monotonic() + PLANNING_SHARE * problem.planner.time_limit)
         with self.stages("mapping"):
             ends = resolve_ends(problem)
+            if self.terms is not None:
+                refuse_contradicted(self.terms, ends)
         with self.stages("free space"):
             room = FreeSpace.of(problem.workspace, route_margin(problem, ends))
             routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
@@ -97,6 +103,7 @@ class CurvePlanner:
                 seed=problem.planner.seed,
                 weights=problem.planner.weights,
                 slowness=slowness(problem),
+                terms=self.terms,
             )
             return joint_path(problem, task, find_motion(task))
 

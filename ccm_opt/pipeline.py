@@ -1,7 +1,7 @@
 """The driver, in the paper's order: problem, plan, joint trajectory, dynamics, simulation, verification."""
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib.metadata import version
 
@@ -15,10 +15,13 @@ from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import check_options, simulate
 from ccm_opt.errors import VerificationError
 from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.planner import Planner
+from ccm_opt.planner import Planner, Retimer
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
 from ccm_opt.stages import Stages
+from ccm_opt.user_terms.checking import checks_of, metrics_of
+from ccm_opt.user_terms.compiled import UserTerms, compile_terms
+from ccm_opt.user_terms.terms import Constraint, Cost
 
 PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
 
@@ -28,6 +31,9 @@ def solve(
     *,
     progress: Callable[[str], None] | None = None,
     planner: Planner | None = None,
+    retimer: Retimer | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
     explain: bool = True,
 ) -> Solution:
     """Plan, time, simulate and verify a motion.
@@ -36,6 +42,9 @@ def solve(
         problem: what to solve.
         progress: called with the name of each stage when it starts.
         planner: another planner; the curve planner when None.
+        retimer: another way to time the path; the one that the problem names when None.
+        constraints: the user's own; another planner is not told of them, but its plan is held against them.
+        costs: the user's own; another planner is not told of them.
         explain: whether the time left after a failure is used to tell why, and what change would help.
 
     Returns:
@@ -49,14 +58,23 @@ def solve(
     stages = Stages(progress)
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation)
-    chosen = Recalling(planner or CurvePlanner(stages))
-    quiet = Recalling(planner or CurvePlanner(), chosen.paths)
-    with explaining(problem, lambda changed: planned(changed, quiet, Stages()), stages, wanted=explain):
+        terms = compile_terms(problem.arm, constraints, costs) if constraints or costs else None
+    chosen = Recalling(planner or CurvePlanner(stages, terms))
+
+    def again(changed: Problem) -> object:
+        own, quiet = None if terms is None else compile_terms(changed.arm, constraints, costs), Stages()
+        other = Recalling(planner or CurvePlanner(quiet, own), chosen.paths)
+        return planned(changed, other, quiet, retimer, own)
+
+    with explaining(problem, again, stages, wanted=explain):
         with stages("necessary checks"):
             refuse_impossible(problem)
-        path, trajectory, joints, checks = planned(problem, chosen, stages)
+        path, trajectory, joints, checks = planned(problem, chosen, stages, retimer, terms)
     with stages("simulation"):
         simulated = simulate(problem.arm, trajectory, joints, problem.simulation, problem.limits)
+    figures = dict(metrics(problem, path, trajectory, joints, simulated, checks))
+    if terms is not None:
+        figures |= metrics_of(terms, problem.arm, path, trajectory)
     return Solution(
         problem,
         path,
@@ -64,14 +82,14 @@ def solve(
         joints,
         simulated,
         checks,
-        metrics(problem, path, trajectory, joints, simulated, checks),
+        figures,
         dict(stages.timings),
         versions=versions(),
     )
 
 
 def planned(
-    problem: Problem, planner: Planner, stages: Stages
+    problem: Problem, planner: Planner, stages: Stages, retimer: Retimer | None, terms: UserTerms | None
 ) -> tuple[JointPath, JointTrajectory, JointStates, tuple[Check, ...]]:
     """A path with its first timing that passes every check.
 
@@ -82,11 +100,16 @@ def planned(
     path = planner.plan(problem)
     with stages("dynamics model"):
         inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
-    return path, *timed_and_verified(problem, path, inverse_dynamics, stages)
+    return path, *timed_and_verified(problem, path, inverse_dynamics, stages, retimer, terms)
 
 
 def timed_and_verified(
-    problem: Problem, path: JointPath, inverse_dynamics: InverseDynamics, stages: Stages
+    problem: Problem,
+    path: JointPath,
+    inverse_dynamics: InverseDynamics,
+    stages: Stages,
+    retimer: Retimer | None = None,
+    terms: UserTerms | None = None,
 ) -> tuple[JointTrajectory, JointStates, tuple[Check, ...]]:
     """The first timing of a path that passes every check.
 
@@ -94,11 +117,7 @@ def timed_and_verified(
         NoPlanFound: the path cannot be timed within the limits.
         VerificationError: no timing passes; it names what the last of them fails.
     """
-    revolutes, method = partial(revolute_angles, problem.arm), problem.planner.retiming
-    length = problem.arm.link_length
-    timings = retiming.timings(
-        path, problem.limits, inverse_dynamics, revolutes=revolutes, method=method, link_length=length
-    )
+    timings = timings_of(problem, path, inverse_dynamics, retimer)
     failures: list[str] = []
     while True:
         with stages("retiming"):
@@ -108,11 +127,27 @@ def timed_and_verified(
             joints = joint_states(problem.arm, trajectory, inverse_dynamics)
         with stages("verification"):
             checks = verification.verify(problem, trajectory, joints)
+            if terms is not None:
+                checks += checks_of(terms, problem.arm, path, trajectory)
         failures = [
             f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed
         ]
         if not failures:
             return trajectory, joints, checks
+
+
+def timings_of(
+    problem: Problem, path: JointPath, inverse_dynamics: InverseDynamics, retimer: Retimer | None
+) -> Iterator[JointTrajectory]:
+    """Timings of a path, best first: those of the problem's method, or the only one of a user's own."""
+    if retimer is not None:
+        yield retimer.retime(problem, path)
+        return
+    revolutes, method = partial(revolute_angles, problem.arm), problem.planner.retiming
+    length = problem.arm.link_length
+    yield from retiming.timings(
+        path, problem.limits, inverse_dynamics, revolutes=revolutes, method=method, link_length=length
+    )
 
 
 def metrics(

@@ -1,9 +1,9 @@
-"""The protocol that every planner satisfies."""
+"""The protocols that a user's own planner and own timing satisfy."""
 
 from typing import Protocol
 
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointPath
+from ccm_opt.solution import JointPath, JointTrajectory
 
 
 class Planner(Protocol):
@@ -14,5 +14,17 @@ class Planner(Protocol):
 
         Raises:
             NoPlanFound: with a diagnosis, when there is none within the limits.
+        """
+        ...
+
+
+class Retimer(Protocol):
+    """Lays time along a joint path."""
+
+    def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
+        """Time a path from rest to rest within ``problem.limits``; what it returns is verified.
+
+        Raises:
+            RetimingError: with a diagnosis, when there is no timing within the limits.
         """
         ...

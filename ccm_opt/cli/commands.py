@@ -55,6 +55,10 @@ def solve(
     *,
     out: Annotated[Path, typer.Option(help="Where each problem's folder is written.")] = Path("runs"),
     method: Annotated[str | None, typer.Option(help="Planner, instead of the one in the file.")] = None,
+    constraint: Annotated[
+        list[str] | None, typer.Option(help="Own constraint, as module:function. May be repeated.")
+    ] = None,
+    cost: Annotated[list[str] | None, typer.Option(help="Own cost, as module:function. May be repeated.")] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
     no_diagnosis: Annotated[
         bool, typer.Option("--no-diagnosis", help="Without a plan, do not look for what would help.")
@@ -62,9 +66,10 @@ def solve(
 ) -> None:
     """Solve problems; write OUT/<name>/ for each."""
     with _cancellable():
-        from ccm_opt.cli.solving import solve_files  # noqa: PLC0415 - loads numpy
+        from ccm_opt.cli.solving import OwnTerms, solve_files  # noqa: PLC0415 - loads numpy
 
-        raise typer.Exit(solve_files(files, out, method, pictures=not no_pictures, explain=not no_diagnosis))
+        own = OwnTerms(tuple(constraint or ()), tuple(cost or ()))
+        raise typer.Exit(solve_files(files, out, method, own, pictures=not no_pictures, explain=not no_diagnosis))
 
 
 @app.command()

@@ -1,6 +1,8 @@
 """``ccm-opt solve``: read, solve, draw, write, report."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from ccm_opt.cli.outcome import SOLVED, report, run_all, warn
@@ -11,19 +13,41 @@ from ccm_opt.export.folder import check_target, write_failure, write_solution
 from ccm_opt.problem import Problem
 from ccm_opt.problem_file import load_problem
 from ccm_opt.solution import Solution
+from ccm_opt.user_terms.references import load_terms
+from ccm_opt.user_terms.terms import Constraint, Cost
 
 METHODS = ("nlp",)
 LEFT_PLAN = 0.1
 """Tracking error from which the simulated arm has left the plan [rad]."""
 
 
-def solve_files(files: Sequence[Path], out: Path, method: str | None, *, pictures: bool, explain: bool = True) -> int:
+@dataclass(frozen=True)
+class OwnTerms:
+    """The user's own constraints and costs, each named ``module:function``."""
+
+    constraints: tuple[str, ...] = ()
+    costs: tuple[str, ...] = ()
+
+
+NO_TERMS = OwnTerms()
+
+
+def solve_files(
+    files: Sequence[Path],
+    out: Path,
+    method: str | None,
+    own: OwnTerms = NO_TERMS,
+    *,
+    pictures: bool,
+    explain: bool = True,
+) -> int:
     """Solve every file; all are tried.
 
     Args:
         files: problem files.
         out: directory of the output folders.
         method: planner asked for on the command line, or None.
+        own: the user's constraints and costs.
         pictures: whether to draw.
         explain: whether a problem without a plan is explained in the time that is left.
 
@@ -38,7 +62,7 @@ def solve_files(files: Sequence[Path], out: Path, method: str | None, *, picture
         first = taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
-        return _solve(problem, out, pictures=pictures, explain=explain)
+        return _solve(problem, out, own, pictures=pictures, explain=explain)
 
     return run_all(files, solve_one)
 
@@ -50,10 +74,10 @@ def _check_method(method: str | None) -> None:
         raise ProblemError(f"--method {method} is unknown; expected {' or '.join(METHODS)}")
 
 
-def _solve(problem: Problem, out: Path, *, pictures: bool, explain: bool) -> int:
+def _solve(problem: Problem, out: Path, own: OwnTerms, *, pictures: bool, explain: bool) -> int:
     check_target(out / problem.name)
     with stage_display(problem.name) as clock:
-        solution = _plan(problem, out, clock, explain=explain)
+        solution = _plan(problem, out, clock, own, explain=explain)
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
@@ -74,11 +98,14 @@ def _warn_of_tracking(solution: Solution) -> None:
     )
 
 
-def _plan(problem: Problem, out: Path, clock: StageClock, *, explain: bool) -> Solution:
+def _plan(problem: Problem, out: Path, clock: StageClock, own: OwnTerms, *, explain: bool) -> Solution:
     """Run the pipeline; a problem without a plan leaves the record of why in the output folder."""
     clock("loading")
     from ccm_opt.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
+    if own != NO_TERMS:
+        constraints, costs = load_terms(own.constraints, Constraint), load_terms(own.costs, Cost)
+        solve = partial(solve, constraints=constraints, costs=costs)
     try:
         return solve(problem, progress=clock, explain=explain)
     except NoPlanFound as error:

@@ -45,7 +45,7 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
     space = stepper.space
     near = stepper.pose(fit_coordinates(space.matrix, guess - space.offset, task.arm.length))
     try:
-        pose = settle(stepper, task.goal, near, task.deadline)[-1]
+        pose = settle(stepper, task.goal_in(space), near, task.deadline)[-1]
     except Stalled:
         return None
     return pose if stepper.finder.find(pose.points).gap.min(initial=1.0) > 0.0 else None

@@ -58,7 +58,7 @@ def find_motion(task: MotionTask) -> Motion:
 def _found_by(search: "Search", task: MotionTask, failures: "list[Failure]") -> Motion | None:
     """The optimised motion that a search finds at few links, lifted, or else on the task's own links."""
     fineness = fineness_asked(task)
-    if task.arm.links > 1.5 * DESIGN_LINKS and fineness <= FINENESS and not task.clamped:
+    if task.arm.links > 1.5 * DESIGN_LINKS and fineness <= FINENESS and not task.clamped and task.terms is None:
         coarse = coarsened(task, DESIGN_LINKS)
         found = search(coarse, failures, FINENESS)
         lifted = _lifted(found, coarse, task) if found is not None else None
@@ -147,15 +147,23 @@ class _Attempt:
     def of(cls, task: MotionTask, units: float, fineness: float) -> "_Attempt":
         space, start = LinkSpace.through(task.arm, task.start, fineness, clamped=task.clamped)
         margin = units * space.unit
-        goal, guesses = task.goal, tuple(_coordinates(space, guess) for guess in task.guesses)
+        goal, guesses = task.goal_in(space), tuple(_coordinates(space, guess) for guess in task.guesses)
         if task.goal_headings is not None:
             space, end = space.blended_to(task.goal_headings)
-            start, goal = np.append(start, 0.0), replace(goal, coordinates=end)
+            start, goal = np.append(start, 0.0), replace(task.goal_in(space), coordinates=end)
             guesses = (end,)
         reach = max(REACH * space.unit, 4.0 * margin)
         finder = ContactFinder(task.arm, Walls.of(task.workspace), task.workspace.clearance, margin, reach)
-        stepper = Stepper(space, finder)
-        return cls(task, stepper, stepper.pose(start), goal, guesses, task.certificate)
+        stepper = Stepper(space, finder, task.own_rows(space))
+        attempt = cls(task, stepper, stepper.pose(start), goal, guesses, task.certificate)
+        return attempt if task.terms is None else replace(attempt, guesses=attempt.own_guesses())
+
+    def own_guesses(self) -> tuple[FloatArray, ...]:
+        """The guesses brought onto the goal and the user's constraints there, those that can be."""
+        if self.goal.coordinates is not None:
+            return self.guesses
+        poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
+        return tuple(pose.v for pose in poses if pose is not None)
 
     def first(self) -> Iterator[Candidate]:
         """The candidates that solve most problems."""

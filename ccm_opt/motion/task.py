@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +16,14 @@ from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.own_certificate import OwnCertificate
+from ccm_opt.motion.own_rows import OwnRows
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.motion.walls import Walls
 from ccm_opt.problem import OptimiserName, Weights
+
+if TYPE_CHECKING:
+    from ccm_opt.user_terms.compiled import UserTerms
 
 SPARE = 1e-4
 """Gap beyond contact that the certificate asks for, as a share of the arm's length."""
@@ -65,6 +71,7 @@ class MotionTask:
         seed: of all chance.
         weights: what counts how much when the motion is optimised.
         slowness: of the joints; None when all are alike.
+        terms: the user's own constraints and costs, or None.
     """
 
     arm: Arm
@@ -81,6 +88,7 @@ class MotionTask:
     seed: int = 0
     weights: Weights = field(default_factory=Weights)
     slowness: Slowness | None = None
+    terms: "UserTerms | None" = None
 
     @cached_property
     def certificate(self) -> Certificate:
@@ -91,7 +99,17 @@ class MotionTask:
         )
         gaps = [finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
         spare = np.clip(0.5 * min(gaps), 0.0, SPARE * self.arm.length)
-        return Certificate(self.arm, self.workspace, float(spare))
+        certificate = Certificate(self.arm, self.workspace, float(spare))
+        return certificate if self.terms is None else OwnCertificate.around(certificate, self.terms.motion_rows)
+
+    def own_rows(self, space: LinkSpace) -> OwnRows | None:
+        """Rows of the user's constraints on the way, in a link space; None when there are none."""
+        return None if self.terms is None else OwnRows(space, self.terms.motion_rows)
+
+    def goal_in(self, space: LinkSpace) -> GoalPose:
+        """The goal with the user's constraints there, in a link space."""
+        own = None if self.terms is None else OwnRows(space, self.terms.goal_rows, 1.0)
+        return replace(self.goal, own=own)
 
 
 class Remembered:

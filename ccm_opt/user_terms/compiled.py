@@ -39,6 +39,12 @@ class CompiledConstraint:
         """(φ, feed, u) to the expression."""
         return ca.Function("constraint", list(self.quantities.symbols), [self.expression])
 
+    @cached_property
+    def slopes(self) -> Any:
+        """(φ, feed, u) to the derivative of the expression by φ."""
+        symbols = list(self.quantities.symbols)
+        return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(self.expression, symbols[0]))])
+
     def residuals(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
         """By how much the worst entry misses its bounds, shape (N,); 0 where all hold, NaN where not finite.
 
@@ -48,8 +54,10 @@ class CompiledConstraint:
             feed: shape (N,) or scalar [m].
         """
         values = evaluated(self.function, headings, u, feed)
+        finite = np.all(np.isfinite(values), axis=1, keepdims=True)
+        values = np.where(finite, values, 0.0)
         miss = np.maximum(np.maximum(self.lower - values, values - self.upper), 0.0)
-        worst: FloatArray = np.where(np.isfinite(values).all(axis=1), miss.max(axis=1), np.nan)
+        worst: FloatArray = np.where(finite[:, 0], miss.max(axis=1), np.nan)
         return worst
 
 

@@ -50,6 +50,7 @@ class RowSet:
         equal: whether a row is an equation.
         first: path parameter from which a row applies, shape (rows,).
         last: to which it applies.
+        parametric: whether a row depends on the path parameter.
         values: (φ, feed, u) to the rows.
         slopes: (φ, feed, u) to the rows and their derivatives by φ.
     """
@@ -58,6 +59,7 @@ class RowSet:
     equal: BoolArray
     first: FloatArray
     last: FloatArray
+    parametric: BoolArray
     values: Any
     slopes: Any
 
@@ -84,6 +86,7 @@ class RowSet:
             np.array(equal, dtype=bool),
             first,
             last,
+            np.array([bool(ca.depends_on(row, symbols[2])) for row in rows], dtype=bool),
             ca.Function("rows", symbols, [column]),
             ca.Function("slopes", symbols, [column, slopes]),
         )

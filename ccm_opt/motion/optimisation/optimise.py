@@ -77,7 +77,7 @@ def _program(motion: Motion, task: MotionTask, margin: float) -> Program:
     )
     return Program(
         motion.space,
-        task.goal,
+        task.goal_in(motion.space),
         task.goal_headings is not None,
         make_rows,
         task.certificate.failures,

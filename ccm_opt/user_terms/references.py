@@ -1,0 +1,74 @@
+"""Constraints and costs named ``module:function`` or ``file.py:function``."""
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module, util
+from pathlib import Path
+from types import ModuleType
+from typing import TypeVar
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.user_terms.terms import Constraint, Cost
+
+Term = TypeVar("Term", Constraint, Cost)
+
+
+def load_terms(references: Sequence[str], kind: type[Term]) -> tuple[Term, ...]:
+    """The constraints, or costs, that references name.
+
+    Args:
+        references: each ``module:name`` or ``path/to/file.py:name``; modules are looked for in the working directory
+            too. A name may stand for one term or for a list of them.
+        kind: what is expected.
+
+    Raises:
+        ProblemError: a reference names nothing, or something else.
+    """
+    return tuple(term for reference in references for term in _named(reference, kind))
+
+
+def _named(reference: str, kind: type[Term]) -> tuple[Term, ...]:
+    place, colon, name = reference.rpartition(":")
+    if not (place and colon and name):
+        raise ProblemError(f"'{reference}' names no {_word(kind)}; expected module:function or file.py:function")
+    module = _module(reference, place)
+    if not hasattr(module, name):
+        raise ProblemError(f"'{reference}': module '{place}' has no '{name}'")
+    found = getattr(module, name)
+    terms = tuple(found) if isinstance(found, list | tuple) else (found,)
+    for term in terms:
+        if not isinstance(term, kind):
+            raise ProblemError(
+                f"'{reference}' is a {type(term).__name__}, expected a {kind.__name__}; decorate the function with "
+                f"@ccm_opt.{_word(kind)}"
+            )
+    return terms
+
+
+def _word(kind: type[Constraint] | type[Cost]) -> str:
+    return kind.__name__.lower()
+
+
+def _module(reference: str, place: str) -> ModuleType:
+    try:
+        return _from_file(Path(place)) if place.endswith(".py") else _from_path(place)
+    except Exception as error:
+        raise ProblemError(f"'{reference}' cannot be loaded: {type(error).__name__}: {error}") from error
+
+
+def _from_path(name: str) -> ModuleType:
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    return import_module(name)
+
+
+def _from_file(path: Path) -> ModuleType:
+    name = f"ccm_opt_terms_{path.stem}"
+    spec = util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None or not path.exists():
+        raise FileNotFoundError(f"there is no file {path}")
+    module = util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
