@@ -123,6 +123,15 @@ def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
     return matrix
 
 
-def joint_positions_3d(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Positions of the balls and the tip in the world, shape (..., links + 1, 3) [m]; angles as in frame_transforms."""
-    return frame_transforms(arm, angles)[..., ::3, :3, 3]
+def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+    """Positions of the balls and the tip in the world, shape (..., links + 1, 3) [m].
+
+    Args:
+        arm: the arm.
+        angles: revolute angles, shape (..., 3 * links) [rad].
+        feed: position of the base on its feed axis, shape (...) [m].
+    """
+    positions = frame_transforms(arm, angles)[..., ::3, :3, 3]
+    if arm.feed is None:
+        return positions
+    return positions + np.asarray(feed)[..., None, None] * base_rotation(arm)[:, 0]

@@ -5,7 +5,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import base_rotation
+from ccm_opt.jointed.frames import base_position, base_rotation
 
 LENGTH_TOLERANCE = 1e-6  # of a link length
 
@@ -20,7 +20,7 @@ def ball_angles(arm: Arm, positions: FloatArray) -> FloatArray:
     Args:
         arm: the arm.
         positions: of the balls and the tip, shape (..., links + 1, 2) in the plane or (..., links + 1, 3) in the
-            world [m]; the first must be the arm's base.
+            world [m]; the first must be the arm's base, or lie on its feed axis.
 
     Returns:
         Angles in (−π, π], shape (..., 3 * links) [rad].
@@ -71,7 +71,11 @@ def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
 
 def _link_directions(arm: Arm, points: FloatArray) -> FloatArray:
     """Unit directions of the links in the world, shape (..., links, 3); checks base and link lengths."""
-    offset = float(np.max(np.abs(points[..., 0, :] - [arm.base[0], 0.0, arm.base[1]]), initial=0.0))
+    off = points[..., 0, :] - base_position(arm)
+    if arm.feed is not None:
+        axis = base_rotation(arm)[:, 0]
+        off = off - np.clip(off @ axis, arm.feed.low, arm.feed.high)[..., None] * axis
+    offset = float(np.max(np.abs(off), initial=0.0))
     if not offset <= LENGTH_TOLERANCE * arm.link_length:
         raise ProblemError(f"the first position lies {offset:.3g} m off the arm's base; it must be the base itself")
     steps = np.diff(points, axis=-2)
