@@ -1,5 +1,6 @@
 """URDF and MJCF of the arm, read back by Pinocchio and MuJoCo."""
 
+from dataclasses import replace
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
@@ -8,12 +9,14 @@ import numpy as np
 import pytest
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.mass_matrix import MassMatrix
 from ccm_opt.export.mjcf import mjcf_text
 from ccm_opt.export.urdf import UNLIMITED_EFFORT, urdf_text
-from ccm_opt.jointed.arm import Arm, Axes
+from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.frames import joint_names, joint_positions_3d, revolute_angles
-from tests.dynamics_arms import loose_limits, make_arm
+from ccm_opt.solution import FeedMotion
+from tests.dynamics_arms import loose_limits, make_arm, smooth_trajectory
 
 GRAVITY = np.array([0.5, 0.0, -9.81])
 AXES: tuple[Axes, ...] = ("zyx", "zyz")
@@ -148,3 +151,61 @@ def test_folded_links_do_not_push_each_other() -> None:
     data.qpos[1::3] = 1.0
     mujoco.mj_forward(model, data)
     assert data.ncon == 0
+
+
+def fed_arm() -> Arm:
+    """An arm on a feed axis, with payload, rotors and friction."""
+    arm = make_arm(6, varied=True)
+    return replace(arm, feed=Feed(0.0, 0.4, 0.4), payload=0.3, rotor_inertia=1e-4, friction=0.01)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_the_feed_axis_and_the_payload_survive(reader: str) -> None:
+    """With the feed as first joint, M and gravity efforts are our own; URDF alone leaves out the rotors."""
+    arm = fed_arm()
+    q, rest = angles_for(arm), np.zeros(18)
+    M, gravity = mass_and_gravity(reader, arm, np.append(0.1, q))
+    expected, inverse = MassMatrix(arm).with_feed(q), InverseDynamics(arm, GRAVITY)
+    if reader == "urdf-pinocchio":
+        expected[1:, 1:] -= 1e-4 * np.eye(18)
+    assert np.allclose(M, expected, rtol=0.0, atol=1e-12 * np.max(M))
+    efforts = np.append(inverse.feed_forces(q, rest, rest), inverse(q, rest, rest))
+    assert np.allclose(gravity, efforts, rtol=0.0, atol=1e-12)
+
+
+def test_the_loaded_feed_axis_moves_the_arm_along_the_base_heading() -> None:
+    """The prismatic joint of the URDF carries our limits, and moves the tip as our frames do."""
+    arm = fed_arm()
+    limits = replace(loose_limits(arm), feed_velocity=0.1, feed_force=25.0)
+    pin, model, data = load_pinocchio(urdf_text(arm, "arm", limits), "urdf")
+    q = angles_for(arm)
+    pin.framesForwardKinematics(model, data, np.append(0.2, q))
+    tip = data.oMf[model.getFrameId("payload")].translation
+    assert np.allclose(tip, joint_positions_3d(arm, q, 0.2)[-1], atol=1e-14)
+    assert model.names[1] == "feed"
+    assert (model.lowerPositionLimit[0], model.upperPositionLimit[0]) == (0.0, 0.4)
+    assert (model.upperVelocityLimit[0], model.upperEffortLimit[0]) == (0.1, 25.0)
+
+
+@pytest.mark.parametrize("on_axis", [False, True])
+def test_mujoco_replays_the_torques(on_axis: bool) -> None:
+    """Fed with the planned efforts alone, MuJoCo's arm follows the plan for 0.2 s within 1e-3 rad."""
+    mujoco = pytest.importorskip("mujoco")
+    arm = make_arm(12)
+    trajectory = smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0, interval=1e-3)
+    if on_axis:
+        arm, base = replace(arm, feed=Feed(0.0, 0.4, 0.4)), smooth_trajectory(np.array([0.3]), 1.0, 1e-3)
+        motion = (base.bend_angles[:, 0], base.bend_velocities[:, 0], base.bend_accelerations[:, 0])
+        trajectory = replace(trajectory, feed=FeedMotion(*motion))
+    joints = joint_states(arm, trajectory, InverseDynamics(arm, GRAVITY))
+    efforts, q = joints.torques, joints.angles
+    if trajectory.feed is not None and joints.feed_forces is not None:
+        efforts = np.column_stack((joints.feed_forces, efforts))
+        q = np.column_stack((trajectory.feed.positions, q))
+    model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", GRAVITY))
+    data = mujoco.MjData(model)
+    data.qpos[:] = q[0]
+    for k in range(200):
+        data.ctrl[:] = 0.5 * (efforts[k] + efforts[k + 1])
+        mujoco.mj_step(model, data)
+        assert np.max(np.abs(data.qpos - q[k + 1])) < 1e-3

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.export.arm_description import number, numbers, revolutes, visual_radius
+from ccm_opt.export.arm_description import FEED, Revolute, number, numbers, revolutes, visual_radius
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import base_position
 
@@ -15,7 +15,7 @@ def mjcf_text(arm: Arm, name: str, gravity: FloatArray) -> str:
     """MJCF of the arm, with a motor at every revolute.
 
     Links collide with whatever a scene adds, not with each other. Zero angles are the straight arm along the base
-    heading.
+    heading. A feed axis is the slide joint ``feed`` before all others, a payload a body of its own.
 
     Args:
         arm: the arm.
@@ -29,14 +29,30 @@ def mjcf_text(arm: Arm, name: str, gravity: FloatArray) -> str:
     actuators = ET.SubElement(model, "actuator")
     for ball, group in groupby(revolutes(arm), key=lambda revolute: revolute.ball):
         parent = _add_body(parent, arm, ball)
+        if ball == 1 and arm.feed is not None:
+            span = numbers((arm.feed.low, arm.feed.high))
+            ET.SubElement(parent, "joint", name=FEED, type="slide", axis="1 0 0", range=span)
+            ET.SubElement(actuators, "motor", name=f"{FEED}_motor", joint=FEED)
         for revolute in group:
-            span = numbers((-revolute.limit, revolute.limit))
-            ET.SubElement(parent, "joint", name=revolute.name, type="hinge", axis=numbers(revolute.axis), range=span)
+            _add_hinge(parent, revolute)
             ET.SubElement(actuators, "motor", name=f"{revolute.name}_motor", joint=revolute.name)
         _add_link(parent, arm, ball - 1)
-    ET.SubElement(parent, "site", name="tip", pos=numbers((arm.link_length, 0.0, 0.0)))
+    tip = numbers((arm.link_length, 0.0, 0.0))
+    ET.SubElement(parent, "site", name="tip", pos=tip)
+    if arm.payload:
+        payload = ET.SubElement(parent, "body", name="payload", pos=tip)
+        ET.SubElement(payload, "inertial", pos="0 0 0", mass=number(arm.payload), diaginertia="0 0 0")
     ET.indent(model)
     return ET.tostring(model, encoding="unicode") + "\n"
+
+
+def _add_hinge(body: ET.Element, revolute: Revolute) -> None:
+    span = numbers((-revolute.limit, revolute.limit))
+    hinge = ET.SubElement(body, "joint", name=revolute.name, type="hinge", axis=numbers(revolute.axis), range=span)
+    if revolute.rotor_inertia:
+        hinge.set("armature", number(revolute.rotor_inertia))
+    if revolute.friction:
+        hinge.set("damping", number(revolute.friction))
 
 
 def _add_body(parent: ET.Element, arm: Arm, ball: int) -> ET.Element:

@@ -3,10 +3,14 @@
 import json
 from collections.abc import Iterator
 
+import numpy as np
+
 from ccm_opt.arrays import FloatArray
+from ccm_opt.export.arm_description import FEED
 from ccm_opt.solution import JointStates, JointTrajectory
 
 _QUANTITIES = ("angle", "velocity", "acceleration", "torque")
+_FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
 _ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
 
 
@@ -21,12 +25,24 @@ def trajectory_texts(trajectory: JointTrajectory, joints: JointStates) -> tuple[
 
     Returns:
         The text of ``trajectory.csv``: ``time`` and a column ``<joint>_<quantity>`` for every joint and quantity; and
-        of ``trajectory.yaml``: ``joint_names`` and ``points`` as in ROS 2 ``trajectory_msgs/JointTrajectory``.
+        of ``trajectory.yaml``: ``joint_names`` and ``points`` as in ROS 2 ``trajectory_msgs/JointTrajectory``. A feed
+        axis is the first joint, ``feed``, with the columns ``feed_position``, …, ``feed_force`` [m, N].
     """
-    tables = (joints.angles, joints.velocities, joints.accelerations, joints.torques)
+    names, tables = _tables(trajectory, joints)
     columns = [_rows(table) for table in tables]
     times = trajectory.time.tolist()
-    return "\n".join(_csv(times, joints.names, columns)), "\n".join(_yaml(times, joints.names, columns))
+    return "\n".join(_csv(times, names, columns)), "\n".join(_yaml(times, names, columns))
+
+
+def _tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
+    """Names of the joints, and their positions, velocities, accelerations and efforts; the feed axis is the first."""
+    tables = [joints.angles, joints.velocities, joints.accelerations, joints.torques]
+    feed = trajectory.feed
+    if feed is None:
+        return joints.names, tables
+    forces = np.zeros_like(feed.positions) if joints.feed_forces is None else joints.feed_forces
+    base = (feed.positions, feed.velocities, feed.accelerations, forces)
+    return (FEED, *joints.names), [np.column_stack(pair) for pair in zip(base, tables, strict=True)]
 
 
 def _rows(table: FloatArray) -> list[str]:
@@ -36,10 +52,14 @@ def _rows(table: FloatArray) -> list[str]:
 
 
 def _csv(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
-    yield ",".join(["time", *(f"{name}_{quantity}" for quantity in _QUANTITIES for name in names)])
+    yield ",".join(["time", *(_column(name, place) for place in range(len(_QUANTITIES)) for name in names)])
     for time, *rows in zip(times, *columns, strict=True):
         yield ",".join([f"{time:.12g}", *rows])
     yield ""
+
+
+def _column(name: str, place: int) -> str:
+    return f"{name}_{(_FEED_QUANTITIES if name == FEED else _QUANTITIES)[place]}"
 
 
 def _yaml(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
