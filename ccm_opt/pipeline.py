@@ -8,11 +8,13 @@ from importlib.metadata import version
 import numpy as np
 
 from ccm_opt import retiming, verification
+from ccm_opt.closed_loop import simulate_and_check
 from ccm_opt.curve_planner import CurvePlanner
 from ccm_opt.diagnosis.explain import explaining, refuse_impossible
 from ccm_opt.diagnosis.recall import Recalling
+from ccm_opt.dynamics.compiled import prepare
 from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.simulation import check_options, simulate
+from ccm_opt.dynamics.simulation import check_options
 from ccm_opt.errors import VerificationError
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.planner import Planner, Retimer
@@ -56,6 +58,7 @@ def solve(
         VerificationError: the verifier refuses the plan; a defect of the planner.
     """
     stages = Stages(progress)
+    prepare(problem.arm)
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation)
         terms = compile_terms(problem.arm, constraints, costs) if constraints or costs else None
@@ -71,8 +74,8 @@ def solve(
             refuse_impossible(problem)
         path, trajectory, joints, checks = planned(problem, chosen, stages, retimer, terms)
     with stages("simulation"):
-        simulated = simulate(problem.arm, trajectory, joints, problem.simulation, problem.limits)
-    figures = dict(metrics(problem, path, trajectory, joints, simulated, checks))
+        simulated, of_simulation = simulate_and_check(problem, trajectory, joints)
+    figures = {**metrics(problem, path, trajectory, joints, simulated, checks), **of_simulation}
     if terms is not None:
         figures |= metrics_of(terms, problem.arm, path, trajectory)
     return Solution(

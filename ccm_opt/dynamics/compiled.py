@@ -16,6 +16,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -27,8 +28,9 @@ import casadi as ca
 import platformdirs
 
 from ccm_opt.dynamics.aba import aba_steps
-from ccm_opt.dynamics.model import Structure
+from ccm_opt.dynamics.model import Structure, arm_structure
 from ccm_opt.dynamics.rnea import rnea_steps
+from ccm_opt.jointed.arm import Arm
 
 CACHE_VARIABLE = "CCM_OPT_CACHE"  # folder of the cache
 COMPILER_VARIABLE = "CCM_OPT_CC"  # compiler to use; empty: none
@@ -38,13 +40,14 @@ COMPILE_TIME_LIMIT = 300.0  # s
 RECURSION = Path(__file__).with_name("recursion.c")
 PRIVATE = "#define CASADI_SYMBOL_EXPORT static inline\n"  # the functions of one link are for the recursions alone
 SYMBOLS = ("inverse_dynamics", "forward_dynamics", "simulate")
+_one_at_a_time = threading.Lock()
 logger = logging.getLogger(__name__)
 
 
-def prepare(structure: Structure) -> None:
+def prepare(arm: Arm) -> None:
     """Begin to compile in the background what an arm will need; ``load_library`` waits for it."""
     pool = ThreadPoolExecutor(1, thread_name_prefix="compile")
-    pool.submit(load_library, structure)
+    pool.submit(load_library, arm_structure(arm))
     pool.shutdown(wait=False)
 
 
@@ -56,11 +59,12 @@ def load_library(structure: Structure) -> ctypes.CDLL | None:
         return None
     library = cache_folder() / f"{_digest(_key(structure), compiler)}{'.dll' if sys.platform == 'win32' else '.so'}"
     try:
-        if library.exists():
-            with suppress(OSError, AttributeError):  # damaged: compile it again
-                return _open(library)
-        _compile(library, compiler, structure)
-        return _open(library)
+        with _one_at_a_time:
+            if library.exists():
+                with suppress(OSError, AttributeError):  # damaged: compile it again
+                    return _open(library)
+            _compile(library, compiler, structure)
+            return _open(library)
     except (OSError, AttributeError, RuntimeError, subprocess.SubprocessError) as error:
         _say_uncompiled(_first_line(error))
         return None
