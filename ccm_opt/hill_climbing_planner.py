@@ -86,7 +86,7 @@ class Follower:
         headings = self.headings(shapes)
         return self.problem.arm.joint_positions(headings)[:, -1], headings[:, -1]
 
-    def passes(self, here: Configuration, there: Shapes) -> BoolArray:
+    def passes(self, here: Shapes, there: Shapes) -> BoolArray:
         """Which moves keep the joint limits and touch nothing on the way, shape (m,).
 
         Raises:
@@ -98,7 +98,7 @@ class Follower:
         headings = self.headings(there)
         allowed: BoolArray = np.all(np.abs(arm.bends(headings)) <= LIMIT_SHARE * arm.bend_limits, axis=1)
         if allowed.any():
-            first = self.headings(Shapes.of([here]))[0]
+            first = self.headings(here)[0]
             legs = np.repeat(headings[allowed], 2, axis=0)
             legs[::2] = first
             blocked = self.certificate.failures(legs, DEPTH)

@@ -105,6 +105,11 @@ def start_of(segment: CurvatureSegment, length: float) -> CurvatureSegment:
     return _Stretch.of((segment,)).part(0.0, length).segment()
 
 
+def rest_of(segment: CurvatureSegment, length: float) -> CurvatureSegment:
+    """What follows the first ``length`` metres of a segment, exactly."""
+    return _Stretch.of((segment,)).part(length, segment.length).segment()
+
+
 def interpolate(first: Configuration, last: Configuration, share: float) -> Configuration:
     """The configuration between two: base heading and curvature at every arc length are interpolated linearly.
 

@@ -6,21 +6,23 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.decomposition import merge_segments
+from ccm_opt.continuum.decomposition import merge_segments, rest_of
 from ccm_opt.errors import ProblemError
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_4, scm_6, scm_7, scm_8
-from ccm_opt.hill_climbing.schemas.feeding import begin_feeding, pass_length
+from ccm_opt.hill_climbing.schemas.feeding import FEED, begin_feeding, pass_length, slide_boundary
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step, run
 from ccm_opt.hill_climbing.world import World
 
-SHORT_ENOUGH = 1.5
-"""The base segment gives away its length down to this multiple of the distance that it spans."""
-ENOUGH = 3.0
-"""From this multiple on it is short enough for merging where it can give no more."""
+LEAST = 0.05
+"""The base segment keeps this share of the arm's length."""
+AHEAD = 0.1
+"""The boundary moves ahead by this share of the arm's length."""
+NEAR = 0.3
+"""The arm climbs to the goal when no more than this share of its length is left of the curve to it."""
 BACK = (0.0, 0.25, 0.5, 0.75)
 """Shares of the steps of SCM-8 that are taken back where SCM-7 cannot go on from its end."""
-MERGE_TOLERANCE = 3.0
+MERGE_TOLERANCE = 0.1
 """How far headings may move when the segments are merged [rad]; the arm goes there by SCM-2."""
 
 
@@ -53,8 +55,7 @@ def fold_plan(world: World, start: Configuration, subgoal: TipPose, goal: TipPos
     yield Step("start", start, "1 start")
     here = yield from fold(world, start, subgoal)
     here = yield from staged(scm_6(world, here), "4 reach from the subgoal")
-    here = yield from staged(reach(world, here, goal), "4 reach from the subgoal")
-    return (yield from staged(merge_and_climb(world, here, goal), "5 merge and climb"))
+    return (yield from reach(world, here, goal))
 
 
 def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
@@ -78,13 +79,36 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
 
 
 def reach(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """A tip segment traces the curve to the goal (SCM-4, SCM-5); what is before it holds the subgoal (SCM-3)."""
-    span = float(np.hypot(*(start.tip[0] - start.base)))
-    least = SHORT_ENOUGH * span
+    """A tip segment traces the curve to the goal (SCM-4, SCM-5); what is before it holds the subgoal (SCM-3).
+
+    When the base segment is short enough the segments are merged and the arm climbs to the goal (SCM-0). Where that
+    stops, the boundary moves ahead along the curve and the feed goes on.
+    """
     curve = scm_4(world, start, goal, longest=start.length).segment
     here = begin_feeding(world, start, curve)
-    yield Step("SCM-3", here)
-    return (yield from pass_length(world, here, curve, curve.length, least, ENOUGH * span))
+    yield Step("SCM-3", here, "4 reach from the subgoal")
+    while True:
+        before = here
+        here = yield from staged(pass_length(world, here, curve, LEAST * start.length), "4 reach from the subgoal")
+        if curve.length - here.segments[-1].length <= NEAR * start.length:
+            try:
+                climbed, there = run(merge_and_climb(world, here, goal))
+            except SchemaStopped as stopped:
+                failure = stopped
+            else:
+                yield from (replace(step, stage="5 merge and climb") for step in climbed)
+                return there
+        else:
+            reason = f"{curve.length - here.segments[-1].length:.3f} m of the curve to the goal are left"
+            failure = SchemaStopped("SCM-3 with SCM-5", here, reason)
+        reached = here
+        ahead = min(AHEAD * start.length, here.segments[-1].length - FEED * start.length)
+        here = yield from staged(slide_boundary(world, here, ahead), "4 reach from the subgoal")
+        moved = here.segments[-2].length - reached.segments[-2].length
+        gained = reached.segments[-1].length - before.segments[-1].length
+        if moved + gained < FEED * start.length:
+            raise failure
+        curve = rest_of(curve, moved) if moved > 0.0 else curve
 
 
 def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema:

@@ -6,7 +6,6 @@ from enum import StrEnum
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.hill_climbing.shapes import Shapes
 
 
@@ -54,7 +53,7 @@ class StepSizes:
     slide: float = 0.04
     rotation: float = 0.15
     stretch: float = 0.05
-    scales: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0003)
+    scales: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
 
 
 @dataclass(frozen=True)
@@ -71,15 +70,15 @@ class Moves:
     operators: tuple[Operator, ...] = ALL
     sizes: StepSizes = StepSizes()
 
-    def candidates(self, configuration: Configuration) -> Shapes:
-        """Every operator both ways at every scale, invalid ones left out; by operator, then by scale."""
+    def candidates(self, here: Shapes) -> Shapes:
+        """Every operator both ways at every scale, from a batch of one; invalid ones left out."""
         scales = np.asarray(self.sizes.scales)
         signed = np.stack((scales, -scales), axis=1).ravel()
         pairs: list[tuple[Operator, int]] = [
             (o, k) for k in self.segments for o in self.operators if o is not Operator.ROTATE
         ]
         pairs += [(Operator.ROTATE, 0)] * (Operator.ROTATE in self.operators)
-        many = Shapes.of([configuration]).take(np.zeros(len(pairs) * len(signed), dtype=np.intp))
+        many = here.take(np.zeros(len(pairs) * len(signed), dtype=np.intp))
         least = min(LEAST_SPACING, float(_spacing(many.knots[-1:, self.segments])[0])) * (1.0 - 1e-9)
         for k, (operator, segment) in enumerate(pairs):
             _apply(many, slice(k * len(signed), (k + 1) * len(signed)), operator, segment, signed, self.sizes)

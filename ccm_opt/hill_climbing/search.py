@@ -17,6 +17,12 @@ Objective: TypeAlias = Callable[[Shapes], FloatArray]
 """Distance of each configuration of a batch, shape (m,)."""
 LEAST_GAIN = 1e-4
 """A move counts as an improvement when it takes away at least this share of the distance."""
+WORTH_PUSHING = 0.02
+"""The same while walls push: then the climb is not drawn out for the sake of the push."""
+EASING = 0.3
+"""Where push and distance balance, the push eases by this factor, as the weight of a barrier does."""
+LEAST_PUSH = 1e-6
+"""Weights of crowding below it are dropped."""
 TRIED_AT_ONCE = 8
 """Candidates asked of the world in one go, best first."""
 MOST_TRIED = 96
@@ -60,7 +66,7 @@ class Climb:
     push: float = 0.0
 
 
-def climb(world: World, start: Configuration, task: Climb) -> Generator[Configuration, None, Ending]:
+def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, None, Ending]:
     """Climb until the distance is small enough or no move improves it.
 
     All candidate moves of a step are evaluated as one batch; those that improve are shown to the world in the order
@@ -72,12 +78,13 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Configur
         task: what to aim at.
 
     Yields:
-        The configuration after each move.
+        The configuration after each move, as a batch of one.
 
     Returns:
         How it ended.
     """
-    here, left, push, last = start, float(task.objective(Shapes.of([start]))[0]), task.push, 0
+    here, push, last = Shapes.of([start]), task.push, 0
+    left = float(task.objective(here)[0])
     for _ in range(task.most_steps):
         if left <= task.threshold:
             return Ending.ARRIVED
@@ -85,36 +92,37 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Configur
         distances = task.objective(candidates)
         while True:
             values, value = _pushed(world, push, candidates, distances, here, left)
-            order = _order(values, (1.0 - LEAST_GAIN) * value, task.strategy, last)
+            gain = WORTH_PUSHING if push > 0.0 else LEAST_GAIN
+            order = _order(values, (1.0 - gain) * value, task.strategy, last)
             chosen = _first_allowed(world, here, candidates, order)
             if chosen is not None or push == 0.0:
                 break
-            push = 0.0
+            push = EASING * push if push > LEAST_PUSH else 0.0
         if chosen is None:
             return Ending.BLOCKED if len(order) else Ending.LOCAL_MINIMUM
-        here, left, last = candidates.configuration(chosen), float(distances[chosen]), chosen
+        here, left, last = candidates.take(np.array([chosen])), float(distances[chosen]), chosen
         yield here
     return Ending.ARRIVED if left <= task.threshold else Ending.STEPS
 
 
 def _pushed(
-    world: World, push: float, candidates: Shapes, distances: FloatArray, here: Configuration, left: float
+    world: World, push: float, candidates: Shapes, distances: FloatArray, here: Shapes, left: float
 ) -> tuple[FloatArray, float]:
     """Distances with crowding added, of the candidates and of the configuration they are compared with."""
     if push == 0.0:
         return distances, left
-    return distances + push * world.crowding(candidates), left + push * float(world.crowding(Shapes.of([here]))[0])
+    return distances + push * world.crowding(candidates), left + push * float(world.crowding(here)[0])
 
 
 def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configuration, Ending]:
     """Where a climb ends, and how."""
-    here, way = start, climb(world, start, task)
+    here, way = None, climb(world, start, task)
     while True:
         try:
             here = next(way)
         except StopIteration as end:
             ending: Ending = end.value
-            return here, ending
+            return start if here is None else here.configuration(0), ending
 
 
 def _order(values: FloatArray, below: float, strategy: Strategy, last: int) -> IntArray:
@@ -126,7 +134,7 @@ def _order(values: FloatArray, below: float, strategy: Strategy, last: int) -> I
     return np.roll(improving, -turn)[:MOST_TRIED]
 
 
-def _first_allowed(world: World, here: Configuration, candidates: Shapes, order: IntArray) -> int | None:
+def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:
     for k in range(0, len(order), TRIED_AT_ONCE):
         some = order[k : k + TRIED_AT_ONCE]
         passing = world.passes(here, candidates.take(some))

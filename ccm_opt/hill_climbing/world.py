@@ -10,8 +10,8 @@ from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.hill_climbing.shapes import Shapes
 
-Passes: TypeAlias = Callable[[Configuration, Shapes], BoolArray]
-"""Whether the arm may move from a configuration straight to each of a batch, shape (m,)."""
+Passes: TypeAlias = Callable[[Shapes, Shapes], BoolArray]
+"""Whether the arm may move from one configuration, a batch of one, straight to each of a batch, shape (m,)."""
 Tips: TypeAlias = Callable[[Shapes], tuple[FloatArray, FloatArray]]
 """Positions (m, 2) [m] and headings (m,) [rad] of the tips of whole configurations."""
 
@@ -20,7 +20,9 @@ Gap: TypeAlias = Callable[[FloatArray], FloatArray]
 """About how far points (..., 2) [m] are from contact with a wall, shape (...) [m]."""
 KEPT_OFF = 0.03
 """Points nearer to contact than this share of the arm's length are pushed away."""
-POINTS = 24
+STRAINED = 0.3
+"""Share of the curvature's limit from which interpolation points are pushed back."""
+POINTS = 48
 """Points on a configuration that are pushed."""
 
 
@@ -28,7 +30,7 @@ def _far(points: FloatArray) -> FloatArray:
     return np.full(points.shape[:-1], np.inf)
 
 
-def _anything(here: Configuration, there: Shapes) -> BoolArray:
+def _anything(here: Shapes, there: Shapes) -> BoolArray:
     del here
     return np.ones(len(there), dtype=np.bool_)
 
@@ -45,7 +47,7 @@ class World:
         passes: which moves the arm can make: joint limits, walls, itself, and the sweep on the way.
         tips: where the tip of the whole arm is: that of the curve, or that of the jointed arm that follows it.
         gap: about how far points are from contact.
-        curvature_limit: |C| beyond half of it counts as crowding [1/m].
+        curvature_limit: |C| beyond a share of it counts as crowding [1/m].
         base_range: least and greatest heading of the base [rad].
     """
 
@@ -71,7 +73,7 @@ class World:
         A potential as in reference [8] of the paper and Khatib (1986); the paper itself only says that moves are made
         in front of obstacles.
         """
-        strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - 0.5)
+        strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - STRAINED)
         crowding: FloatArray = np.square(strain).mean(axis=(1, 2))
         if self.gap is not _far:
             lack = np.maximum(0.0, 1.0 - self.gap(shapes.points(POINTS)) / (KEPT_OFF * shapes.length[:, None]))
@@ -80,4 +82,4 @@ class World:
 
     def move_allowed(self, here: Configuration, there: Configuration) -> bool:
         """Whether the arm may move from one configuration straight to another."""
-        return bool(self.passes(here, Shapes.of([there]))[0])
+        return bool(self.passes(Shapes.of([here]), Shapes.of([there]))[0])

@@ -17,7 +17,7 @@ SUBGOAL_SPACING = 0.03
 """Distance of the subgoals of SCM-7 as a share of the arm's length."""
 SUBGOAL_TURN = 0.12
 """Most that the tip turns from subgoal to subgoal [rad]."""
-PUSH = 1e-3
+PUSH = 0.01
 """Weight of the walls beside the distance; none in open space."""
 ON_THE_WAY = Precision(2e-3, 2e-2)
 """Precision asked at the subgoals of SCM-7 but the last."""
@@ -66,7 +66,7 @@ def scm_0(
     way = climb(world, start, Climb(objective, distance.threshold, moves, strategy, most_steps, PUSH))
     while True:
         try:
-            here = next(way)
+            here = next(way).configuration(0)
         except StopIteration as end:
             if end.value is Ending.ARRIVED:
                 return here

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.decomposition import add_segment, delete_segment, start_of
+from ccm_opt.continuum.decomposition import add_segment, delete_segment, divide_segment, start_of
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas.interface import hold
@@ -11,9 +11,9 @@ from ccm_opt.hill_climbing.shapes import Shapes
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
 from ccm_opt.hill_climbing.world import World
 
-FEED = 0.012
+FEED = 0.02
 """Length that is passed on in one step, as a share of the arm's."""
-FINEST = 1.0 / 16.0
+FINEST = 1.0 / 8.0
 """A feed that meets an obstacle is halved down to this share of it."""
 
 
@@ -74,51 +74,79 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
     return here
 
 
-def pass_length(
-    world: World, start: Configuration, curve: CurvatureSegment, length: float, least: float, enough: float = 0.0
-) -> Schema:
-    """SCM-3 and SCM-5 together: what the tip segment gains along its curve, the segment before it loses.
+def pass_length(world: World, start: Configuration, curve: CurvatureSegment, least: float) -> Schema:
+    """SCM-3 and SCM-5 together: what the tip segment gains along its curve, the base segment loses.
 
-    The arm keeps its length, as it must; so each step is one of both schemas at once.
+    The arm keeps its length, as it must; so each step is one of both schemas at once. All segments but the last hold
+    the pose of the boundary to the last.
 
     Args:
         world: the world.
         start: where the arm is; its tip segment lies on the curve.
-        curve: the segment that the tip segment may become.
-        length: that the tip segment should get [m].
-        least: length that the segment before it keeps [m].
-        enough: where the segment before it is as short as this [m], an obstacle ends the feed without failure.
+        curve: the segment that the tip segment is to become.
+        least: length that the base segment keeps [m].
 
     Yields:
         Configurations of constant total length.
 
     Returns:
-        The last of them.
-
-    Raises:
-        SchemaStopped: the pose between the two cannot be held, or something is in the way.
+        The last of them: the tip segment is complete, or the base segment has no more to give, or something is in
+        the way.
     """
     here, holder = start, len(start.segments) - 2
     held = end_pose(start, holder)
-    room = start.segments[-2].length - least
-    goal = min(length, start.segments[-1].length + room)
     stride = FEED * start.length
-    while abs(goal - here.segments[-1].length) > 1e-9 * start.length:
-        gap = goal - here.segments[-1].length
-        part = here.segments[-1].length + float(np.clip(gap, -stride, stride))
-        left = here.segments[-2].length - (part - here.segments[-1].length)
+    while stride >= FINEST * FEED * start.length:
+        most = min(curve.length - here.segments[-1].length, here.segments[0].length - least)
+        if most <= 1e-9 * start.length:
+            return here
+        part = min(stride, most)
+        longer = fed(here, curve, here.segments[-1].length + part)
         try:
-            here = hold(world, here, resized(fed(here, curve, part), holder, left), holder, held, "SCM-3")
-        except SchemaStopped as stopped:
+            here = hold(world, here, resized(longer, 0, here.segments[0].length - part), holder, held, "SCM-3")
+        except SchemaStopped:
             stride *= 0.5
-            if stride < FINEST * FEED * start.length and here.segments[-2].length <= enough:
-                return here
-            if stride < FINEST * FEED * start.length:
-                reason = f"at {part:.3f} m of the curve's {curve.length:.3f} m: {stopped.diagnosis.reason}"
-                raise SchemaStopped("SCM-3 with SCM-5", here, reason) from stopped
             continue
         stride = min(2.0 * stride, FEED * start.length)
         yield Step("SCM-3 with SCM-5", here)
+    return here
+
+
+def slide_boundary(world: World, start: Configuration, length: float) -> Schema:
+    """Move the boundary to the tip segment ahead along it; the segment before takes what the boundary passes (SCM-3).
+
+    "Segment boundaries can be moved smoothly along the length of the arm" (section 2.2). The subgoal that is held
+    moves along with the boundary, so that a fold opens. The tip segment stays where it is.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        length: by which the boundary should move [m].
+
+    Yields:
+        Configurations of constant total length.
+
+    Returns:
+        The last of them: the boundary has moved so far, or something is in the way.
+    """
+    here, holder = start, len(start.segments) - 2
+    stride, moved = FEED * start.length, 0.0
+    while stride >= FINEST * FEED * start.length and moved < (1.0 - 1e-9) * length:
+        part = min(stride, length - moved)
+        tip = here.segments[-1]
+        divided = divide_segment(here, holder + 1, part / tip.length)
+        held = end_pose(divided, holder + 1)
+        taken = resized(Configuration(here.base, here.segments[:-1]), holder, here.segments[holder].length + part)
+        shapes = Shapes.of([taken])
+        shapes.curvature[0, -1, -1] = divided.segments[-1].curvature[0]
+        changed = add_segment(shapes.configuration(0), divided.segments[-1])
+        try:
+            here = hold(world, here, changed, holder, held, "SCM-3")
+        except SchemaStopped:
+            stride *= 0.5
+            continue
+        moved += part
+        yield Step("SCM-3", here)
     return here
 
 

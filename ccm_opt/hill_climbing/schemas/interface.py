@@ -6,6 +6,8 @@ import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.continuum.segment import EVEN_KNOTS
+from ccm_opt.continuum.segment_types import natural_segment, select_segment_type, wrap
 from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose
 from ccm_opt.hill_climbing.operators import Moves, Operator
 from ccm_opt.hill_climbing.search import Climb, Ending, end_of
@@ -19,8 +21,10 @@ HELD = (
 """Operators that leave the curvature at the end alone."""
 HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
 """How exactly a pose is preserved."""
-PUSH = 1e-3
+PUSH = 0.03
 """Weight of the walls while a pose is held."""
+RELAXING = 6
+"""Moves by which a shape is relaxed before its end is brought back."""
 TURN = 0.3
 """Most that the end's curvature changes in one step, times the segment's length [rad]."""
 
@@ -63,7 +67,7 @@ def hold(
         world: the world.
         before: where the arm was; it must be able to move from there to the result.
         changed: the arm after the change.
-        segment: whose end is held; the operators move this one.
+        segment: whose end is held; the operators move it and those before it.
         held: where its end has to be.
         schema: in whose name.
 
@@ -74,16 +78,32 @@ def hold(
     def objective(shapes: Shapes) -> FloatArray:
         return distance(shapes.first_segments(segment + 1))
 
-    def reachable(here: Configuration, there: Shapes) -> BoolArray:
+    def reachable(here: Shapes, there: Shapes) -> BoolArray:
         del here
-        return world.passes(before, there)
+        return world.passes(origin, there)
 
+    origin = Shapes.of([before])
     distance = Distance(held, before.length, precision=HELD_PRECISION)
     watched = replace(world, passes=reachable)
-    for guard in (replace(world, passes=World().passes), watched):
-        task = Climb(objective, distance.threshold, Moves((segment,), HELD), push=PUSH)
-        here, ending = end_of(guard, changed, task)
+    moves, anywhere = Moves(tuple(range(segment + 1)), HELD), replace(world, passes=World().passes)
+    relaxed, _ = end_of(anywhere, changed, Climb(objective, -np.inf, moves, most_steps=RELAXING, push=PUSH))
+    tries = [(anywhere, begin, 0.0) for begin in (*_reselected(changed, segment, held), relaxed, changed)]
+    for guard, begin, push in (*tries, (watched, changed, PUSH)):
+        here, ending = end_of(guard, begin, Climb(objective, distance.threshold, moves, push=push))
         if ending is Ending.ARRIVED and world.move_allowed(before, here):
             return here
     reason = "contact" if ending is Ending.ARRIVED else str(ending)
     raise SchemaStopped(schema, before, f"the segment of {changed.segments[segment].length:.3f} m: {reason}")
+
+
+def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Configuration, ...]:
+    """The base segment as the natural curve of its type and length, as SCM-1 would select it; nothing for others."""
+    if segment > 0 or float(np.hypot(*(held.position - changed.base))) > changed.segments[0].length:
+        return ()
+    shapes = Shapes.of([changed])
+    kind = select_segment_type(changed.base, None, held.position, held.heading)
+    natural = natural_segment(kind, changed.base, held.position, changed.segments[0].length)
+    shapes.curvature[0, 0, :-1] = natural.curvature[:-1]
+    shapes.knots[0, 0] = EVEN_KNOTS
+    shapes.heading[0] += wrap(natural.heading - float(shapes.heading[0]))
+    return (shapes.configuration(0),)
