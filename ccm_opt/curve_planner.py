@@ -80,6 +80,16 @@ class CurvePlanner:
             ends = resolve_ends(problem)
             if self.terms is not None:
                 refuse_contradicted(self.terms, ends)
+        task, motion = self.motion_between(problem, ends, deadline)
+        with self.stages("motion"):
+            return joint_path(problem, task, motion)
+
+    def motion_between(self, problem: Problem, ends: Ends, deadline: Deadline) -> tuple[MotionTask, Motion]:
+        """The certified motion between ends that are already resolved, and what was asked of the search for it.
+
+        Raises:
+            NoPlanFound: with the reason and what would help.
+        """
         with self.stages("free space"):
             room = FreeSpace.of(problem.workspace, route_margin(problem, ends))
             routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
@@ -105,7 +115,7 @@ class CurvePlanner:
                 slowness=slowness(problem),
                 terms=self.terms,
             )
-            return joint_path(problem, task, find_motion(task))
+            return task, find_motion(task)
 
 
 def slowness(problem: Problem) -> Slowness:

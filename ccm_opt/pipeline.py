@@ -15,8 +15,11 @@ from ccm_opt.diagnosis.recall import Recalling
 from ccm_opt.dynamics.compiled import prepare
 from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import check_options
-from ccm_opt.errors import VerificationError
+from ccm_opt.errors import ProblemError, VerificationError
+from ccm_opt.feed_planner import FeedPlanner
+from ccm_opt.hill_climbing_planner import HillClimbingPlanner
 from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.motion.feeding.deviation import Deviation, deviation
 from ccm_opt.planner import Planner, Retimer
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
@@ -43,7 +46,7 @@ def solve(
     Args:
         problem: what to solve.
         progress: called with the name of each stage when it starts.
-        planner: another planner; the curve planner when None.
+        planner: another planner; when None the feed planner for an arm on a feed axis, else the curve planner.
         retimer: another way to time the path; the one that the problem names when None.
         constraints: the user's own; another planner is not told of them, but its plan is held against them.
         costs: the user's own; another planner is not told of them.
@@ -62,11 +65,11 @@ def solve(
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation)
         terms = compile_terms(problem.arm, constraints, costs) if constraints or costs else None
-    chosen = Recalling(planner or CurvePlanner(stages, terms))
+    chosen = Recalling(planner or default_planner(problem, stages, terms))
 
     def again(changed: Problem) -> object:
         own, quiet = None if terms is None else compile_terms(changed.arm, constraints, costs), Stages()
-        other = Recalling(planner or CurvePlanner(quiet, own), chosen.paths)
+        other = Recalling(planner or default_planner(changed, quiet, own), chosen.paths)
         return planned(changed, other, quiet, retimer, own)
 
     with explaining(problem, again, stages, wanted=explain):
@@ -89,6 +92,19 @@ def solve(
         dict(stages.timings),
         versions=versions(),
     )
+
+
+def default_planner(problem: Problem, stages: Stages, terms: UserTerms | None = None) -> Planner:
+    """The planner for a problem and the user's own terms."""
+    if problem.planner.method == "hill-climbing":
+        if terms is not None:
+            raise ProblemError("hill climbing knows no constraints and costs of one's own; use planner.method nlp")
+        return HillClimbingPlanner(stages)
+    if problem.arm.feed is None:
+        return CurvePlanner(stages, terms)
+    if terms is not None:
+        raise ProblemError("own constraints and costs are not planned for with a feed axis yet; leave arm.feed out")
+    return FeedPlanner(stages)
 
 
 def planned(
@@ -164,7 +180,8 @@ def metrics(
     """The figures of merit of a plan, named with their units."""
     arm = problem.arm
     headings = arm.headings(trajectory.bend_angles)
-    tip = arm.joint_positions(headings[-1:])[0, -1]
+    feeds = 0.0 if trajectory.feed is None else trajectory.feed.positions
+    tip = arm.joint_positions(headings, feeds)[-1, -1]
     figures = {
         "duration_s": trajectory.duration,
         "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),
@@ -178,6 +195,8 @@ def metrics(
         if problem.goal.heading is not None:
             turn = (headings[-1, -1] - problem.goal.heading + np.pi) % (2.0 * np.pi) - np.pi
             figures["heading_error_rad"] = abs(float(turn))
+    if path.leaders and trajectory.feed is not None:
+        figures.update(leader_figures(deviation(arm, trajectory.bend_angles, trajectory.feed.positions, path.leaders)))
     figures.update(
         {
             f"least_{check.name.replace(' ', '_')}_m": check.worst
@@ -186,6 +205,15 @@ def metrics(
         }
     )
     return figures
+
+
+def leader_figures(found: Deviation) -> Mapping[str, float]:
+    """How well the arm follows its leader, as figures of merit."""
+    return {
+        "leader_deviation_mean_m": found.mean,
+        "leader_deviation_worst_m": found.worst,
+        "leader_deviation_straight_mean_m": found.straight_mean,
+    }
 
 
 def versions() -> Mapping[str, str]:

@@ -3,13 +3,14 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 
 from scipy.interpolate import BSpline
 
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
 from ccm_opt.feed_planner.leader_paths import LeaderPaths, Reach
 from ccm_opt.feed_planner.query import FeedQuery
-from ccm_opt.feed_planner.tactics import Way, following, reshaping, reshaping_at_once
+from ccm_opt.feed_planner.tactics import Way, following, reshaping, reshaping_at_once, straightened
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.feeding.leader import LeaderPath
 from ccm_opt.motion.link_space import nearest_curve
@@ -50,8 +51,6 @@ class FeedPlanner:
         with self.stages("mapping"):
             query = FeedQuery.of(problem, problem.arm.feed, deadline)
         with self.stages("motion"):
-            if query.goal is not None and query.goal_path is None and query.start_path is not None:
-                return _Search(query.backwards(query.goal)).answer().reversed()
             return _Search(query).answer()
 
 
@@ -92,36 +91,38 @@ class _Search:
 
     def _ways(self) -> Iterator[Way]:
         """All ways, those that follow a leader all the time first."""
-        for path in self._leaders():
-            self.paths.append(path)
-            yield from following(self.query, path)
-        yield from reshaping_at_once(self.query)
-        for path in self.paths[:PATHS_RESHAPED_TO]:
-            yield from reshaping(self.query, path)
+        query = self.query
+        at_once = query.goal is not None and (query.start_path is None or query.goal_path is None)
+        if at_once:
+            yield from reshaping_at_once(query)
+        ends = [straightened(query, query.start, query.start_path)]
+        if query.goal is not None:
+            ends.append(straightened(query, query.goal, query.goal_path))
+        for head, *tail in product(*ends):
+            goal = tail[0].pose if tail else None
+            for way in self._between(query.between(head.pose, goal)):
+                yield way.from_to(head, *tail)
+        if not at_once:
+            yield from reshaping_at_once(query)
 
-    def _leaders(self) -> Iterator[LeaderPath]:
+    def _between(self, query: FeedQuery) -> Iterator[Way]:
+        """Ways between ends from which the arm can be drawn back."""
+        paths = []
+        for path in self._leaders(query):
+            paths.append(path)
+            yield from following(query, path)
+        self.paths += paths
+        for path in paths[:PATHS_RESHAPED_TO]:
+            yield from reshaping(query, path)
+
+    def _leaders(self, query: FeedQuery) -> Iterator[LeaderPath]:
         """Leaders' paths, most promising first."""
-        if self.query.goal_path is not None:
-            yield self.query.goal_path
+        if query.goal_path is not None:
+            yield query.goal_path
         if self.finder is not None:
-            reach = Reach.of(self.query.arm, self.query.feed)
-            for straight, curves in self._straights():
+            reach = Reach.of(query.arm, query.feed)
+            for straight, curves in _straights(query):
                 yield from self.finder.along(straight, reach, curves)
-
-    def _straights(self) -> list[tuple[float, int]]:
-        """Arc lengths up to which leaders' paths follow the feed axis [m], and how many curves to ask for at each.
-
-        A straight start lies on a path that is straight up to its tip; else it is drawn back as far as it must.
-        """
-        query, least = self.query, self.query.least_straight
-        lengths = [(least, MOST_CURVES)]
-        if query.feed.low + query.arm.length > least:
-            lengths.insert(0, (query.feed.low + query.arm.length, CURVES_TO_TRY))
-        if not query.start.bends.any() and query.start.feed + query.arm.length > least:
-            lengths.insert(0, (query.start.feed + query.arm.length, CURVES_TO_TRY))
-        if query.feed.high > least:
-            lengths.append((query.feed.high + 2.0 * query.motions.travel, MOST_CURVES))
-        return lengths
 
     def _joint_path(self, way: Way, spline: BSpline, spare: float) -> JointPath:
         arm = self.query.arm
@@ -143,6 +144,22 @@ class _Search:
             return TimeLimitReached(slow)
         advice = ("raise planner.routes", "use a smaller radius or clearance", "widen arm.feed.range")
         return MotionNotFound(Diagnosis(reason, "motion", advice, evidence))
+
+
+def _straights(query: FeedQuery) -> list[tuple[float, int]]:
+    """Arc lengths up to which leaders' paths follow the feed axis [m], and how many curves to ask for at each.
+
+    A straight start lies on a path that is straight up to its tip; else it is drawn back as far as it must.
+    """
+    least = query.least_straight
+    lengths = [(least, MOST_CURVES)]
+    if query.feed.low + query.arm.length > least:
+        lengths.insert(0, (query.feed.low + query.arm.length, CURVES_TO_TRY))
+    if not query.start.bends.any() and query.start.feed + query.arm.length > least:
+        lengths.insert(0, (query.start.feed + query.arm.length, CURVES_TO_TRY))
+    if query.feed.high > least:
+        lengths.append((query.feed.high + 2.0 * query.motions.travel, MOST_CURVES))
+    return lengths
 
 
 def _unreachable(query: FeedQuery, shortest: float) -> Diagnosis | None:

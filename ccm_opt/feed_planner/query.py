@@ -52,9 +52,9 @@ class FeedQuery:
             gap = min(gap, refuse_bad_pose(motions, goal, "goal"))
         return cls(problem, feed, start, goal, replace(motions, gap=gap), deadline)
 
-    def backwards(self, goal: FedPose) -> "FeedQuery":
-        """The way from the goal of the whole arm to the start."""
-        return replace(self, start=goal, goal=self.start)
+    def between(self, start: FedPose, goal: FedPose | None) -> "FeedQuery":
+        """The question with other ends."""
+        return replace(self, start=start, goal=goal)
 
     @property
     def arm(self) -> Arm:

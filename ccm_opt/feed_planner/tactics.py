@@ -10,11 +10,29 @@ from ccm_opt.feed_planner.poses import FedPose
 from ccm_opt.feed_planner.query import FeedQuery
 from ccm_opt.feed_planner.reshaping import Reshaping
 from ccm_opt.motion.feeding.leader import LeaderPath
+from ccm_opt.motion.feeding.own_shape import own_path
 from ccm_opt.motion.feeding.slide import joined, pose_on, slide
 from ccm_opt.problem import TipGoal
 
 SAME_POSE = 1e-7
 """Bends that differ by less are the same [rad]."""
+OUT, OUT_SHARE = 0.25, 0.95
+"""Link lengths beyond the last place where no joint may bend at which bends are moved on to, and of their limit."""
+SEPARATION = 2
+"""Further keyframes where a change of shape ends, so that no span of the smooth path mixes it with moving feed."""
+
+
+@dataclass(frozen=True)
+class Straightened:
+    """An end that bends too near to the hole, and a pose like it that does not.
+
+    Attributes:
+        keyframes: from the end to that pose, shape (K, links + 1) [rad, m].
+        pose: the pose that the motion goes on from.
+    """
+
+    keyframes: FloatArray
+    pose: FedPose
 
 
 @dataclass(frozen=True)
@@ -31,17 +49,24 @@ class Way:
     leaders: tuple[FloatArray, ...]
     name: str
 
+    def from_to(self, start: Straightened, goal: Straightened | None = None) -> "Way":
+        """The way with what straightens its ends before and after it."""
+        after = () if goal is None else (goal.keyframes[::-1],)
+        bent = len(start.keyframes) > 1 or any(len(keyframes) > 1 for keyframes in after)
+        keyframes = joined(start.keyframes, self.keyframes, *after)
+        return Way(keyframes, () if bent else self.leaders, f"straighten, {self.name}" if bent else self.name)
+
 
 def following(query: FeedQuery, path: LeaderPath) -> Iterator[Way]:
     """Ways that follow a leader all the time: ahead from the start, or back along the start's own shape first."""
     end = query.end_on(path)
     if end is None:
         return
-    arm, start = query.arm, query.start
+    arm, start, own = query.arm, query.start, query.start_path
     if np.max(np.abs(pose_on(arm, path, start.feed) - start.bends)) < SAME_POSE:
+        before = () if own is None or end >= start.feed else (own.points,)
         name = f"follow the leader, {path.name}"
-        yield Way(_pinned(query, slide(arm, path, start.feed, end)), (path.points,), name)
-    own = query.start_path
+        yield Way(_pinned(query, slide(arm, path, start.feed, end)), (*before, path.points), name)
     if own is None:
         return
     back = min(query.fully_drawn_back(path), query.fully_drawn_back(own), start.feed, end)
@@ -49,6 +74,42 @@ def following(query: FeedQuery, path: LeaderPath) -> Iterator[Way]:
         keyframes = joined(slide(arm, own, start.feed, back), slide(arm, path, back, end))
         name = f"draw back, then follow the leader, {path.name}"
         yield Way(_pinned(query, keyframes), (own.points, path.points), name)
+
+
+def straightened(query: FeedQuery, end: FedPose, path: LeaderPath | None) -> Iterator[Straightened]:
+    """Poses near an end from which the arm can be drawn back; the end itself when it can.
+
+    Args:
+        query: what is asked.
+        end: the start, or the goal of the whole arm.
+        path: along which the end lies, or None when it bends too near to the hole.
+    """
+    if path is not None:
+        yield Straightened(end.row[None], end)
+        return
+    for bends in (_bent_further_out(query, end), np.zeros(query.arm.links)):
+        if own_path(query.arm, bends, end.feed, query.least_straight) is not None:
+            keyframes = _reshaper(query).keyframes(end, bends, query.feed.hole)
+            if keyframes is not None:
+                apart = np.repeat(keyframes[-1:], SEPARATION, axis=0)
+                yield Straightened(np.concatenate((keyframes, apart)), FedPose(bends, end.feed))
+
+
+def _bent_further_out(query: FeedQuery, end: FedPose) -> FloatArray:
+    """Bends of a pose, those too near to the hole moved on to the next joints that may bend, shape (links,) [rad]."""
+    arm, bends = query.arm, end.bends.copy()
+    places = end.feed + arm.link_length * np.arange(arm.links)
+    first = int(np.searchsorted(places, query.outside + OUT * arm.link_length))
+    if first >= arm.links:
+        return np.zeros(arm.links)
+    left = float(bends[:first].sum())
+    bends[:first] = 0.0
+    for joint in range(first, arm.links):
+        limit = OUT_SHARE * arm.bend_limits[joint]
+        wanted = bends[joint] + left
+        bends[joint] = float(np.clip(wanted, -limit, limit))
+        left = wanted - bends[joint]
+    return bends
 
 
 def reshaping_at_once(query: FeedQuery) -> Iterator[Way]:
