@@ -22,8 +22,9 @@ from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.motion.own_ends import refuse_contradicted
+from ccm_opt.motion.own_path import on_equations, own_path
 from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.spline_path import certified_spline, spare_kept
+from ccm_opt.motion.spline_path import spare_kept
 from ccm_opt.motion.task import Motion, MotionTask, Remembered, Slowness
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by
 from ccm_opt.nlp.configuration import find_configuration
@@ -281,11 +282,16 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
     Raises:
         MotionNotFound: when no smooth path near the motion can be certified.
     """
-    spline = certified_spline(motion.headings, task.certificate)
+    spline = own_path(motion, task)
     if spline is None:
         reason = "the motion leaves no room for a smooth path"
         raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))
     control = problem.arm.bends(spline.c)
     curves = tuple(nearest_curve(problem.arm, headings) for headings in motion.headings)
-    keyframes, spare = problem.arm.bends(motion.headings), spare_kept(spline, task.certificate)
+    keyframes, spare = problem.arm.bends(motion.headings), _spare(task, spline)
     return JointPath(BSpline(spline.t, control, spline.k), keyframes, curves, motion.candidate, spare=spare)
+
+
+def _spare(task: MotionTask, spline: BSpline) -> float:
+    """Gap that timing may use up: none where the path is laid through dense knots."""
+    return 0.0 if on_equations(task) else spare_kept(spline, task.certificate)

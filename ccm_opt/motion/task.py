@@ -100,7 +100,7 @@ class MotionTask:
         gaps = [finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
         spare = np.clip(0.5 * min(gaps), 0.0, SPARE * self.arm.length)
         certificate = Certificate(self.arm, self.workspace, float(spare))
-        return certificate if self.terms is None else OwnCertificate.around(certificate, self.terms.motion_rows)
+        return certificate if self.terms is None else OwnCertificate.around(certificate, self.terms.path_rows)
 
     def own_rows(self, space: LinkSpace) -> OwnRows | None:
         """Rows of the user's constraints on the way, in a link space; None when there are none."""
@@ -142,12 +142,14 @@ class Motion:
         coordinates: at the keyframes, shape (K, p).
         headings: link headings at the keyframes, shape (K, links) [rad].
         candidate: name of the candidate that led to it.
+        u: path parameter at the keyframes, shape (K,), or None where nothing depends on it.
     """
 
     space: LinkSpace
     coordinates: FloatArray
     headings: FloatArray
     candidate: str
+    u: FloatArray | None = None
 
 
 def coarsened(task: MotionTask, links: int) -> MotionTask:

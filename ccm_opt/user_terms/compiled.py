@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.errors import CcmError, ProblemError
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.user_terms.quantities import Quantities
@@ -84,6 +84,26 @@ class CompiledCost:
         """The cost, unweighted, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
         return evaluated(self.function, headings, u, feed)[:, 0]
 
+    @cached_property
+    def _derivatives(self) -> Any:
+        symbols = list(self.quantities.symbols)
+        hessian, gradient = ca.hessian(self.expression, symbols[0])
+        return ca.Function("derivatives", symbols, [ca.densify(gradient), ca.densify(hessian)])
+
+    def second_order(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+        """Gradient, shape (links,), and Hessian, shape (links, links), by the link headings at one pose."""
+        gradient, hessian = self._derivatives(headings, 0.0, u)
+        return np.asarray(gradient)[:, 0], np.asarray(hessian)
+
+    def applies(self, u: FloatArray) -> BoolArray:
+        """At which places of the motion, the last of them the goal, the cost counts, shape (N,)."""
+        where = self.cost.where
+        if isinstance(where, Interval):
+            inside: BoolArray = (where.first <= u) & (u <= where.last)
+            return inside
+        last = np.arange(len(u)) == len(u) - 1
+        return last if where == "goal" else np.ones(len(u), dtype=bool)
+
 
 @dataclass(frozen=True, eq=False)
 class UserTerms:
@@ -106,8 +126,13 @@ class UserTerms:
 
     @cached_property
     def motion_rows(self) -> RowSet:
-        """Rows of the hard constraints that hold on the way."""
+        """Rows of the hard constraints that hold at the keyframes on the way."""
         return self._rows([c for c in self.hard if c.constraint.where != "goal"])
+
+    @cached_property
+    def path_rows(self) -> RowSet:
+        """Rows of the hard constraints that hold between keyframes too."""
+        return self._rows([c for c in self.hard if c.constraint.where not in {"goal", "keyframes"}])
 
     @cached_property
     def goal_rows(self) -> RowSet:

@@ -5,6 +5,7 @@ Hessian is the Gauss–Newton one, which is convex.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -29,6 +30,22 @@ class Quadratic:
     gradient: FloatArray
     diagonal: FloatArray
     above: FloatArray
+
+
+class SweepCost(Protocol):
+    """A cost of a motion beside the quadratic objective."""
+
+    def value(self, sweep: Sweep) -> float:
+        """Cost of a motion."""
+        ...
+
+    def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
+        """Cost after a change of the coordinates, shape (K + 1, p), as the model sees it."""
+        ...
+
+    def model(self, sweep: Sweep) -> Quadratic:
+        """Gradient and a convex Hessian by the coordinates."""
+        ...
 
 
 @dataclass(frozen=True)

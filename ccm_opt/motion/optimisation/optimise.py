@@ -9,6 +9,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.optimisation.interior_point import interior_point
 from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
+from ccm_opt.motion.optimisation.own_optimise import optimise_own
 from ccm_opt.motion.optimisation.rows import motion_rows
 from ccm_opt.motion.optimisation.sequential_convex import Program, sequential_convex
 from ccm_opt.motion.optimisation.sweep_regions import WallSegments
@@ -45,7 +46,10 @@ def optimise(motion: Motion, task: MotionTask, margin: float = MARGIN) -> Motion
     certificate = task.certificate
     if task.optimiser == "none" or len(motion.coordinates) < 2 or task.deadline.passed():
         return motion
-    program, coordinates = _program(motion, task, margin), thinned(motion, certificate)
+    program = _program(motion, task, margin)
+    if task.terms is not None:
+        return optimise_own(motion, task, program)
+    coordinates = thinned(motion, certificate)
     solve = interior_point if task.optimiser == "interior-point" else sequential_convex
     optimised = solve(program, coordinates)
     return _better(motion, optimised, plain=task.weights == Weights())

@@ -16,8 +16,9 @@ import scipy.sparse as sp
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.optimisation.kinematics import Sweep
-from ccm_opt.motion.optimisation.nearness import Nearness, Quadratic
+from ccm_opt.motion.optimisation.nearness import Quadratic, SweepCost
 from ccm_opt.motion.optimisation.objective import Objective
+from ccm_opt.motion.optimisation.own_terms import KeyframeTerms
 from ccm_opt.motion.optimisation.rows import Rows
 from ccm_opt.motion.step import LIMIT_SHARE
 
@@ -77,7 +78,8 @@ class StepProblem:
         damping: weight on the squared turns of the links.
         goal: where the tip has to stay.
         end_fixed: whether the last keyframe is fixed.
-        nearness: what nearness to walls costs.
+        nearness: what nearness to walls, and whatever the user asks for, costs.
+        own: the user's constraints, or None.
     """
 
     sweep: Sweep
@@ -88,7 +90,8 @@ class StepProblem:
     damping: float
     goal: GoalPose
     end_fixed: bool
-    nearness: Nearness | None = None
+    nearness: SweepCost | None = None
+    own: KeyframeTerms | None = None
 
     @cached_property
     def _near(self) -> Quadratic | None:
@@ -179,7 +182,18 @@ class StepProblem:
         else:
             rows[:2, last] = self.sweep.jacobians[-1, links] / self.unit
             rows[2:, last] = self.sweep.space.matrix[-1]
-        return sp.csc_matrix(rows)
+        if self.own is None:
+            return sp.csc_matrix(rows)
+        keyframe, slopes = self.own.equations(self.sweep)
+        moves = (keyframe < len(self.sweep.turns)) | (not self.end_fixed)
+        return sp.vstack((sp.csc_matrix(rows), self._at_keyframes(keyframe[moves], slopes[moves]))).tocsc()
+
+    def _at_keyframes(self, keyframe: IntArray, slopes: FloatArray) -> Any:
+        """Rows of single keyframes after the first, each slope of shape (p,)."""
+        count, p = slopes.shape
+        row = np.repeat(np.arange(count), p)
+        column = ((keyframe - 1)[:, None] * self.width + np.arange(p)).ravel()
+        return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, len(self.sweep.turns) * self.width))
 
     def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
         """Matrix, lower and upper bounds of the rows (less their interval's slack) and of the joint limits."""
@@ -192,7 +206,12 @@ class StepProblem:
         shape = (m + len(joint), len(self.sweep.turns) * self.width)
         lower = np.concatenate((np.full(m, -_FREE), limits[0]))
         upper = np.concatenate((-self.rows.values(self.sweep) / self.unit, limits[1]))
-        return sp.csc_matrix((data, (row, column)), shape=shape), lower, upper
+        matrix = sp.csc_matrix((data, (row, column)), shape=shape)
+        if self.own is None:
+            return matrix, lower, upper
+        keyframe, slopes, least = self.own.gaps(self.sweep)
+        matrix = sp.vstack((matrix, self._at_keyframes(keyframe, slopes))).tocsc()
+        return matrix, np.concatenate((lower, least)), np.concatenate((upper, np.full(len(least), _FREE)))
 
     def _row_entries(self) -> tuple[FloatArray, IntArray, IntArray]:
         """Entries of the linearised rows as (data, row, column); the first keyframe is fixed and has no columns."""

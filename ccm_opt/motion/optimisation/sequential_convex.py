@@ -14,8 +14,9 @@ from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.optimisation.kinematics import Sweep
-from ccm_opt.motion.optimisation.nearness import DISTANCE, Nearness
+from ccm_opt.motion.optimisation.nearness import DISTANCE, Nearness, SweepCost
 from ccm_opt.motion.optimisation.objective import Objective
+from ccm_opt.motion.optimisation.own_terms import CostSum, KeyframeTerms
 from ccm_opt.motion.optimisation.quadratic_step import Curvature, Step, StepProblem
 from ccm_opt.motion.optimisation.rows import Rows, representatives
 from ccm_opt.motion.step import LIMIT_SHARE, pose_in
@@ -58,6 +59,7 @@ class Program:
         deadline: when to stop.
         weights: how much each part of the objective counts.
         slowness: of the joints.
+        own: the user's constraints and costs, or None.
     """
 
     space: LinkSpace
@@ -69,6 +71,7 @@ class Program:
     deadline: Deadline
     weights: Weights = field(default_factory=Weights)
     slowness: Slowness | None = None
+    own: KeyframeTerms | None = None
 
     def objective(self, intervals: int) -> Objective:
         """The quadratic part of the objective."""
@@ -82,8 +85,15 @@ class Program:
         walls = rows.take(rows.minus == 0)
         return Nearness(active_rows(walls, sweep, distance), self.weights.clearance, distance)
 
+    def beside(self, rows: Rows, sweep: Sweep) -> SweepCost | None:
+        """All costs beside the quadratic objective; None when there are none."""
+        parts = [part for part in (self.nearness(rows, sweep), self.own) if part is not None]
+        return CostSum(tuple(parts)) if parts else None
+
     def ended(self, coordinates: FloatArray) -> FloatArray:
-        """The coordinates with the last keyframe polished onto the goal."""
+        """The coordinates with the keyframes on the user's equations and the last one polished onto the goal."""
+        if self.own is not None:
+            coordinates = self.own.returned(coordinates)
         if not self.end_fixed:
             coordinates[-1] = polish(self.space, self.goal, coordinates[-1])
         return coordinates
@@ -93,6 +103,8 @@ class Program:
         arm = self.space.arm
         allowed = np.maximum(0.5 * (1.0 + LIMIT_SHARE) * arm.bend_limits, np.abs(arm.bends(before.headings)))
         if np.any(np.abs(arm.bends(sweep.headings)) > np.minimum(allowed, arm.bend_limits)):
+            return False
+        if self.own is not None and not self.own.met(sweep):
             return False
         end = pose_in(self.space, sweep.coordinates[-1])
         return self.end_fixed or max(self.goal.errors(end)) <= _GOAL_ERROR
@@ -150,7 +162,7 @@ def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterat
     """One accepted step, or None when none is."""
     rows = program.make_rows(iterate.sweep)
     active = active_rows(rows, iterate.sweep, program.active)
-    nearness = program.nearness(rows, iterate.sweep)
+    nearness = program.beside(rows, iterate.sweep)
     for _ in range(TRIES):
         problem = StepProblem(
             iterate.sweep,
@@ -162,6 +174,7 @@ def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterat
             program.goal,
             program.end_fixed,
             nearness,
+            program.own,
         )
         step = problem.solve()
         following, failing = _part_taken(program, rows, problem, step) if step.solved else (None, _NONE)

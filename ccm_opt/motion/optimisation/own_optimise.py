@@ -1,0 +1,63 @@
+"""The driver where the user has constraints or costs: keyframes know their path parameter and stay on the equations."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.optimisation.keyframes import Failures, decimated, subdivided
+from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.optimisation.own_terms import KeyframeTerms
+from ccm_opt.motion.optimisation.sequential_convex import Program, sequential_convex
+from ccm_opt.motion.task import Motion, MotionTask
+
+INTERVALS = (24, 48, 96)
+"""Numbers of intervals that are tried, until the motion is certified with its keyframes on the equations."""
+LEG_DEPTH = 2
+"""Bisections that a leg of the thinned motion may need for its certificate."""
+ROUNDS = 24
+
+
+def optimise_own(motion: Motion, task: MotionTask, program: Program) -> Motion:
+    """Make a motion's cost, the user's own included, small within the user's constraints.
+
+    Args:
+        motion: certified, its keyframes on the user's equations.
+        task: with the user's terms.
+        program: the same without them.
+
+    Returns:
+        The last certified motion; the given one when its keyframes cannot be thinned.
+    """
+    terms, space = task.terms, motion.space
+    if terms is None:
+        return motion
+    failures = partial(task.certificate.failures, depth=LEG_DEPTH)
+    for intervals in INTERVALS:
+        labelled = _thinned(motion, lambda v: failures(space.headings(v[:, :-1])), intervals)
+        own = KeyframeTerms(space, terms, labelled[:, -1])
+        start = own.returned(labelled[:, :-1].copy())
+        if not own.met(Sweep(space, start)) or len(task.certificate.failures(space.headings(start))):
+            continue
+        coordinates = sequential_convex(replace(program, own=own), start, ROUNDS)
+        return replace(motion, coordinates=coordinates, headings=space.headings(coordinates), u=own.u)
+    return motion
+
+
+def path_parameters(motion: Motion) -> FloatArray:
+    """Path parameter of every keyframe: its own, or its share of the motion's length in joint space, shape (K,)."""
+    if motion.u is not None:
+        return motion.u
+    bends = motion.space.arm.bends(motion.headings)
+    way = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(bends, axis=0), axis=1))))
+    shares: FloatArray = way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(way))
+    return shares
+
+
+def _thinned(motion: Motion, failures: Failures, intervals: int) -> FloatArray:
+    """Coordinates and path parameters at few keyframes on certified legs, shape (K + 1, p + 1)."""
+    labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
+    few = decimated(labelled, failures)
+    turns = np.diff(motion.space.arm.bends(motion.space.headings(few[:, :-1])), axis=0)
+    return subdivided(few, np.linalg.norm(turns, axis=1), intervals)
