@@ -29,6 +29,8 @@ class Limits:
         feed_velocity: of the feed axis [m/s], or None when there is none.
         feed_acceleration: of the feed axis [m/s²], or None when there is none.
         feed_force: of the feed axis [N], or None when it is not limited.
+        jerk: [rad/s³], or None when jerk is not limited.
+        feed_jerk: of the feed axis [m/s³], or None when it is not limited.
     """
 
     velocity: FloatArray
@@ -37,6 +39,8 @@ class Limits:
     feed_velocity: float | None = None
     feed_acceleration: float | None = None
     feed_force: float | None = None
+    jerk: FloatArray | None = None
+    feed_jerk: float | None = None
 
 
 @dataclass(frozen=True)
@@ -250,6 +254,8 @@ def _defects(problem: Problem) -> Iterator[str]:
     yield from _name_defects(problem)
     yield from _weight_defects(problem.planner.weights)
     yield from _feed_defects(problem)
+    if problem.planner.retiming == "paul" and (problem.limits.jerk is not None or problem.limits.feed_jerk is not None):
+        yield 'limits.jerk and limits.feed_jerk need planner.retiming = "toppra", got "paul"'
 
 
 def _weight_defects(weights: Weights) -> Iterator[str]:
@@ -271,6 +277,9 @@ def _feed_defects(problem: Problem) -> Iterator[str]:
     for key in ("feed_velocity", "feed_acceleration"):
         if getattr(limits, key) is None or not getattr(limits, key) > 0.0:
             yield f"limits.{key} must be positive when the arm has a feed axis, got {getattr(limits, key)}"
+    for key in ("feed_force", "feed_jerk"):
+        if getattr(limits, key) is not None and not getattr(limits, key) > 0.0:
+            yield f"limits.{key} must be positive, or left out when it is not limited, got {getattr(limits, key)}"
     for name, value in placed:
         if not feed.low <= value <= feed.high:
             yield f"{name}.feed must be within the range of the axis, {feed.low} to {feed.high} m, got {value}"
@@ -280,7 +289,7 @@ def _positive_arrays(problem: Problem) -> Iterator[_Array]:
     arm, limits = problem.arm, problem.limits
     for name in ("masses", "inertia_axial", "inertia_transverse"):
         yield f"arm.{name}", getattr(arm, name), (arm.links,)
-    for name in ("velocity", "acceleration", "torque"):
+    for name in ("velocity", "acceleration", "torque", "jerk"):
         if getattr(limits, name) is not None:
             yield f"limits.{name}", getattr(limits, name), (3 * arm.links,)
 

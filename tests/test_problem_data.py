@@ -132,6 +132,15 @@ def test_a_start_by_joints_without_torque_limits_is_rebuilt() -> None:
     assert_rebuilt(replace(problem, start=JointPose(np.array([-2.2, 1.1, -1.1, 0.1])), limits=limits))
 
 
+def test_jerk_limits_are_rebuilt_and_need_a_timing_that_keeps_them() -> None:
+    """A jerk limit for each revolute survives, and Paul's transitions, which know none, are refused with it."""
+    problem = mixed_problem()
+    smooth = replace(problem, limits=replace(problem.limits, jerk=np.arange(100.0, 100.0 + 3 * problem.arm.links)))
+    assert_rebuilt(smooth)
+    with pytest.raises(ProblemError, match="limits.jerk"):
+        replace(smooth, planner=replace(smooth.planner, retiming="paul"))
+
+
 @pytest.mark.parametrize(
     ("obstacle", "kind"), [(Obstacle("soft", HOLED, 0.1), "a Polygon"), (Obstacle("dot", shapely.Point(1, 1)), "Point")]
 )

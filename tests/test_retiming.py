@@ -30,6 +30,13 @@ from ccm_opt.verification.newton_euler import joint_torques
 GRAVITY, MASS, LENGTH, FRICTION = 9.81, 2.0, 0.5, 3.0
 
 
+def retimed_states(trajectory: JointTrajectory, arm: Arm, gravity: FloatArray) -> JointStates:
+    """The motion of all revolutes with the verifier's own torques."""
+    planar = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
+    revolutes = [to_revolutes(values) for values in planar]
+    return JointStates(joint_names(arm), *revolutes, joint_torques(arm, gravity, *planar))
+
+
 def on_feed(limits: Limits, force: float | None = None) -> Limits:
     """The limits with those of a feed axis."""
     return replace(limits, feed_velocity=0.1, feed_acceleration=0.5, feed_force=force)
@@ -341,25 +348,60 @@ def test_a_path_that_turns_back_on_itself_keeps_its_limits() -> None:
     assert trajectory.bend_angles.max() > 0.9
 
 
+@pytest.mark.parametrize("jerk", [None, 200.0])
 @pytest.mark.parametrize("step", [1e-3, 4e-3])
 @pytest.mark.parametrize("seed", range(6))
-def test_a_retimed_motion_satisfies_the_independent_verifier(seed: int, step: float) -> None:
-    """Angles, rates and torques of a retimed path pass every check of the verifier that concerns time."""
+def test_a_retimed_motion_satisfies_the_independent_verifier(seed: int, step: float, jerk: float | None) -> None:
+    """Angles, rates, torques and jerks of a retimed path pass every check of the verifier that concerns time."""
     links = 4
     arm = slim_arm(links, 0.1)
     path = make_path(random_control(seed, links))
     ends = (JointPose(path.keyframes[0]), JointPose(path.keyframes[-1]))
-    limits = even_limits(links, 2.0, 10.0, 1.0)
+    limits = replace(even_limits(links, 2.0, 10.0, 1.0), jerk=None if jerk is None else np.full(3 * links, jerk))
     problem = Problem("retimed", Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0)), arm, limits, *ends)
+    gravity = problem.simulation.gravity
 
     def dynamics(*motion: FloatArray) -> FloatArray:
-        return joint_torques(arm, problem.simulation.gravity, *(-values[:, 1::3] for values in motion))
+        return joint_torques(arm, gravity, *(-values[:, 1::3] for values in motion))
 
     trajectory = run(path, limits, dynamics, step=step)
-    planar = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
-    revolutes = [to_revolutes(values) for values in planar]
-    checks = verify(problem, trajectory, JointStates(joint_names(arm), *revolutes, dynamics(*revolutes)))
+    checks = verify(problem, trajectory, retimed_states(trajectory, arm, gravity))
     assert [check for check in checks if not check.passed] == []
+    assert any(check.name == "joint jerk" for check in checks) == (jerk is not None)
+
+
+def test_without_smoothing_the_verifier_sees_the_jerk() -> None:
+    """The fastest motion passes a jerk limit that the smoothed one keeps, and takes less time."""
+    links = 2
+    arm, path = slim_arm(links, 0.1), straight_path(np.array([1.0, -0.5]))
+    limits = replace(even_limits(links, 2.0, 10.0), jerk=np.full(3 * links, 100.0))
+    ends = (JointPose(np.zeros(2)), JointPose(path.keyframes[-1]))
+    problem = Problem("jerky", Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0)), arm, limits, *ends)
+    smooth, jerky = run(path, limits), run(path, replace(limits, jerk=None))
+    jerks = {}
+    for name, motion in (("smooth", smooth), ("jerky", jerky)):
+        checks = verify(problem, motion, retimed_states(motion, arm, problem.simulation.gravity))
+        jerks[name] = next(check for check in checks if check.name == "joint jerk")
+    assert jerks["smooth"].passed
+    assert jerks["smooth"].worst > 60.0
+    assert not jerks["jerky"].passed
+    assert jerky.duration < smooth.duration < 1.5 * jerky.duration
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(20.0, 2000.0))
+@settings(max_examples=10, deadline=None)
+def test_all_limits_hold_when_jerk_is_limited(seed: int, jerk: float) -> None:
+    """Torques, velocities, accelerations and differences of accelerations keep their limits, the ends at rest."""
+    path = make_path(random_control(seed, 2))
+    limits = even_limits(2, 4.0, 60.0, 1.2 * MASS * GRAVITY * LENGTH)
+    trajectory = run(path, replace(limits, jerk=np.full(6, jerk)), pendulums, step=1e-3)
+    motion = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
+    assert np.abs(pendulums(*(to_revolutes(values) for values in motion))).max() <= limits.torque[0] * (1.0 + 1e-9)
+    assert max(used(trajectory, limits)) <= 1.0 + 1e-9
+    jerks = np.diff(trajectory.bend_accelerations, axis=0) / np.diff(trajectory.time)[:, None]
+    assert np.abs(jerks).max() <= jerk * (1.0 + 1e-6)
+    assert np.abs(trajectory.bend_accelerations[[0, -1]]).max() <= 1e-3 * jerk
+    np.testing.assert_allclose(trajectory.bend_angles[[0, -1]], path.keyframes[[0, -1]], atol=1e-12)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1e-3))

@@ -26,7 +26,7 @@ def check_arm_lists(arm: ArmTable, issues: Issues) -> None:
 
 def check_limit_lists(arm: ArmTable, limits: LimitsTable, issues: Issues) -> None:
     """Limits given as lists need one value a ball joint or one a revolute."""
-    for key in ("velocity", "acceleration", "torque"):
+    for key in ("velocity", "acceleration", "jerk", "torque"):
         _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
 
 

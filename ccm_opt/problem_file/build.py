@@ -151,6 +151,8 @@ def _limits(table: LimitsTable, links: int) -> Limits:
         table.feed_velocity,
         table.feed_acceleration,
         table.feed_force,
+        None if table.jerk is None else _each_revolute(table.jerk, links),
+        table.feed_jerk,
     )
 
 

@@ -126,9 +126,10 @@ def _arm(arm: Arm) -> Table:
 
 def _limits(limits: Limits) -> Table:
     table: Table = {"velocity": _list(limits.velocity), "acceleration": _list(limits.acceleration)}
-    if limits.torque is not None:
-        table["torque"] = _list(limits.torque)
-    for key in ("feed_velocity", "feed_acceleration", "feed_force"):
+    for key in ("jerk", "torque"):
+        if getattr(limits, key) is not None:
+            table[key] = _list(getattr(limits, key))
+    for key in ("feed_velocity", "feed_acceleration", "feed_jerk", "feed_force"):
         if getattr(limits, key) is not None:
             table[key] = float(getattr(limits, key))
     return table

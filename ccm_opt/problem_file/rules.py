@@ -83,7 +83,7 @@ def _masses(data: Mapping[str, object], issues: Issues) -> None:
 def _feed(data: Mapping[str, object], issues: Issues) -> None:
     """A feed axis needs its limits, and nothing may speak of one that is not there."""
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
-    limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "force")]
+    limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "jerk", "force")]
     if lookup(data, ("arm", "feed")) is None:
         for path in [*poses, *limits]:
             if lookup(data, path) is not None:

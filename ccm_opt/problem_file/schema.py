@@ -159,9 +159,11 @@ class LimitsTable(Table):
 
     velocity: PositiveEach
     acceleration: PositiveEach
+    jerk: PositiveEach | None = None
     torque: PositiveEach | None = None
     feed_velocity: Positive | None = None
     feed_acceleration: Positive | None = None
+    feed_jerk: Positive | None = None
     feed_force: Positive | None = None
 
 

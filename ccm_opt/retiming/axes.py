@@ -16,12 +16,19 @@ class Axes:
     Attributes:
         velocity: shape (n,) [rad/s, m/s].
         acceleration: shape (n,) [rad/s², m/s²].
+        jerk: shape (n,) [rad/s³, m/s³], inf where it is not limited.
         number: of the revolute that a column turns; the feed axis has the number after the last revolute, shape (n,).
     """
 
     velocity: FloatArray
     acceleration: FloatArray
+    jerk: FloatArray
     number: IntArray
+
+    @property
+    def smooth(self) -> bool:
+        """Whether jerk is limited."""
+        return bool(np.any(np.isfinite(self.jerk)))
 
     @classmethod
     def of(cls, limits: Limits, columns: int) -> "Axes":
@@ -32,13 +39,15 @@ class Axes:
         """
         revolutes = len(limits.velocity)
         bends = 3 * np.arange(revolutes // 3) + 1
+        jerk = np.full(len(bends), np.inf) if limits.jerk is None else limits.jerk[bends]
         if columns == len(bends):
-            return cls(limits.velocity[bends], limits.acceleration[bends], bends)
+            return cls(limits.velocity[bends], limits.acceleration[bends], jerk, bends)
         if columns != len(bends) + 1 or limits.feed_velocity is None or limits.feed_acceleration is None:
             raise _wrong_columns(columns, len(bends))
         return cls(
             np.append(limits.velocity[bends], limits.feed_velocity),
             np.append(limits.acceleration[bends], limits.feed_acceleration),
+            np.append(jerk, limits.feed_jerk or np.inf),
             np.append(bends, revolutes),
         )
 

@@ -32,11 +32,20 @@ def needed_stretch(samples: Samples, axes: Axes, efforts: Efforts) -> float:
         _share(gained, axes.acceleration),
         _share(_second_differences(samples.place, mean, step), axes.acceleration),
     )
-    stretch = max(speed, float(np.sqrt(growth)))
+    stretch = max(speed, float(np.sqrt(growth)), float(np.cbrt(_jerk(samples, axes, step))))
     if not efforts.limited:
         return stretch
     parts = efforts.parts(samples.place, samples.velocity, samples.acceleration)
     return max(stretch, slowing(parts.moving, parts.static, 1.0, parts.damping if efforts.damped else None))
+
+
+def _jerk(samples: Samples, axes: Axes, step: FloatArray) -> float:
+    """Greatest share of the jerk limits that differences of accelerations, or of mean accelerations, take."""
+    if not axes.smooth:
+        return 0.0
+    gained = _less_rounding(np.diff(samples.acceleration, axis=0) / step, samples.acceleration, step)
+    mean = np.diff(samples.velocity, axis=0) / step
+    return max(_share(gained, axes.jerk), _share(_second_differences(samples.velocity, mean, step)[1:-1], axes.jerk))
 
 
 def _second_differences(place: FloatArray, mean: FloatArray, step: FloatArray) -> FloatArray:

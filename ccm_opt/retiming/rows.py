@@ -20,6 +20,10 @@ from ccm_opt.retiming.efforts import Efforts, InverseDynamics, Revolutes
 _NO_ROW = 1e-12
 """An effort row whose entries are all below this share of its limit is left out (joints that turn out of the plane)."""
 
+JERK_SHARE = 0.7
+"""Share of the jerk limits that may go to the shape of the path, whose third derivative jumps at knots."""
+BESIDE = 1e-10
+"""Distance in s at which a jump is looked at from both sides."""
 FRICTION_SHARE = 0.7
 """Share of the room above the static part that friction may take in the rows."""
 
@@ -74,13 +78,21 @@ def path_rows(
     axes = Axes.of(limits, columns)
     share = np.abs(poses[1]) / axes.velocity
     fastest = np.argmax(share, axis=1)
-    speed = share[np.arange(len(s)), fastest]
+    speed = np.maximum(share[np.arange(len(s)), fastest], _jerk_speed(spline, s, axes))
     accelerations = (poses[1] / axes.acceleration, poses[2] / axes.acceleration, np.zeros_like(poses[0]))
     efforts = Efforts(limits, inverse_dynamics, revolutes, columns)
     (*rows, d), numbers = _effort_rows(poses, efforts)
     a, b, c = (np.concatenate(pair, axis=1) for pair in zip(accelerations, rows, strict=True))
     damping = np.concatenate((np.zeros_like(poses[0]), d), axis=1) if efforts.damped else None
     return PathRows(s, speed, a, b, c, damping, np.concatenate((axes.number, numbers)), axes.number[fastest], columns)
+
+
+def _jerk_speed(spline: BSpline, s: FloatArray, axes: Axes) -> FloatArray | float:
+    """Bound from the jerk limits: 1/ṡ at which q''' ṡ³, due to the path's shape, takes its share of them."""
+    if not axes.smooth:
+        return 0.0
+    sides = [np.abs(spline(np.clip(s + side, 0.0, 1.0), 3)) for side in (-BESIDE, BESIDE)]
+    return np.asarray(np.cbrt(np.max(np.maximum(*sides) / axes.jerk, axis=1) / JERK_SHARE))
 
 
 def _effort_rows(poses: tuple[FloatArray, ...], efforts: Efforts) -> tuple[list[FloatArray], IntArray]:

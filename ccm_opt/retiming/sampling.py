@@ -9,7 +9,7 @@ another speed along the same way.
 
 import logging
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -58,6 +58,9 @@ class Profile(Protocol):
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """s, ṡ and s̈ at given times."""
+
+    def slowed(self, factor: float) -> Self:
+        """The same profile with all times longer by a factor."""
 
 
 @dataclass(frozen=True)

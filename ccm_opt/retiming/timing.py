@@ -13,7 +13,8 @@ from ccm_opt.retiming.finite_differences import needed_stretch
 from ccm_opt.retiming.grid import SUBSTEPS, path_grid, refine, span_lengths
 from ccm_opt.retiming.profile import SpeedProfile, check_profile
 from ccm_opt.retiming.rows import PathRows, path_rows
-from ccm_opt.retiming.sampling import Chords, Samples, sample_motion
+from ccm_opt.retiming.sampling import Chords, Profile, Samples, sample_motion
+from ccm_opt.retiming.smoothing import jerk_limited
 from ccm_opt.retiming.speed_optimizer import fastest_profile
 from ccm_opt.solution import JointPath, JointTrajectory
 
@@ -78,8 +79,9 @@ def retime(
     if np.sum(span_lengths(spline, np.linspace(0.0, 1.0, 33))) < NO_MOTION:
         checked_rows(np.linspace(0.0, 1.0, 2))
         return _standing(spline, step).trajectory(links)
-    profile = _speed_profile(checked_rows(refine(path_grid(spline, grid), SUBSTEPS)))
     axes = Axes.of(limits, spline.c.shape[1])
+    fastest = _speed_profile(checked_rows(refine(path_grid(spline, grid), SUBSTEPS)))
+    profile = jerk_limited(spline, fastest, axes) if axes.smooth else fastest
     efforts = Efforts(limits, inverse_dynamics, revolutes, spline.c.shape[1])
     for _ in range(RESAMPLINGS):
         samples = sample_motion(spline, profile, step / SMALL_STRETCH, chords, links)
@@ -91,7 +93,7 @@ def retime(
     raise _no_speed(profile)
 
 
-def _no_speed(profile: SpeedProfile) -> RetimingError:
+def _no_speed(profile: Profile) -> RetimingError:
     return RetimingError(
         Diagnosis(
             reason=f"no speed was found that keeps the limits; the slowest motion tried takes {profile.duration:.4g} s",

@@ -41,6 +41,10 @@ def check_feed(problem: Problem, trajectory: JointTrajectory, joints: JointState
         _rates(problem, feed, time),
         _forces(problem, trajectory, feed, forces),
     ]
+    if limits.feed_jerk is not None:
+        around = np.concatenate(([2.0 * time[0] - time[1]], time, [2.0 * time[-1] - time[-2]]))
+        jerks = _slopes(np.concatenate(([0.0], feed.accelerations, [0.0])), around)  # the base rests before and after
+        checks.append(_limit("feed jerk", "m/s³", limits.feed_jerk, np.append(time, time[-1]), jerks))
     if limits.feed_force is not None:
         checks.append(_limit("feed force", "N", limits.feed_force, time, forces))
     return checks

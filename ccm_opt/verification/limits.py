@@ -1,4 +1,4 @@
-"""Limits on every revolute: bend, velocity, acceleration, torque, at the samples and between them."""
+"""Limits on every revolute: bend, velocity, acceleration, jerk, torque, at the samples and between them."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from ccm_opt.solution import Check, JointStates, JointTrajectory
 BEND_TOLERANCE = 1e-9
 """Bend beyond the limit [rad] that counts as rounding."""
 RELATIVE_TOLERANCE = 1e-6
-"""Share by which velocity, acceleration and torque may pass their limits."""
+"""Share by which velocity, acceleration, jerk and torque may pass their limits."""
 
 
 def check_limits(arm: Arm, limits: Limits, trajectory: JointTrajectory, joints: JointStates) -> list[Check]:
@@ -24,6 +24,8 @@ def check_limits(arm: Arm, limits: Limits, trajectory: JointTrajectory, joints: 
         _velocity(limits, trajectory, joints),
         _acceleration(limits, trajectory, joints),
     ]
+    if limits.jerk is not None:
+        checks.append(_jerk(limits.jerk, trajectory, joints))
     if limits.torque is not None:
         named = _worst("joint torque", "N m", limits.torque, [(joints.torques, trajectory.time, joints.names)])
         checks.append(named)
@@ -68,6 +70,23 @@ def _acceleration(limits: Limits, trajectory: JointTrajectory, joints: JointStat
         )
         sources.append((second, time[1:-1], joints.names))
     return _worst("joint acceleration", "rad/s²", limits.acceleration, sources)
+
+
+def _jerk(limit: FloatArray, trajectory: JointTrajectory, joints: JointStates) -> Check:
+    """Differences of accelerations, reported and mean, and those at the ends, before and after which the arm rests."""
+    time, step = trajectory.time, np.diff(trajectory.time)[:, None]
+    sources = []
+    for values in (joints.accelerations, _revolutes(trajectory.bend_accelerations)):
+        rested = np.concatenate((np.zeros_like(values[:1]), values, np.zeros_like(values[:1])))
+        around = np.concatenate((step[:1], step, step[-1:]))
+        jerks = _less_rounding(np.diff(rested, axis=0) / around, values, around)
+        sources.append((jerks, np.append(time, time[-1]), joints.names))
+    if len(time) > 2:
+        mean, apart = np.diff(joints.velocities, axis=0) / step, 0.5 * (step[1:] + step[:-1])
+        shortest = np.minimum(step[1:], step[:-1]) ** 2
+        second = _less_rounding(np.diff(mean, axis=0) / apart, joints.velocities, shortest)
+        sources.append((second, time[1:-1], joints.names))
+    return _worst("joint jerk", "rad/s³", limit, sources)
 
 
 def _revolutes(bends: FloatArray) -> FloatArray:
