@@ -137,7 +137,7 @@ def test_jerk_limits_are_rebuilt_and_need_a_timing_that_keeps_them() -> None:
     problem = mixed_problem()
     smooth = replace(problem, limits=replace(problem.limits, jerk=np.arange(100.0, 100.0 + 3 * problem.arm.links)))
     assert_rebuilt(smooth)
-    with pytest.raises(ProblemError, match="limits.jerk"):
+    with pytest.raises(ProblemError, match=r"limits\.jerk"):
         replace(smooth, planner=replace(smooth.planner, retiming="paul"))
 
 
