@@ -14,13 +14,15 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import RetimingError, VerificationError
 from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.pipeline import solve, timed_and_verified
+from ccm_opt.legs import Leg
+from ccm_opt.pipeline import solve
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.problem_file import load_problem, parse_problem
 from ccm_opt.retiming.paul import WINDOWS, Axes, fastest_legs, retime_paul
 from ccm_opt.retiming.transitions import Legs
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
+from ccm_opt.verified_plan import timed_leg
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
 
@@ -194,13 +196,13 @@ def test_transitions_shrink_until_the_verifier_accepts() -> None:
     """Where the widest turn cuts into an obstacle the next is taken, and it is verified."""
     problem, path = peg_problem(CORNERS[-1]), made_path(CORNERS)
     dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
-    trajectory, _, checks = timed_and_verified(problem, path, dynamics, Stages())
+    plan = timed_leg(Leg(problem, path), dynamics, Stages())
     revolutes = partial(revolute_angles, problem.arm)
     widest, second = (
         retime_paul(path, problem.limits, dynamics, revolutes=revolutes, window=window) for window in WINDOWS[:2]
     )
-    assert all(check.passed for check in checks)
-    assert trajectory.duration == second.duration > widest.duration
+    assert all(check.passed for check in plan.checks)
+    assert plan.trajectory.duration == second.duration > widest.duration
 
 
 def test_a_polygon_through_an_obstacle_is_refused() -> None:
@@ -209,7 +211,7 @@ def test_a_polygon_through_an_obstacle_is_refused() -> None:
     problem, path = peg_problem(through), made_path(np.array([np.zeros(4), through]))
     dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
     with pytest.raises(VerificationError, match="wall clearance"):
-        timed_and_verified(problem, path, dynamics, Stages())
+        timed_leg(Leg(problem, path), dynamics, Stages())
 
 
 def test_a_whole_problem_is_solved_with_transitions() -> None:
