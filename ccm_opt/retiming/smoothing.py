@@ -1,0 +1,111 @@
+"""Bounded jerk: the fastest motion, its path parameter smoothed over time, and slowed down until the limits hold.
+
+TOPP-RA's s̈ jumps. The mean of s over two equal windows of time, one after the other, is a motion along the same path
+whose s̈ is continuous: with windows w its third derivative is
+
+    s⃛(t) = (ṡ(t) − 2 ṡ(t − w) + ṡ(t − 2 w)) / w²,
+
+linear between the times at which ṡ or one of its copies has a corner, for ṡ is linear between grid points. So the
+motion is a polynomial of fourth degree in each piece, and lasts 2 w longer. An axis' jerk: q' s⃛ + 3 q'' ṡ s̈ + q''' ṡ³;
+time longer by λ divides it by λ³, so that any limit can be met. The window that makes the motion shortest is kept.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline, PPoly
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.retiming.axes import Axes
+from ccm_opt.retiming.profile import SpeedProfile
+from ccm_opt.retiming.rows import BESIDE
+
+WINDOWS = 0.5 ** np.arange(1.0, 10.5, 0.5)
+"""Windows that are tried, as shares of the time of the fastest motion."""
+LOOKS = 1000
+"""Places, beside the corners of the profile, at which limits are looked at to compare windows."""
+
+
+@dataclass(frozen=True)
+class SmoothProfile:
+    """A motion along the path parameter with continuous s̈.
+
+    Attributes:
+        position: s over time, a polynomial of fourth degree in each piece.
+        factor: by which time is longer.
+    """
+
+    position: PPoly
+    factor: float = 1.0
+
+    @cached_property
+    def _derivatives(self) -> tuple[PPoly, PPoly, PPoly]:
+        return self.position.derivative(1), self.position.derivative(2), self.position.derivative(3)
+
+    @property
+    def duration(self) -> float:
+        """Time from rest to rest [s]."""
+        return float(self.position.x[-1]) * self.factor
+
+    @property
+    def corners(self) -> FloatArray:
+        """Times at which the jerk of s has corners [s]."""
+        return np.asarray(self.position.x) * self.factor
+
+    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """s, ṡ and s̈ at given times, each of the shape of ``time``."""
+        own = np.clip(time / self.factor, 0.0, self.position.x[-1])
+        speed, growth, _ = self._derivatives
+        s, v = np.clip(self.position(own), 0.0, 1.0), np.maximum(speed(own), 0.0)
+        return np.asarray(s), np.asarray(v / self.factor), np.asarray(growth(own) / self.factor**2)
+
+    def jerk(self, time: FloatArray) -> FloatArray:
+        """s⃛ at given times [1/s³]."""
+        return np.asarray(self._derivatives[2](np.clip(time / self.factor, 0.0, self.position.x[-1])) / self.factor**3)
+
+    def slowed(self, factor: float) -> "SmoothProfile":
+        """The same profile with all times longer by a factor."""
+        return replace(self, factor=self.factor * factor)
+
+
+def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
+    """The mean of a motion over two windows of time, one after the other, each of given length [s]."""
+    times, speeds = profile.times, np.sqrt(profile.squared)
+    apart = 1e-9 * (profile.duration + 2.0 * window)
+    corners = np.sort(np.concatenate([times + shift for shift in (0.0, window, 2.0 * window)]))
+    corners = corners[np.append(True, np.diff(corners) > apart)]
+    copies = [np.interp(corners - shift, times, speeds, left=0.0, right=0.0) for shift in (0.0, window, 2.0 * window)]
+    jerk = (copies[0] - 2.0 * copies[1] + copies[2]) / window**2
+    slope = np.diff(jerk) / np.diff(corners)
+    position = PPoly(np.stack((slope, jerk[:-1])), corners).antiderivative(3)
+    return SmoothProfile(PPoly(position.c / position(corners[-1]), corners))
+
+
+def jerk_limited(spline: BSpline, profile: SpeedProfile, axes: Axes) -> SmoothProfile:
+    """The smoothed motion, over the best of some windows, slowed down until velocity, acceleration and jerk hold.
+
+    Args:
+        spline: the path.
+        profile: the fastest motion along it.
+        axes: limits.
+    """
+    tried = []
+    for window in WINDOWS * profile.duration:
+        motion = smoothed(profile, window)
+        tried.append(motion.slowed(max(1.0, _needed(spline, motion, axes))))
+    return min(tried, key=lambda motion: motion.duration)
+
+
+def _needed(spline: BSpline, motion: SmoothProfile, axes: Axes) -> float:
+    """Factor on time that brings velocity, acceleration and jerk within their limits at many times."""
+    time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, LOOKS))
+    s, v, growth = (values[:, None] for values in motion.at(time))
+    jerk, places = motion.jerk(time)[:, None], s[:, 0]
+    first, second = spline(places, 1), spline(places, 2)
+    sides = [spline(np.clip(places + side, 0.0, 1.0), 3) for side in (-BESIDE, BESIDE)]
+    velocity = np.abs(first * v) / axes.velocity
+    acceleration = np.abs(first * growth + second * v**2) / axes.acceleration
+    rest = first * jerk + 3.0 * second * v * growth
+    jerks = np.maximum(*(np.abs(rest + third * v**3) for third in sides)) / axes.jerk
+    return float(max(np.max(velocity), np.sqrt(np.max(acceleration)), np.cbrt(np.max(jerks))))
