@@ -117,3 +117,65 @@ def compare(
         named = (files or (), suite or (), count, seed, method or (), planner or ())
         wanted = Wanted(*named, workers, dask, out, time_limit, pictures=not no_pictures)
         raise typer.Exit(compare_methods(wanted))
+
+
+@app.command()
+def describe(
+    files: Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)],
+) -> None:
+    """Print the arm of problems: link parameters, drives, masses."""
+    with _cancellable():
+        from ccm_opt.cli.describing import describe_files  # noqa: PLC0415 - loads numpy
+
+        raise typer.Exit(describe_files(files))
+
+
+@app.command()
+def simulate(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders that solve wrote.", metavar="FOLDER…", show_default=False)
+    ],
+    *,
+    controller: Annotated[str | None, typer.Option(help="computed-torque or pd.")] = None,
+    step: Annotated[float | None, typer.Option(min=1e-6, help="Integration step, in s.")] = None,
+    bandwidth: Annotated[float | None, typer.Option(min=1e-3, help="Of computed torque and feed, in 1/s.")] = None,
+    payload: Annotated[float | None, typer.Option(help="Mass at the tip, unknown to the controller, in kg.")] = None,
+    mass_error: Annotated[float | None, typer.Option(help="Share by which the links are heavier.")] = None,
+    friction: Annotated[float | None, typer.Option(help="Unknown viscous friction, in N m s/rad.")] = None,
+    angle_noise_deg: Annotated[float | None, typer.Option(help="Of measured angles, in degrees.")] = None,
+    velocity_noise: Annotated[float | None, typer.Option(help="Of measured speeds, in rad/s.")] = None,
+    start_delay: Annotated[float | None, typer.Option(help="Brakes hold the arm so long at first, in s.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the noise.")] = None,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+) -> None:
+    """Simulate written plans again, with other settings and disturbances."""
+    with _cancellable():
+        from math import radians  # noqa: PLC0415
+
+        from ccm_opt.cli.simulating import Overrides, simulate_folders  # noqa: PLC0415 - loads numpy
+
+        options = {"controller": controller, "step": step, "bandwidth": bandwidth}
+        disturbances = {
+            "payload": payload,
+            "mass_error": mass_error,
+            "friction": friction,
+            "angle_noise": None if angle_noise_deg is None else radians(angle_noise_deg),
+            "velocity_noise": velocity_noise,
+            "start_delay": start_delay,
+            "seed": seed,
+        }
+        raise typer.Exit(simulate_folders(folders, Overrides(options, disturbances), pictures=not no_pictures))
+
+
+@app.command()
+def export(
+    folder: Annotated[Path, typer.Argument(help="Folder that solve wrote.", show_default=False)],
+    *,
+    kind: Annotated[str, typer.Option("--format", help="urdf, mjcf, yaml or csv.")],
+    out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
+) -> None:
+    """Write the arm or the motion of a written plan for other programs."""
+    with _cancellable():
+        from ccm_opt.cli.exporting import export_folder  # noqa: PLC0415 - loads numpy
+
+        raise typer.Exit(export_folder(folder, kind, out))

@@ -24,6 +24,11 @@ SUMMARY = {
 """Checks that the closing table of a solve shows, and what they are called there."""
 
 
+def value_table(title: str) -> Table:
+    """An empty table of values."""
+    return _table(title, "value")
+
+
 def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     """Print what came out of a solved problem, on stdout."""
     table = _table(f"{solution.problem.name}: solved", "value")
@@ -34,6 +39,10 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     table.add_row("duration", f"{solution.trajectory.duration:.4g}", "", "s", "")
     table.add_row("peak torque", *_peak_torque(solution))
     table.add_row("tracking error", f"{solution.simulation.tracking_error:.2g}", "", "rad", "in the simulation")
+    for name, value in solution.metrics.items():
+        if name.startswith("simulated_least"):
+            where = "[red]the simulated arm touches[/red]" if value < 0.0 else "in the simulation"
+            table.add_row(name.removesuffix("_m").replace("_", " "), f"{value:.4g}", "", "m", where)
     console = report_console()
     console.print(table)
     console.print(f"all {len(solution.checks)} checks of the verifier hold")

@@ -1,0 +1,87 @@
+"""``ccm-opt describe``: the arm of a problem, its link parameter table above all (section 5.2, Figure 6)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from ccm_opt.cli.outcome import SOLVED, report, run_all
+from ccm_opt.cli.tables import report_console
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import dh_table, joint_names
+from ccm_opt.problem import Limits, Problem
+from ccm_opt.problem_file import load_problem
+
+
+def describe_files(files: Sequence[Path]) -> int:
+    """Describe the arm of every file; all are tried.
+
+    Args:
+        files: problem files.
+
+    Returns:
+        The exit code.
+    """
+    return run_all(files, lambda file: _describe(load_problem(file)))
+
+
+def _describe(problem: Problem) -> int:
+    def show() -> None:
+        console = report_console()
+        for line in arm_lines(problem):
+            console.print(line, markup=False)
+        console.print(parameter_table(problem.arm, problem.limits))
+        console.print(link_table(problem.arm))
+
+    return report(show, SOLVED)
+
+
+def arm_lines(problem: Problem) -> list[str]:
+    """The arm in a few lines."""
+    arm, gravity = problem.arm, problem.simulation.gravity
+    base = f"({arm.base[0]:g}, {arm.base[1]:g}) m, heading {np.rad2deg(arm.base_heading):.6g} deg"
+    lines = [
+        f"{problem.name}: {arm.links} links of {arm.link_length:g} m, {3 * arm.links} revolutes, axes {arm.axes}",
+        f"base at {base}; radius {arm.radius:g} m, length {arm.length:g} m",
+        f"mass {np.sum(arm.masses):.6g} kg, payload {arm.payload:g} kg; gravity {gravity.tolist()} m/s²",
+    ]
+    if arm.feed is not None:
+        feed = arm.feed
+        lines.append(
+            f"feed axis from {feed.low:g} to {feed.high:g} m along the base heading, guide ends at {feed.hole:g}"
+        )
+    return lines
+
+
+def parameter_table(arm: Arm, limits: Limits) -> Table:
+    """Standard Denavit–Hartenberg parameters of every revolute, A = Rz(θ + offset) Tz(d) Tx(a) Rx(α), and its drive."""
+    table = _table("link parameters", ("joint", "offset [deg]", "d [m]", "a [m]", "alpha [deg]", *_DRIVE))
+    rotors, friction = (np.broadcast_to(value, (3 * arm.links,)) for value in (arm.rotor_inertia, arm.friction))
+    torque = ["none"] * (3 * arm.links) if limits.torque is None else [f"{value:g}" for value in limits.torque]
+    for j, (name, row) in enumerate(zip(joint_names(arm), dh_table(arm), strict=True)):
+        geometry = (f"{np.rad2deg(row.offset):g}", f"{row.d:g}", f"{row.a:g}", f"{np.rad2deg(row.alpha):g}")
+        drive = (f"{limits.velocity[j]:g}", f"{limits.acceleration[j]:g}", torque[j])
+        table.add_row(name, *geometry, *drive, f"{rotors[j]:g}", f"{friction[j]:g}")
+    return table
+
+
+_DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
+
+
+def link_table(arm: Arm) -> Table:
+    """Mass and moments of inertia of every link; the two frames between, of no mass, are left out."""
+    table = _table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
+    limits = np.rad2deg(arm.bend_limits)
+    for k in range(arm.links):
+        inertia = (f"{arm.inertia_axial[k]:.6g}", f"{arm.inertia_transverse[k]:.6g}")
+        table.add_row(f"link{k + 1:02d}", f"{arm.masses[k]:g}", *inertia, f"{limits[k]:.6g}")
+    return table
+
+
+def _table(title: str, columns: Sequence[str]) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for k, column in enumerate(columns):
+        table.add_column(escape(column), justify="right" if k else "left", no_wrap=True)
+    return table

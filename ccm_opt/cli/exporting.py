@@ -1,0 +1,62 @@
+"""``ccm-opt export``: one file of a written plan, for other programs."""
+
+import sys
+from pathlib import Path
+
+from ccm_opt.cli.outcome import SOLVED, report, run_all
+from ccm_opt.errors import ProblemError
+from ccm_opt.export.load import load_motion, load_problem_data
+from ccm_opt.export.mjcf import mjcf_text
+from ccm_opt.export.trajectory_text import trajectory_texts
+from ccm_opt.export.urdf import urdf_text
+from ccm_opt.problem_file import problem_from_mapping
+
+FORMATS = ("urdf", "mjcf", "yaml", "csv")
+
+
+def export_folder(folder: Path, kind: str, out: Path | None) -> int:
+    """Write one format of a written plan.
+
+    Args:
+        folder: an output folder of ``ccm-opt solve``.
+        kind: one of FORMATS.
+        out: the file; standard output when None.
+
+    Returns:
+        The exit code.
+    """
+    return run_all([folder], lambda item: _export(item, kind, out))
+
+
+def exported_text(folder: Path, kind: str) -> str:
+    """The text of a format, made anew from the folder's record and arrays.
+
+    Raises:
+        ProblemError: for an unknown format or an unreadable folder.
+    """
+    if kind not in FORMATS:
+        raise ProblemError(f"--format {kind} is unknown; expected {', '.join(FORMATS)}")
+    problem = problem_from_mapping(load_problem_data(folder), f"{folder}/solution.json")
+    if kind == "urdf":
+        return urdf_text(problem.arm, problem.name, problem.limits)
+    if kind == "mjcf":
+        return mjcf_text(problem.arm, problem.name, problem.simulation.gravity)
+    motion = load_motion(folder, problem.arm)
+    csv, yaml = trajectory_texts(motion.trajectory, motion.joints)
+    return csv if kind == "csv" else yaml
+
+
+def _export(folder: Path, kind: str, out: Path | None) -> int:
+    text = exported_text(folder, kind)
+    if out is None:
+        return report(lambda: _print(text), SOLVED)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ProblemError(f"cannot write {out}: {error.strerror or error}; choose another --out") from error
+    return SOLVED
+
+
+def _print(text: str) -> None:
+    sys.stdout.write(text)

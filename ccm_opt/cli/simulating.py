@@ -1,0 +1,111 @@
+"""``ccm-opt simulate``: run a written plan through the closed loop again, with other settings and disturbances."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.markup import escape
+
+from ccm_opt.cli.outcome import NO_PLAN, SOLVED, report, run_all, warn
+from ccm_opt.cli.tables import report_console, value_table
+from ccm_opt.errors import ProblemError
+from ccm_opt.export.load import SavedMotion, load_motion, load_problem_data
+from ccm_opt.problem import Problem
+from ccm_opt.problem_file import problem_from_mapping
+from ccm_opt.solution import SimulatedMotion
+
+PICTURE = "simulation.png"
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """Settings given on the command line; None leaves what the plan was made with.
+
+    Attributes:
+        options: of ``SimulationOptions`` by name.
+        disturbances: of ``Disturbances`` by name.
+    """
+
+    options: Mapping[str, Any]
+    disturbances: Mapping[str, Any]
+
+    def applied(self, problem: Problem) -> Problem:
+        """The problem with these settings.
+
+        Raises:
+            ProblemError: naming the setting that is impossible.
+        """
+        given = {name: value for name, value in self.options.items() if value is not None}
+        changed = {name: value for name, value in self.disturbances.items() if value is not None}
+        for name, value in changed.items():
+            if value < (-1.0 if name == "mass_error" else 0.0):
+                raise ProblemError(f"--{name.replace('_', '-')} must not be negative, got {value:g}")
+        disturbances = replace(problem.simulation.disturbances, **changed)
+        return replace(problem, simulation=replace(problem.simulation, **given, disturbances=disturbances))
+
+
+def simulate_folders(folders: Sequence[Path], overrides: Overrides, *, pictures: bool) -> int:
+    """Simulate every folder; all are tried.
+
+    Args:
+        folders: output folders of ``ccm-opt solve``.
+        overrides: settings other than the recorded ones.
+        pictures: whether to draw ``simulation.png`` into the folder.
+
+    Returns:
+        The exit code: 3 when the simulated arm touches a wall or itself.
+    """
+    return run_all(folders, lambda folder: _simulate(folder, overrides, pictures=pictures))
+
+
+def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
+    recorded = problem_from_mapping(load_problem_data(folder), f"{folder}/solution.json")
+    problem, motion = overrides.applied(recorded), load_motion(folder, recorded.arm)
+    from ccm_opt.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
+
+    simulated, figures = simulate_and_check(problem, motion.trajectory, motion.joints)
+    if pictures:
+        _draw(folder, problem, motion, simulated)
+    touched = [name for name, value in figures.items() if name.endswith("clearance_m") and value < 0.0]
+    for name in touched:
+        warn(f"{problem.name}: the simulated arm touches: {name} is {figures[name]:.3g}")
+    return report(lambda: _print(problem, motion, simulated, figures), NO_PLAN if touched else SOLVED)
+
+
+def _draw(folder: Path, problem: Problem, motion: SavedMotion, simulated: SimulatedMotion) -> None:
+    from ccm_opt.plotting.simulation import simulation_png  # noqa: PLC0415 - loads matplotlib
+
+    picture = simulation_png(problem, motion.trajectory, motion.joints, simulated)
+    try:
+        (folder / PICTURE).write_bytes(picture)
+    except OSError as error:
+        raise ProblemError(f"cannot write {folder / PICTURE}: {error.strerror or error}") from error
+
+
+def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
+    table = value_table(f"{problem.name}: simulated")
+    options = problem.simulation
+    table.add_row("controller", options.controller, "", "", f"step {options.step:g} s")
+    for name, value in _disturbed(problem).items():
+        table.add_row(name.replace("_", " "), f"{value:.4g}", "", "", "unknown to the controller")
+    for name, value in figures.items():
+        words, _, unit = name.rpartition("_")
+        limit = f"{problem.workspace.clearance:.4g}" if "wall" in name else ""
+        table.add_row(words.replace("_", " "), f"{value:.4g}", limit, unit, "")
+    table.add_row("peak torque", *_peak(problem, motion, simulated))
+    table.add_row("saturated", "yes" if simulated.saturated else "no", "", "", "")
+    report_console().print(table)
+
+
+def _disturbed(problem: Problem) -> dict[str, float]:
+    values = vars(problem.simulation.disturbances)
+    return {name: float(value) for name, value in values.items() if value and name != "seed"}
+
+
+def _peak(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion) -> tuple[str, str, str, str]:
+    torques, limit = np.abs(simulated.torques), problem.limits.torque
+    sample, joint = np.unravel_index(np.argmax(torques), torques.shape)
+    where = f"{motion.joints.names[joint]} at t = {motion.trajectory.time[sample]:.4f} s"
+    return f"{torques[sample, joint]:.4g}", "none" if limit is None else f"{limit[joint]:.4g}", "N m", escape(where)

@@ -1,0 +1,133 @@
+"""The commands describe, simulate and export, on one folder that solve wrote."""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from ccm_opt.cli.commands import app
+from ccm_opt.closed_loop import WALLS
+
+PROBLEM = """
+schema = 1
+name = "reach"
+[workspace]
+bounds = [-0.5, -0.5, 0.5, 0.5]
+[[workspace.obstacles]]
+name = "post"
+circle = { center = [0.2, -0.065], radius = 0.05 }
+[arm]
+links = 6
+link_length = 0.05
+radius = 0.01
+base = [0.0, 0.0]
+joint_limit_deg = 60.0
+payload = 0.02
+[limits]
+velocity = 2.0
+acceleration = 10.0
+torque = 4.0
+[start]
+shape = "straight"
+[goal]
+joints_deg = [20, 10, 10, 10, 10, 10]
+"""
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that solve wrote."""
+    root = tmp_path_factory.mktemp("runs")
+    file = root / "reach.toml"
+    file.write_text(PROBLEM, encoding="utf-8")
+    assert run("solve", str(file), "--out", str(root), "--no-pictures")[0] == 0
+    return root / "reach"
+
+
+def run(*arguments: str) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command."""
+    result = CliRunner().invoke(app, list(arguments))
+    return result.exit_code, result.stdout, result.stderr
+
+
+def value_of(table: str, name: str) -> float:
+    """The value of a row of a printed table."""
+    found = re.search(rf"^{name} +(\S+)", table, re.MULTILINE)
+    assert found is not None, table
+    return float(found.group(1))
+
+
+def test_describe_prints_the_link_parameter_table(solved: Path) -> None:
+    """Every revolute stands in the table with its Denavit–Hartenberg row, and every link with its mass."""
+    code, out, _ = run("describe", str(solved.parent / "reach.toml"))
+    assert code == 0
+    row = next(line.split() for line in out.splitlines() if line.startswith("ball02_roll"))
+    assert row[1:5] == ["-90", "0.05", "0", "90"]
+    assert len(re.findall(r"^ball\d\d_", out, re.MULTILINE)) == 18
+    assert len(re.findall(r"^link\d\d ", out, re.MULTILINE)) == 6
+    assert "payload 0.02 kg" in out
+
+
+def test_simulate_repeats_what_was_recorded(solved: Path) -> None:
+    """Without options the simulation tracks as it did, draws a picture, and ends with 0."""
+    code, out, _ = run("simulate", str(solved))
+    assert code == 0
+    assert value_of(out, "tracking error") < 1e-3
+    assert value_of(out, "simulated least wall clearance") > 0.0
+    with Image.open(solved / "simulation.png") as picture:
+        assert picture.size[0] > 600
+
+
+def test_disturbances_leave_the_plan(solved: Path) -> None:
+    """An unknown payload makes the error grow with it; the options are told apart from the plan's in the table."""
+    errors = [
+        value_of(run("simulate", str(solved), "--no-pictures", "--payload", mass)[1], "tracking error")
+        for mass in ("0.0", "0.01", "0.02")
+    ]
+    assert errors[0] < 0.1 * errors[1] < 0.1 * errors[2]
+    _, out, _ = run("simulate", str(solved), "--no-pictures", "--start-delay", "0.1", "--mass-error", "-0.1")
+    assert "unknown to the controller" in out
+
+
+def test_a_simulated_arm_that_touches_is_told(solved: Path) -> None:
+    """Pressed down by its payload the arm meets the post: a warning, and exit code 3."""
+    code, _, err = run("simulate", str(solved), "--no-pictures", "--payload", "0.5")
+    assert code == 3
+    assert WALLS in err
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "code", "words"),
+    [
+        ("--controller", "pid", 2, "simulation.controller must be one of"),
+        ("--payload", "-1", 2, "--payload must not be negative"),
+        ("--bandwidth", "2000", 3, "unstable"),
+    ],
+)
+def test_impossible_settings_are_refused(solved: Path, option: str, value: str, code: int, words: str) -> None:
+    """A setting that cannot be is refused with its name."""
+    got, _, err = run("simulate", str(solved), "--no-pictures", option, value)
+    assert got == code
+    assert words in err
+
+
+def test_exports_equal_the_files_of_the_folder(solved: Path, tmp_path: Path) -> None:
+    """Each format is the folder's own file, written again."""
+    names = {"urdf": "arm.urdf", "mjcf": "arm.mjcf.xml", "yaml": "trajectory.yaml", "csv": "trajectory.csv"}
+    for kind, name in names.items():
+        out = tmp_path / "made" / name
+        assert run("export", str(solved), "--format", kind, "--out", str(out))[0] == 0
+        assert out.read_text(encoding="utf-8") == (solved / name).read_text(encoding="utf-8")
+    rows = list(csv.reader(run("export", str(solved), "--format", "csv")[1].splitlines()))
+    assert np.isfinite(np.array(rows[1:], dtype=float)).all()
+
+
+def test_an_unknown_format_is_refused(solved: Path) -> None:
+    """A format that is not known is refused with those that are."""
+    code, _, err = run("export", str(solved), "--format", "step")
+    assert code == 2
+    assert "urdf, mjcf, yaml, csv" in err
