@@ -19,7 +19,7 @@ name = "reach"
 bounds = [-0.5, -0.5, 0.5, 0.5]
 [[workspace.obstacles]]
 name = "post"
-circle = { center = [0.2, -0.065], radius = 0.05 }
+circle = { center = [0.29, -0.0615], radius = 0.05 }
 [arm]
 links = 6
 link_length = 0.05
