@@ -125,12 +125,27 @@ def slowness(problem: Problem) -> Slowness:
 
 
 def route_margin(problem: Problem, ends: Ends) -> float:
-    """Inflation of the walls for routes [m]: a little more than the arm needs, but no more than the goal has."""
+    """Inflation of the walls for routes [m]: a little more than the arm needs, but no more than the goal has.
+
+    Where that closes every way from the base to the goal it is hardly more than the arm needs.
+    """
     least = problem.arm.radius + problem.workspace.clearance
     goal = shapely.Point(ends.goal.position)
     room = min(shapely.distance(goal, wall.core) - wall.rounding for wall in problem.workspace.walls)
     spare = ROUTE_MARGIN * problem.arm.length
-    return least + float(np.clip(room - least - LEAST_SPARE * spare, LEAST_SPARE * spare, spare))
+    wide = least + float(np.clip(room - least - LEAST_SPARE * spare, LEAST_SPARE * spare, spare))
+    if ends.goal_headings is not None or _connected(problem, ends, wide):
+        return wide
+    return least + LEAST_SPARE * spare
+
+
+def _connected(problem: Problem, ends: Ends, margin: float) -> bool:
+    """Whether the free places nearest to the base and to the goal are in one piece."""
+    pieces = shapely.get_parts(FreeSpace.of(problem.workspace, margin).polygons)
+    if len(pieces) < 2:
+        return len(pieces) == 1
+    nearest = [np.argmin(shapely.distance(pieces, shapely.Point(p))) for p in (problem.arm.base, ends.goal.position)]
+    return bool(nearest[0] == nearest[1])
 
 
 def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, ...]:

@@ -471,3 +471,13 @@ def test_the_first_distant_pair_follows_the_file_format(radius: float, l: float)
     reach = max(2.0 * l, np.pi * radius)
     assert (first - 1) * l >= reach * (1.0 - 1e-9)
     assert (first - 2) * l < reach * (1.0 + 1e-9)
+
+
+def test_links_in_line_do_not_cross() -> None:
+    """A straight arm in any direction keeps its links apart, though rounding puts their ends to either side."""
+    arm, rng = make_arm(24), np.random.default_rng(3)
+    first, second = np.triu_indices(arm.links, 3)
+    for angle in rng.uniform(-np.pi, np.pi, 1000):
+        points = arm.joint_positions(np.full(arm.links, angle))
+        apart = segment_distances(points[first], points[first + 1], points[second], points[second + 1])
+        np.testing.assert_allclose(apart, (second - first - 1) * arm.link_length, atol=1e-12)

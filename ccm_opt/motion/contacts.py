@@ -243,8 +243,10 @@ def closest_on_segments(
 
 
 def _cut(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArray:
-    """Whether segments pq and rs properly cross."""
-    return (_side(p, q, r) * _side(p, q, s) < 0.0) & (_side(r, s, p) * _side(r, s, q) < 0.0)
+    """Whether segments properly cross; the boxes around collinear ones, whose sides are rounding, are apart."""
+    opposite = (_side(p, q, r) * _side(p, q, s) < 0.0) & (_side(r, s, p) * _side(r, s, q) < 0.0)
+    low, high = np.maximum(np.minimum(p, q), np.minimum(r, s)), np.minimum(np.maximum(p, q), np.maximum(r, s))
+    return np.asarray(opposite & np.all(low <= high, axis=1))
 
 
 def _side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """How wide the passages are that a tip path leads through: the walls' distance across it, on both sides together."""
 
 import numpy as np
+import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.link_space import FINENESS
@@ -11,6 +12,10 @@ NARROW = 2.5
 """Passages less wide than this many units ask for a shorter unit, so that ..."""
 ROOM = 3.2
 """... they are this many units wide: a fold in a passage is about a third of its width high."""
+HALF = 0.5
+"""Where no planning margin fits, this share of the room that there is serves as one."""
+LEAST_MARGIN = 0.004
+"""Least planning margin, in units."""
 SAMPLES = 96
 """Places along a path at which its passage is measured."""
 
@@ -27,6 +32,34 @@ def fineness_asked(task: MotionTask) -> float:
     if share * FINENESS >= NARROW:
         return FINENESS
     return min(ROOM / max(share, 1e-9), float(task.arm.links))
+
+
+def fitting_margins(task: MotionTask, margins: tuple[float, ...], fineness: float) -> tuple[float, ...]:
+    """The planning margins, in units, that leave a way to the goal; a smaller one first when none does.
+
+    A wide margin closes passages that hardly pass the arm, and goals that hardly hold the tip: trying it costs time.
+    """
+    spare = room_to_spare(task) * fineness / task.arm.length
+    if spare <= 0.0:
+        return margins
+    fitting = tuple(margin for margin in margins if margin <= spare)
+    return fitting or (max(LEAST_MARGIN, HALF * spare), margins[-1])
+
+
+def room_to_spare(task: MotionTask) -> float:
+    """Gap that the arm has on either side in the narrowest passage of the widest tip path, and the tip at its goal [m].
+
+    Not positive when there is no tip path, or the paths are too narrow to be told apart from walls.
+    """
+    walls, arm = Walls.of(task.workspace), task.arm
+    need = arm.radius + task.workspace.clearance
+    ways = [path.taut for path in task.tip_paths if path.length > 0.0]
+    passages = [0.5 * float(passage_widths(walls, taut, arm.length).min()) for taut in ways]
+    if not passages:
+        return 0.0
+    tip = shapely.Point(task.goal.position)
+    at_goal = min(float(shapely.distance(tip, wall.core)) - wall.rounding for wall in task.workspace.walls)
+    return min(max(passages), at_goal) - need
 
 
 def passage_widths(walls: Walls, path: FloatArray, widest: float, samples: int = SAMPLES) -> FloatArray:

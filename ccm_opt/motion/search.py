@@ -18,7 +18,7 @@ from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import FINENESS, LinkSpace
 from ccm_opt.motion.optimisation.optimise import optimise
-from ccm_opt.motion.passages import fineness_asked
+from ccm_opt.motion.passages import fineness_asked, fitting_margins
 from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
 from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.task import Motion, MotionTask, coarsened
@@ -106,7 +106,7 @@ def _grow_trees(task: MotionTask, failures: list[Failure], fineness: float) -> M
 
 
 def _try_margins(task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
-    for margin in MARGINS:
+    for margin in fitting_margins(task, MARGINS, fineness):
         for motion in _motions(task, margin, fineness, failures):
             if motion is not None:
                 return motion

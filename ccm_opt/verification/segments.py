@@ -50,7 +50,14 @@ def _end_to_segment(p: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolArray:
     """Whether the segments cross in their interiors; a mere touch shows in the end distances."""
-    return (_side(a, b, c) * _side(a, b, d) < 0.0) & (_side(c, d, a) * _side(c, d, b) < 0.0)
+    opposite = (_side(a, b, c) * _side(a, b, d) < 0.0) & (_side(c, d, a) * _side(c, d, b) < 0.0)
+    return np.asarray(opposite & _boxes_meet(a, b, c, d))
+
+
+def _boxes_meet(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolArray:
+    """Whether the boxes around the segments meet; those of collinear ones, whose sides are but rounding, do not."""
+    low, high = np.maximum(np.minimum(a, b), np.minimum(c, d)), np.minimum(np.maximum(a, b), np.maximum(c, d))
+    return np.asarray(np.all(low <= high, axis=1))
 
 
 def _side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
