@@ -26,6 +26,8 @@ MAX_DEPTH = 7
 """Bisections of an interval before the certificate is refused."""
 TOUCH = 1e-9
 """Gap that even an arm of no width keeps [m]."""
+CONTACT = 5e-7
+"""Depth below contact that motions of an arm with some width may have where they begin or end in contact [m]."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,11 @@ class Certificate:
     def of(cls, arm: Arm, workspace: Workspace) -> "Certificate":
         """The certificate of contact alone."""
         return cls(arm, workspace)
+
+    @classmethod
+    def of_contact(cls, arm: Arm, workspace: Workspace) -> "Certificate":
+        """The certificate that lets an arm with some width touch."""
+        return cls(arm, workspace, -allowed_contact(arm, workspace))
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
@@ -225,6 +232,12 @@ class Certificate:
         unsafe: BoolArray = corners <= least + spans.sag[span, j] - before
         touching = unsafe & (distance <= least)
         return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
+
+
+def allowed_contact(arm: Arm, workspace: Workspace) -> float:
+    """Depth below contact that may be [m]: none for axes that would then touch walls or each other."""
+    widths = [arm.radius + workspace.clearance, *([arm.radius] if arm.self_collision else [])]
+    return CONTACT if min(widths) > 2.0 * CONTACT else 0.0
 
 
 def _edges(core: shapely.Geometry) -> npt.NDArray[np.object_]:

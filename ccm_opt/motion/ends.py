@@ -9,7 +9,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.certificate import TOUCH, Certificate, allowed_contact
 from ccm_opt.motion.contacts import WALL, ContactFinder
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.walls import Walls
@@ -19,6 +19,10 @@ TOLERANCE_SHARE = 0.5
 """Share of the goal's tolerances that planning uses where the goal cannot be met exactly."""
 FLUSH = 1e-5
 """A mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands flush on it."""
+UPRIGHT = 0.1
+"""Sine of the angle between a flush mount and its wall's normal above which a turn of the base leaves the wall."""
+ROUNDING = 1e-9
+"""Depth that counts as contact [m]."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +64,16 @@ def resolve_ends(problem: Problem) -> Ends:
 
 
 def stands_flush(problem: Problem, headings: FloatArray) -> bool:
-    """Whether the arm leaves a wall so that the end of its mount just clears it, and any turn of the base would not."""
+    """Whether the arm leaves a wall so that the end of its mount just clears it, and no turn of the base would."""
     arm = problem.arm
     if arm.mount_length >= arm.link_length:
         return False
     finder = ContactFinder(arm, Walls.of(problem.workspace), problem.workspace.clearance, 0.0, 0.02 * arm.length)
     contacts = finder.find(arm.joint_positions(headings))
     at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
-    return bool(np.any(np.abs(contacts.gap[at_mount & (contacts.second == WALL)]) <= FLUSH * arm.length))
+    flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= FLUSH * arm.length)
+    sideways = contacts.normal @ np.array([-np.sin(headings[0]), np.cos(headings[0])])
+    return bool(np.any(flush & (np.abs(sideways) < UPRIGHT)))
 
 
 def clamped_arm(arm: Arm) -> Arm:
@@ -112,9 +118,10 @@ def _refuse_bad_pose(problem: Problem, arm: Arm, headings: FloatArray, which: st
     finder = ContactFinder(arm, Walls.of(problem.workspace), problem.workspace.clearance, 0.0, 0.02 * arm.length)
     points = arm.joint_positions(headings)
     contacts = finder.find(points)
-    if np.any(contacts.gap <= 0.0) or finder.crosses(points):
+    least = -ROUNDING if allowed_contact(arm, problem.workspace) > 0.0 else TOUCH
+    if np.any(contacts.gap < least) or finder.crosses(points):
         raise UnreachableGoal(_touching(which, finder.describe(contacts)))
-    if len(Certificate.of(arm, problem.workspace).failures(np.stack((headings, headings)))):
+    if len(Certificate.of_contact(arm, problem.workspace).failures(np.stack((headings, headings)))):
         raise UnreachableGoal(_touching(which, "a link lies inside an obstacle"))
 
 

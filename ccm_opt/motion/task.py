@@ -11,7 +11,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.certificate import Certificate, allowed_contact
 from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose
@@ -92,13 +92,17 @@ class MotionTask:
 
     @cached_property
     def certificate(self) -> Certificate:
-        """The certificate that motions must pass: a little more than contact, but no more than both ends have."""
+        """The certificate that motions must pass: a little more than contact, but no more than both ends have.
+
+        Ends that touch may be left, and reached, by motions that touch no deeper than rounding.
+        """
         ends = [self.start] if self.goal_headings is None else [self.start, self.goal_headings]
         finder = ContactFinder(
             self.arm, Walls.of(self.workspace), self.workspace.clearance, 0.0, 4.0 * SPARE * self.arm.length
         )
         gaps = [finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
-        spare = np.clip(0.5 * min(gaps), 0.0, SPARE * self.arm.length)
+        contact = allowed_contact(self.arm, self.workspace)
+        spare = np.clip(0.5 * min(gaps) - contact, -contact, SPARE * self.arm.length)
         certificate = Certificate(self.arm, self.workspace, float(spare))
         return certificate if self.terms is None else OwnCertificate.around(certificate, self.terms.path_rows)
 
