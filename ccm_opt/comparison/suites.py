@@ -13,6 +13,8 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem_file import load_problem
 
 SHARED = "shared"
+ON_AXIS = "feed-"
+"""How the names of shared problems with a feed axis begin; the baseline knows no such axis."""
 """The suite of the problem files that come with the package."""
 GENERATOR = 1
 """Counts changes of the random scenes: runs on other scenes are other runs."""
@@ -78,7 +80,8 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
         ProblemError: when there is no such suite, or it has fewer problems.
     """
     if suite == SHARED:
-        cases = cases_of_files(sorted(shared_folder().glob("*.toml")))
+        files = sorted(shared_folder().glob("*.toml"))
+        cases = cases_of_files([file for file in files if not file.name.startswith(ON_AXIS)])
         if count is not None and count > len(cases):
             raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
         return cases[:count]

@@ -46,7 +46,10 @@ def plan_figure(solution: Solution) -> Figure:
     axes = figure.add_axes(layout.place)
     draw_workspace(axes, problem.workspace)
     _draw_motion(axes, points, problem.arm.radius)
-    _draw_goal(axes, problem.goal, points[-1])
+    for stop, k in zip(problem.stops, solution.trajectory.stops, strict=True):
+        draw_body(axes, points[k], 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
+        _draw_goal(axes, stop.goal, points[k], label="")
+    _draw_goal(axes, problem.goal, points[-1], label="goals" if problem.stops else "goal")
     _dress(figure, axes, f"{problem.name}: {solution.trajectory.duration:.2f} s")
     return figure
 
@@ -82,12 +85,12 @@ def _even_steps(points: FloatArray, count: int) -> IntArray:
     return np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], count + 2)[1:-1]))
 
 
-def _draw_goal(axes: Axes, goal: Goal, end: FloatArray) -> None:
+def _draw_goal(axes: Axes, goal: Goal, end: FloatArray, label: str) -> None:
     """An arrow at the goal, along its heading; only a ring where any heading will do, or for a whole pose."""
     wanted = goal.position if isinstance(goal, TipGoal) else end[-1]
     axes.plot(
         *wanted, marker="o", markersize=9, markerfacecolor="none", markeredgewidth=1.6, color=style.GOAL_MARK,
-        zorder=9, linestyle="none", label="goal",
+        zorder=9, linestyle="none", label=label,
     )  # fmt: skip
     if isinstance(goal, TipGoal) and goal.heading is not None:
         reach = 0.09 * float(np.ptp(axes.get_xlim()))

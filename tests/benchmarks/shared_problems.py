@@ -9,7 +9,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem_file import problem_from_mapping
 
 FOLDER = Path(__file__).parents[2] / "problems"
-NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.toml") if not path.stem.startswith("feed-")))
 DEFAULT_MASS = 0.1
 """Mass of a link when the file gives none [kg]."""
 
