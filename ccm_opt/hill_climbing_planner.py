@@ -134,8 +134,11 @@ class HillClimbingPlanner:
         """Plan a certified motion.
 
         Raises:
+            ProblemError: the arm has a feed axis, which the baseline does not know.
             NoPlanFound: with the schema at which each plan stopped.
         """
+        if problem.arm.feed is not None:
+            raise ProblemError("hill climbing moves no feed axis; use planner.method nlp, or leave arm.feed out")
         deadline = time.monotonic() + PLANNING_SHARE * problem.planner.time_limit
         with self.stages("mapping"):
             ends = resolve_ends(problem)
@@ -191,7 +194,7 @@ def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
     obstacle = obstacle_ahead(follower.problem, goal.position)
     if obstacle is not None:
         for subgoal, side in zip(subgoals(start.base, obstacle), ("right", "left"), strict=True):
-            yield f"fold to the {side}", fold_plan(world, start, subgoal, goal)
+            yield f"fold to the {side}", fold_plan(world, start, subgoal, goal, sliding=True)
 
 
 def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Schema:

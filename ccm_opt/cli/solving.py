@@ -1,22 +1,23 @@
 """``ccm-opt solve``: read, solve, draw, write, report."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 from ccm_opt.cli.outcome import SOLVED, report, run_all, warn
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import print_solution
 from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.export.folder import check_target, write_failure, write_solution
-from ccm_opt.problem import Problem
+from ccm_opt.problem import MethodName, Problem
 from ccm_opt.problem_file import load_problem
 from ccm_opt.solution import Solution
 from ccm_opt.user_terms.references import load_terms
 from ccm_opt.user_terms.terms import Constraint, Cost
 
-METHODS = ("nlp",)
+METHODS: tuple[MethodName, ...] = get_args(MethodName)
 LEFT_PLAN = 0.1
 """Tracking error from which the simulated arm has left the plan [rad]."""
 
@@ -57,8 +58,10 @@ def solve_files(
     taken: dict[str, Path] = {}
 
     def solve_one(file: Path) -> int:
-        _check_method(method)
+        asked = _checked(method)
         problem = load_problem(file)
+        if asked is not None:
+            problem = replace(problem, planner=replace(problem.planner, method=asked))
         first = taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
@@ -67,11 +70,18 @@ def solve_files(
     return run_all(files, solve_one)
 
 
-def _check_method(method: str | None) -> None:
-    if method == "hill-climbing":
-        raise ProblemError("--method hill-climbing is not supported yet; try --method nlp")
-    if method is not None and method not in METHODS:
-        raise ProblemError(f"--method {method} is unknown; expected {' or '.join(METHODS)}")
+def _checked(method: str | None) -> MethodName | None:
+    """The method asked for on the command line.
+
+    Raises:
+        ProblemError: there is none of that name.
+    """
+    if method is None:
+        return None
+    for known in METHODS:
+        if method == known:
+            return known
+    raise ProblemError(f"--method {method} is unknown; expected {' or '.join(METHODS)}")
 
 
 def _solve(problem: Problem, out: Path, own: OwnTerms, *, pictures: bool, explain: bool) -> int:

@@ -16,12 +16,16 @@ from ccm_opt.hill_climbing.world import World
 
 LEAST = 0.05
 """The base segment keeps this share of the arm's length."""
-AHEAD = 0.1
+AHEAD = 0.06
 """The boundary moves ahead by this share of the arm's length."""
-NEAR = 0.3
+SLIDE = 0.4
+"""The boundary slides by this share of what was fed."""
+NEAR = 0.15
 """The arm climbs to the goal when no more than this share of its length is left of the curve to it."""
 BACK = (0.0, 0.25, 0.5, 0.75)
 """Shares of the steps of SCM-8 that are taken back where SCM-7 cannot go on from its end."""
+LAST_CLIMB = 300
+"""Moves of SCM-0 at most after a merge."""
 MERGE_TOLERANCE = 0.1
 """How far headings may move when the segments are merged [rad]; the arm goes there by SCM-2."""
 
@@ -34,7 +38,7 @@ def subgoals(base: FloatArray, obstacle: FloatArray) -> tuple[TipPose, TipPose]:
     return TipPose(middle, direction - 0.5 * np.pi), TipPose(middle, direction + 0.5 * np.pi)
 
 
-def fold_plan(world: World, start: Configuration, subgoal: TipPose, goal: TipPose) -> Schema:
+def fold_plan(world: World, start: Configuration, subgoal: TipPose, goal: TipPose, *, sliding: bool = False) -> Schema:
     """The five steps of Figure 5.
 
     Args:
@@ -42,6 +46,7 @@ def fold_plan(world: World, start: Configuration, subgoal: TipPose, goal: TipPos
         start: where the arm is.
         subgoal: in front of the obstacle.
         goal: for the tip.
+        sliding: let the boundary slide ahead with the feed from the beginning.
 
     Yields:
         Steps; ``stage`` begins with the number of their part of the figure.
@@ -55,7 +60,7 @@ def fold_plan(world: World, start: Configuration, subgoal: TipPose, goal: TipPos
     yield Step("start", start, "1 start")
     here = yield from fold(world, start, subgoal)
     here = yield from staged(scm_6(world, here), "4 reach from the subgoal")
-    return (yield from reach(world, here, goal))
+    return (yield from reach(world, here, goal, sliding=sliding))
 
 
 def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
@@ -78,18 +83,21 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
     raise failure
 
 
-def reach(world: World, start: Configuration, goal: TipPose) -> Schema:
+def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = False) -> Schema:
     """A tip segment traces the curve to the goal (SCM-4, SCM-5); what is before it holds the subgoal (SCM-3).
 
     When the base segment is short enough the segments are merged and the arm climbs to the goal (SCM-0). Where that
-    stops, the boundary moves ahead along the curve and the feed goes on.
+    stops, the boundary moves ahead along the curve and the feed goes on; with ``sliding`` it does so all along.
     """
     curve = scm_4(world, start, goal, longest=start.length).segment
     here = begin_feeding(world, start, curve)
     yield Step("SCM-3", here, "4 reach from the subgoal")
+    most = AHEAD * start.length if sliding else np.inf
     while True:
         before = here
-        here = yield from staged(pass_length(world, here, curve, LEAST * start.length), "4 reach from the subgoal")
+        here = yield from staged(
+            pass_length(world, here, curve, LEAST * start.length, most), "4 reach from the subgoal"
+        )
         if curve.length - here.segments[-1].length <= NEAR * start.length:
             try:
                 climbed, there = run(merge_and_climb(world, here, goal))
@@ -102,7 +110,8 @@ def reach(world: World, start: Configuration, goal: TipPose) -> Schema:
             reason = f"{curve.length - here.segments[-1].length:.3f} m of the curve to the goal are left"
             failure = SchemaStopped("SCM-3 with SCM-5", here, reason)
         reached = here
-        ahead = min(AHEAD * start.length, here.segments[-1].length - FEED * start.length)
+        share = SLIDE if sliding else 1.0
+        ahead = min(share * AHEAD * start.length, here.segments[-1].length - FEED * start.length)
         here = yield from staged(slide_boundary(world, here, ahead), "4 reach from the subgoal")
         moved = here.segments[-2].length - reached.segments[-2].length
         gained = reached.segments[-1].length - before.segments[-1].length
@@ -120,7 +129,7 @@ def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema
             here = yield from scm_2(world, start, merged)
         except (ProblemError, SchemaStopped):
             here = start  # a merge is a convenience: steps yielded before a contact are undone by the caller
-    return (yield from scm_0(world, here, goal))
+    return (yield from scm_0(world, here, goal, most_steps=LAST_CLIMB))
 
 
 def staged(schema: Schema, stage: str) -> Schema:

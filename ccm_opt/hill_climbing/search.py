@@ -23,7 +23,7 @@ EASING = 0.3
 """Where push and distance balance, the push eases by this factor, as the weight of a barrier does."""
 LEAST_PUSH = 1e-6
 """Weights of crowding below it are dropped."""
-TRIED_AT_ONCE = 8
+TRIED_AT_ONCE = 4
 """Candidates asked of the world in one go, best first."""
 MOST_TRIED = 96
 """Improving candidates asked in all before the climb counts as blocked."""

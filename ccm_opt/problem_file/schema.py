@@ -9,7 +9,7 @@ import re
 from typing import Annotated, Literal
 
 import shapely
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from ccm_opt.jointed.arm import Arm, Axes, MappingName
 from ccm_opt.problem import (
@@ -205,12 +205,6 @@ class GoalTable(PoseTable):
     pause: Annotated[float, Field(ge=0.0)] = 0.0
 
 
-def _supported_method(method: object) -> object:
-    if method == "hill-climbing":
-        raise ValueError("the method 'hill-climbing' is not supported yet; try 'nlp'")
-    return method
-
-
 Weight = Annotated[float, Field(ge=0.0)]
 
 
@@ -227,7 +221,7 @@ class WeightsTable(Table):
 class PlannerTable(Table):
     """Which planner, how long, and with what."""
 
-    method: Annotated[MethodName, BeforeValidator(_supported_method)] = PlannerOptions.method
+    method: MethodName = PlannerOptions.method
     mapping: MappingName = PlannerOptions.mapping
     time_limit: Positive = PlannerOptions.time_limit
     routes: Annotated[int, Field(ge=1)] = PlannerOptions.routes

@@ -74,7 +74,9 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
     return here
 
 
-def pass_length(world: World, start: Configuration, curve: CurvatureSegment, least: float) -> Schema:
+def pass_length(
+    world: World, start: Configuration, curve: CurvatureSegment, least: float, most: float = np.inf
+) -> Schema:
     """SCM-3 and SCM-5 together: what the tip segment gains along its curve, the base segment loses.
 
     The arm keeps its length, as it must; so each step is one of both schemas at once. All segments but the last hold
@@ -85,6 +87,7 @@ def pass_length(world: World, start: Configuration, curve: CurvatureSegment, lea
         start: where the arm is; its tip segment lies on the curve.
         curve: the segment that the tip segment is to become.
         least: length that the base segment keeps [m].
+        most: length that is passed on at most [m].
 
     Yields:
         Configurations of constant total length.
@@ -96,11 +99,12 @@ def pass_length(world: World, start: Configuration, curve: CurvatureSegment, lea
     here, holder = start, len(start.segments) - 2
     held = end_pose(start, holder)
     stride = FEED * start.length
+    wanted = min(curve.length, start.segments[-1].length + most)
     while stride >= FINEST * FEED * start.length:
-        most = min(curve.length - here.segments[-1].length, here.segments[0].length - least)
-        if most <= 1e-9 * start.length:
+        left = min(wanted - here.segments[-1].length, here.segments[0].length - least)
+        if left <= 1e-9 * start.length:
             return here
-        part = min(stride, most)
+        part = min(stride, left)
         longer = fed(here, curve, here.segments[-1].length + part)
         try:
             here = hold(world, here, resized(longer, 0, here.segments[0].length - part), holder, held, "SCM-3")
