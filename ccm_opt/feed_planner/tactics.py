@@ -16,8 +16,8 @@ from ccm_opt.problem import TipGoal
 
 SAME_POSE = 1e-7
 """Bends that differ by less are the same [rad]."""
-OUT, OUT_SHARE = 0.25, 0.95
-"""Link lengths beyond the last place where no joint may bend at which bends are moved on to, and of their limit."""
+OUT, OUT_SHARE = 0.25, 0.5
+"""Where bends are moved on to, in link lengths beyond where joints may bend; share of its limit that a joint takes."""
 SEPARATION = 2
 """Further keyframes where a change of shape ends, so that no span of the smooth path mixes it with moving feed."""
 
@@ -91,8 +91,9 @@ def straightened(query: FeedQuery, end: FedPose, path: LeaderPath | None) -> Ite
         if own_path(query.arm, bends, end.feed, query.least_straight) is not None:
             keyframes = _reshaper(query).keyframes(end, bends, query.feed.hole)
             if keyframes is not None:
-                apart = np.repeat(keyframes[-1:], SEPARATION, axis=0)
-                yield Straightened(np.concatenate((keyframes, apart)), FedPose(bends, end.feed))
+                pose = FedPose(bends, end.feed)
+                rest = np.tile(pose.row, (1 + SEPARATION, 1))
+                yield Straightened(np.concatenate((keyframes[:-1], rest)), pose)
 
 
 def _bent_further_out(query: FeedQuery, end: FedPose) -> FloatArray:
@@ -105,7 +106,7 @@ def _bent_further_out(query: FeedQuery, end: FedPose) -> FloatArray:
     left = float(bends[:first].sum())
     bends[:first] = 0.0
     for joint in range(first, arm.links):
-        limit = OUT_SHARE * arm.bend_limits[joint]
+        limit = max(OUT_SHARE * float(arm.bend_limits[joint]), abs(float(bends[joint])))
         wanted = bends[joint] + left
         bends[joint] = float(np.clip(wanted, -limit, limit))
         left = wanted - bends[joint]

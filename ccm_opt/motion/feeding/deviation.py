@@ -73,18 +73,18 @@ def _beyond_hole(arm: Arm, feeds: FloatArray, shares: FloatArray) -> BoolArray:
 
 def _distances(points: npt.NDArray[np.object_], leader: FloatArray, reach: float) -> tuple[FloatArray, BoolArray]:
     """Distances of points from a leader's path [m], and whether the path is straight there."""
-    line = shapely.LineString(leader)
-    arc = np.asarray(shapely.line_locate_point(line, points))
-    return np.asarray(shapely.distance(line, points)), _straight_at(leader, arc, reach)
+    legs = shapely.STRtree(np.asarray(shapely.linestrings(np.stack((leader[:-1], leader[1:]), axis=1))))
+    (_, leg), distance = legs.query_nearest(points, return_distance=True, all_matches=False)
+    return distance, _straight_legs(leader, reach)[leg]
 
 
-def _straight_at(leader: FloatArray, arc: FloatArray, reach: float) -> BoolArray:
-    """Whether the leader's path is straight around places at given arc lengths, shape (k,)."""
+def _straight_legs(leader: FloatArray, reach: float) -> BoolArray:
+    """Whether the leader's path is straight around each of its legs, shape (m - 1,)."""
     steps = np.diff(leader, axis=0)
     turned = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     ends = np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
     middles = 0.5 * (ends[:-1] + ends[1:])
     total = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(turned)))))
-    spread = np.interp(arc + reach, middles, total) - np.interp(arc - reach, middles, total)
+    spread = np.interp(middles + reach, middles, total) - np.interp(middles - reach, middles, total)
     straight: BoolArray = spread <= STRAIGHT_TURN
     return straight

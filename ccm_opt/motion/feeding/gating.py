@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import BoolArray
+from ccm_opt.arrays import BoolArray, IntArray
 from ccm_opt.jointed.arm import HELD_TOLERANCE, Arm
 from ccm_opt.problem import Limits
 
@@ -20,7 +20,8 @@ def travel_between_samples(limits: Limits) -> float:
 def straight_while_held(arm: Arm, spline: BSpline, travel: float) -> bool:
     """Whether every joint is exactly straight while it is held, and for some travel of the base before and after.
 
-    A joint is taken as bent on a whole span of the spline when one of the span's control points bends it.
+    A joint is taken as bent on a whole span of the spline when one of the span's control points bends it. Where the
+    path comes to rest (three control points are one) the base needs no room to travel on.
 
     Args:
         arm: with a feed axis.
@@ -32,15 +33,26 @@ def straight_while_held(arm: Arm, spline: BSpline, travel: float) -> bool:
         return True
     samples = np.asarray(spline(np.linspace(0.0, 1.0, _SAMPLES_A_SPAN * _spans(spline) + 1)))[:, -1]
     covered = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(samples)))))
-    bent = _bent_spans(spline)
+    rests, bent = _SAMPLES_A_SPAN * _rests(spline), _bent_spans(spline)
     for joint in np.flatnonzero(bent.any(axis=0)):
-        spans = np.flatnonzero(bent[:, joint])
-        first = np.searchsorted(covered, covered[spans * _SAMPLES_A_SPAN] - travel, side="left")
-        last = np.searchsorted(covered, covered[(spans + 1) * _SAMPLES_A_SPAN] + travel, side="right")
-        least = min(float(samples[max(a - 1, 0) : b + 1].min()) for a, b in zip(first, last, strict=True))
+        begin = _SAMPLES_A_SPAN * np.flatnonzero(bent[:, joint])
+        end = begin + _SAMPLES_A_SPAN
+        first = np.searchsorted(covered, covered[begin] - travel, side="left") - 1
+        last = np.searchsorted(covered, covered[end] + travel, side="right")
+        first = np.maximum(first, rests[np.searchsorted(rests, begin, side="right") - 1])
+        last = np.minimum(last, rests[np.searchsorted(rests, end, side="left")])
+        least = min(float(samples[a : b + 1].min()) for a, b in zip(first, last, strict=True))
         if least + joint * arm.link_length < feed.hole - 0.5 * HELD_TOLERANCE:
             return False
     return True
+
+
+def _rests(spline: BSpline) -> IntArray:
+    """Spans at whose beginning the path rests, the number of spans last, increasing."""
+    control = np.asarray(spline.c)
+    same = np.all(control[1:] == control[:-1], axis=1)
+    inner = np.flatnonzero(same[:-1] & same[1:])
+    return np.unique(np.concatenate(([0], inner[inner <= _spans(spline)], [_spans(spline)])))
 
 
 def _spans(spline: BSpline) -> int:
