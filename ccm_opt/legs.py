@@ -81,5 +81,6 @@ def whole_path(legs: tuple[Leg, ...]) -> JointPath:
         BSpline(knots / len(legs), control, splines[0].k),
         np.concatenate([path.keyframes for path in paths]),
         tuple(curve for path in paths for curve in path.curves),
-        ", ".join(path.candidate for path in paths),
+        "; ".join(path.candidate for path in paths),
+        tuple(leader for path in paths for leader in path.leaders),
     )
