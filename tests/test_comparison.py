@@ -2,8 +2,10 @@
 
 import csv
 import json
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -301,6 +303,24 @@ def test_the_command_line_compares_a_suite(tmp_path: Path) -> None:
         done = subprocess.run([*command, "--count", str(count)], capture_output=True, text=True, check=True)
         assert f"nlp  {count} (100 %)".replace("  ", " ") in " ".join(done.stdout.split())
         assert len((tmp_path / "journal.jsonl").read_text().splitlines()) == count
+
+
+@pytest.mark.slow
+def test_an_interrupt_leaves_what_is_done(tmp_path: Path) -> None:
+    """Ctrl-C in the middle ends the workers, gives exit code 130, and the next run goes on from the journal."""
+    journal = tmp_path / "journal.jsonl"
+    command = [sys.executable, "-m", "ccm_opt", "compare", "--suite", "open-space", "--method", "nlp", "--no-pictures"]
+    command += ["--out", str(tmp_path), "--count"]
+    process = subprocess.Popen([*command, "60"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while process.poll() is None and not (journal.exists() and journal.read_text().count("\n") >= 2):
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "the same command goes on from there" in errors
+    before = journal.read_text()
+    subprocess.run([*command, "2"], capture_output=True, check=True)
+    assert journal.read_text() == before
 
 
 def test_workers_of_a_comparison_are_processes(tmp_path: Path) -> None:

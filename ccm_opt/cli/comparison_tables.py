@@ -50,7 +50,7 @@ def methods_table(comparison: Comparison) -> Table:
     table = _table(f"methods on {len(comparison.problems)} problems, medians", "method", "solved", "95 %", *_titles())
     for name in comparison.methods:
         count, interval = comparison.solved(name)
-        share = f"{100 * count / max(1, len(comparison.problems)):.0f} %"
+        share = f"{100 * count / max(1, len(comparison.problems)):.4g} %"
         bounds = f"{100 * interval.low:.0f} to {100 * interval.high:.0f} %"
         row = (escape(name), f"{count} ({share})", bounds, *_values(medians(comparison.of(name))))
         table.add_row(*row)
@@ -69,7 +69,7 @@ def print_pair(console: Console, pair: Pair) -> None:
         soft_wrap=True,
     )
     table = _table(
-        "", "where both solve", "pairs", pair.first, pair.second, "", "median, by pairs", "95 %", "better", "p"
+        "", "where both solve", "pairs", pair.first, pair.second, "", "median, by pairs", "95 %", "first better", "p"
     )
     for item in pair.figures:
         table.add_row(*_figure_row(item))
