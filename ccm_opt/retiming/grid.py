@@ -12,6 +12,10 @@ _EVEN_SHARE = 0.3
 _RAMP = 0.5 ** np.arange(8, 0, -1)
 """Places of extra points in the first and last interval, where a slow joint may reach its speed at once."""
 
+_STOP_RAMP = 0.7 ** np.arange(1, 11)
+STOPPED = 1e-6
+"""Share of the greatest |q'| of all knots below which the path stops at a knot."""
+
 
 def path_grid(spline: BSpline, intervals: int) -> FloatArray:
     """Grid points of the path parameter, 0 and 1 included.
@@ -32,7 +36,21 @@ def path_grid(spline: BSpline, intervals: int) -> FloatArray:
     share = (1.0 - _EVEN_SHARE) * lengths / np.sum(lengths) + _EVEN_SHARE * np.diff(knots)
     pieces = np.maximum(1, np.ceil(count * share - 1e-9)).astype(int)
     points = np.interp(np.arange(np.sum(pieces) + 1), np.concatenate(([0], np.cumsum(pieces))), knots)
-    return np.concatenate(([0.0], points[1] * _RAMP, points[1:-1], 1.0 - (1.0 - points[-2]) * _RAMP[::-1], [1.0]))
+    points = np.concatenate(([0.0], points[1] * _RAMP, points[1:-1], 1.0 - (1.0 - points[-2]) * _RAMP[::-1], [1.0]))
+    return _around_stops(points, stops(spline, knots))
+
+
+def stops(spline: BSpline, knots: FloatArray) -> FloatArray:
+    """Inner knots at which the whole path comes to a stop, q' = 0, as at control points that stand three in a row."""
+    rates = np.max(np.abs(spline(knots, 1)), axis=1)
+    return np.asarray(knots[1:-1][rates[1:-1] < STOPPED * np.max(rates)])
+
+
+def _around_stops(points: FloatArray, places: FloatArray) -> FloatArray:
+    """Grid points drawn closer and closer to stops from both sides, where the path speed grows without bound."""
+    at = np.searchsorted(points, places)
+    near = [points[at, None] + (points[at + side] - points[at])[:, None] * _STOP_RAMP for side in (-1, 1)]
+    return np.union1d(points, np.concatenate(near).ravel())
 
 
 def span_lengths(spline: BSpline, knots: FloatArray) -> FloatArray:

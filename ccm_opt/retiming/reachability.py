@@ -8,6 +8,7 @@ right: it stops after finitely many steps. (Pham and Pham 2018, section IV, for 
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,35 +23,49 @@ _SLOWEST = 1e-6
 """What stands for a squared speed of zero inside, as a share of the least that is not; slowing down mends the rows."""
 
 
+class _Lines(NamedTuple):
+    """Bounds on y that are linear in x: ``start + slope x``."""
+
+    start: FloatArray
+    slope: FloatArray
+
+    def least(self, x: float, bound: float) -> tuple[float, float]:
+        """The least of all at x and a constant bound, with its slope."""
+        values = self.start + self.slope * x
+        k = values.argmin() if len(values) else -1
+        return (float(values[k]), float(self.slope[k])) if k >= 0 and values[k] < bound else (bound, 0.0)
+
+
 @dataclass(frozen=True)
 class _Stage:
-    """The rows β x + γ y ≤ 1 of one interval, those with an upper and those with a lower bound on y.
+    """The rows β x + γ y ≤ 1 of one interval as bounds on y.
 
     Attributes:
-        above: β and γ > 0, two arrays.
-        below: β and γ < 0.
+        above: of the rows with γ > 0.
+        below: of those with γ < 0, negated.
         most: bound on x.
         reach: bound on y.
     """
 
-    above: tuple[FloatArray, FloatArray]
-    below: tuple[FloatArray, FloatArray]
+    above: _Lines
+    below: _Lines
     most: float
     reach: float
 
     @classmethod
     def of(cls, beta: FloatArray, gamma: FloatArray, most: float, reach: float) -> "_Stage":
-        idle = np.abs(gamma) * reach < _NO_EFFECT
-        steepest = float(np.max(beta[idle], initial=0.0))
-        up, down = ~idle & (gamma > 0.0), ~idle & (gamma < 0.0)
-        bound = min(most, 1.0 / steepest) if steepest > 0.0 else most
-        return cls((beta[up], gamma[up]), (beta[down], gamma[down]), bound, reach)
+        up, down = gamma * reach > _NO_EFFECT, gamma * reach < -_NO_EFFECT
+        above = _Lines(1.0 / gamma[up], -beta[up] / gamma[up])
+        below = _Lines(-1.0 / gamma[down], beta[down] / gamma[down])
+        with np.errstate(divide="ignore"):
+            bounds = np.where(beta > 0.0, (1.0 + np.maximum(-gamma, 0.0) * reach) / beta, np.inf)
+        return cls(above, below, min(most, float(np.min(bounds))), reach)
 
     def room(self, x: float) -> tuple[float, float, float, float]:
         """Greatest and least y at a given x, and their slopes."""
-        high, rise = _tightest(*self.above, x, self.reach, 1.0)
-        low, fall = _tightest(*self.below, x, 0.0, -1.0)
-        return high, low, rise, fall
+        high, rise = self.above.least(x, self.reach)
+        low, fall = self.below.least(x, 0.0)
+        return high, -low, rise, -fall
 
     def greatest(self) -> float:
         """The greatest x that leaves some y."""
@@ -61,17 +76,6 @@ class _Stage:
                 break
             x = max(x - (high - low) / (rise - fall), 0.0)
         return x
-
-
-def _tightest(beta: FloatArray, gamma: FloatArray, x: float, bound: float, sign: float) -> tuple[float, float]:
-    """The least (greatest for sign −1) y that a row asks for at x, or the bound, with its slope."""
-    if not len(beta):
-        return bound, 0.0
-    values = (1.0 - beta * x) / gamma
-    k = int(np.argmin(sign * values))
-    if sign * values[k] >= sign * bound:
-        return bound, 0.0
-    return float(values[k]), float(-beta[k] / gamma[k])
 
 
 def reachable_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray:

@@ -27,7 +27,7 @@ HAIR = 5e-7
 """Sag that is allowed anyhow [m], half of what the verifier forgives."""
 MOST_PIECES = 32
 """Pieces that a step may be cut into so that chords stay near the path."""
-_ROUNDS = 4
+_ROUNDS = 8
 """Most rounds of cutting; the first leaves few steps too long."""
 
 

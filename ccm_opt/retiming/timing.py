@@ -13,8 +13,8 @@ from ccm_opt.retiming.finite_differences import needed_stretch
 from ccm_opt.retiming.grid import SUBSTEPS, path_grid, refine, span_lengths
 from ccm_opt.retiming.profile import SpeedProfile, check_profile
 from ccm_opt.retiming.rows import PathRows, path_rows
-from ccm_opt.retiming.sampling import Chords, Profile, Samples, sample_motion
-from ccm_opt.retiming.smoothing import jerk_limited
+from ccm_opt.retiming.sampling import Chords, Samples, sample_motion
+from ccm_opt.retiming.smoothing import SmoothProfile, jerk_limited
 from ccm_opt.retiming.speed_optimizer import fastest_profile
 from ccm_opt.solution import JointPath, JointTrajectory
 
@@ -26,6 +26,8 @@ ROUNDS = 4
 """Most runs of TOPP-RA, the limits tightened each time where the last run passed them."""
 DAMPED_ROUNDS = 6
 """The same with friction."""
+LOOK = 1e-3
+"""Time between looks at a smoothed motion, which has no grid of its own [s]."""
 NEGLIGIBLE = 1.004
 """Stretch of time that is not worth another run."""
 SMALL_STRETCH = 1.01
@@ -81,8 +83,12 @@ def retime(
         return _standing(spline, step).trajectory(links)
     axes = Axes.of(limits, spline.c.shape[1])
     fastest = _speed_profile(checked_rows(refine(path_grid(spline, grid), SUBSTEPS)))
-    profile = jerk_limited(spline, fastest, axes) if axes.smooth else fastest
     efforts = Efforts(limits, inverse_dynamics, revolutes, spline.c.shape[1])
+    profile: SpeedProfile | SmoothProfile = fastest
+    if axes.smooth:
+        profile = jerk_limited(spline, fastest, axes)
+        looks = sample_motion(spline, profile, LOOK, None, links)
+        profile = profile.slowed(max(needed_stretch(looks, axes, efforts) / DENSE_SHARE, 1.0))
     for _ in range(RESAMPLINGS):
         samples = sample_motion(spline, profile, step / SMALL_STRETCH, chords, links)
         stretch = needed_stretch(samples, axes, efforts)
@@ -93,7 +99,7 @@ def retime(
     raise _no_speed(profile)
 
 
-def _no_speed(profile: Profile) -> RetimingError:
+def _no_speed(profile: SpeedProfile | SmoothProfile) -> RetimingError:
     return RetimingError(
         Diagnosis(
             reason=f"no speed was found that keeps the limits; the slowest motion tried takes {profile.duration:.4g} s",
