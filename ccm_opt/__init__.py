@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ccm_opt.pipeline import solve
     from ccm_opt.problem import Problem
     from ccm_opt.problem_file import load_problem
+    from ccm_opt.retargeting import retarget
     from ccm_opt.solution import Solution
     from ccm_opt.user_terms.quantities import Quantities
     from ccm_opt.user_terms.terms import Constraint, Cost, Interval, constraint, cost
@@ -35,6 +36,7 @@ __all__ = [
     "cost",
     "errors",
     "load_problem",
+    "retarget",
     "solve",
 ]
 
@@ -49,6 +51,7 @@ _HOMES = {
     "Solution": ("ccm_opt.solution", "Solution"),
     "check": ("ccm_opt.verification", "verify"),
     "load_problem": ("ccm_opt.problem_file", "load_problem"),
+    "retarget": ("ccm_opt.retargeting", "retarget"),
     "solve": ("ccm_opt.pipeline", "solve"),
 }
 """Module and name of each public object."""
