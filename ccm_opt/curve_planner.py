@@ -54,6 +54,8 @@ FURTHER_ATTEMPTS = 4
 """Attempts when the search asks for more configurations."""
 CURVATURE_SHARE = 0.9
 """Share of the tightest bend (joint limit over link length) that the curve may use."""
+FULL_CURVATURE_SHARE = 0.995
+"""The same for another guess when there is none at that share."""
 PLANNING_SHARE = 0.9
 """Share of the time limit that the search may use."""
 
@@ -223,7 +225,8 @@ def find_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Ro
         guess = guess_along(problem, ends, room, route, ATTEMPTS)
         if guess is not None:
             return (guess,)
-    return ()
+    tightest = [guess_along(problem, ends, room, route, 1, FULL_CURVATURE_SHARE) for route in routes[:1]]
+    return tuple(guess for guess in tightest if guess is not None)
 
 
 def further_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, ...]) -> Iterator[FloatArray]:
@@ -234,20 +237,24 @@ def further_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple
             yield guess
 
 
-def guess_along(problem: Problem, ends: Ends, room: FreeSpace, route: Route, attempts: int) -> FloatArray | None:
+def guess_along(
+    problem: Problem, ends: Ends, room: FreeSpace, route: Route, attempts: int, share: float = CURVATURE_SHARE
+) -> FloatArray | None:
     """Link headings of a configuration at the goal along a route; None when the NLP finds none.
 
     That is no failure: the motion search can lead the tip to the goal by itself.
     """
     try:
-        configuration = find_configuration(configuration_task(problem, ends, room, route), attempts)
+        configuration = find_configuration(configuration_task(problem, ends, room, route, share), attempts)
     except ConfigurationNotFound:
         return None
     return map_curve(problem.arm, configuration, problem.planner.mapping)
 
 
-def configuration_task(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> ConfigurationTask:
-    """The configuration NLP's question along one route."""
+def configuration_task(
+    problem: Problem, ends: Ends, room: FreeSpace, route: Route, share: float = CURVATURE_SHARE
+) -> ConfigurationTask:
+    """The configuration NLP's question along one route, with a share of the tightest bend."""
     arm = problem.arm
     taut = room.path_of_sleeve(route.sleeve, arm.base, ends.goal.position)
     corridor = room.corridor(Route(route.sleeve, taut, path_length(taut)))
@@ -256,7 +263,7 @@ def configuration_task(problem: Problem, ends: Ends, room: FreeSpace, route: Rou
         base=arm.base,
         base_heading_range=base_heading_range(problem, ends),
         length=arm.length,
-        curvature_limit=CURVATURE_SHARE * arm.joint_limit / arm.link_length,
+        curvature_limit=share * arm.joint_limit / arm.link_length,
         goal=ends.goal.position,
         goal_heading=ends.goal.heading,
         corridor=corridor,

@@ -23,8 +23,8 @@ BEYOND = 1.01
 """Margin at which the narrowest place of the widest way is closed, as a multiple of the margin that just passes."""
 MOST_REMOVED = 16
 """Obstacles that are taken away one at a time, nearest to the narrow place first."""
-ROUNDING = 1e-9
-"""Lengths below this are rounding [m]."""
+DETOUR = 1e-3
+"""A way longer than the straight line by less than this share of it is no other finding than that of the reach."""
 
 
 def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
@@ -33,10 +33,9 @@ def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
         return
     for place in tip_places(problem):
         way = Way(problem, place.goal.position, place.tolerances.position)
-        if float(np.hypot(*(way.goal - problem.arm.base))) > problem.arm.length + way.tolerance:
-            continue  # out of reach, whatever stands there
+        straight = float(np.hypot(*(way.goal - problem.arm.base)))
         if np.isfinite(way.space.shortest):
-            if way.space.shortest > problem.arm.length * (1.0 + ROUNDING):
+            if way.space.shortest > max(problem.arm.length, (straight - way.tolerance) * (1.0 + DETOUR)):
                 yield _too_long(way, place.key)
         elif tip_has_room(problem, way.goal, way.tolerance):
             yield _closed(way, place.key)

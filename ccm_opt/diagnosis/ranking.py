@@ -27,9 +27,10 @@ def ranked(findings: tuple[Finding, ...], relaxations: tuple[Relaxation, ...] = 
     """
     mended = [kind for relaxed in relaxations for kind in MENDS.get(relaxed.key, ())]
 
-    def place(finding: Finding) -> tuple[bool, int, int]:
+    def place(finding: Finding) -> tuple[bool, int, int, float]:
         by_change = mended.index(finding.kind) if not finding.proved and finding.kind in mended else len(mended)
-        return not finding.proved, by_change, KINDS.index(finding.kind) if finding.proved else 0
+        kind = KINDS.index(finding.kind) if finding.proved else 0
+        return not finding.proved, by_change, kind, -finding.bounds.get("arm.link_length", 0.0)
 
     return tuple(sorted(_once(findings), key=place))[:MOST]
 

@@ -12,7 +12,7 @@ from ccm_opt.problem import Problem
 
 Solve: TypeAlias = Callable[[Problem], object]
 """Plans, times and verifies a problem, or raises; what it returns is not looked at."""
-STEPS = (0.04, 0.1, 0.2, 0.4)
+STEPS = (0.045, 0.1, 0.2, 0.4)
 """How far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds."""
 GUESSED_STEPS = (0.1, 0.25, 0.5)
 """The same where the bound is only where the problem stands."""
@@ -22,7 +22,7 @@ LEAST_TIME = 0.05
 """No try begins with less time than this [s]."""
 TRY_SHARE = 0.5
 """Share of the time left that one try may use."""
-LONGEST_TRY = 1.5
+LONGEST_TRY = 2.5
 """Time that one try may use at most [s]."""
 ENOUGH = 4
 """Relaxations that are told."""
