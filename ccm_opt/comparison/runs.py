@@ -161,7 +161,7 @@ def execute(task: Task) -> Run:
 def _solved(task: Task, method: Method, planner: ClockedPlanner) -> Run:
     from ccm_opt.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
-    solution = solve(method.prepared(task.case.problem(), task.time_limit), planner=planner)
+    solution = solve(method.prepared(task.case.problem(), task.time_limit), planner=planner, explain=False)
     wanted = {quantity.key for quantity in QUANTITIES}
     figures = {key: float(x) for key, x in solution.metrics.items() if key in wanted and math.isfinite(x)}
     return Run(task.key, task.case.name, task.method, "solved", "", figures, tactic=solution.path.candidate)
