@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,8 @@ from ccm_opt.dynamics.rnea import build_rnea
 from ccm_opt.errors import ProblemError
 from ccm_opt.export.mjcf import mjcf_text
 from ccm_opt.export.urdf import urdf_text
-from ccm_opt.jointed.arm import Arm, Axes
+from ccm_opt.jointed.arm import Arm, Axes, Feed
+from ccm_opt.jointed.jacobian import tip_jacobian
 from tests.dynamics_arms import loose_limits, make_arm, random_states, smooth_trajectory
 
 GRAVITY = np.array([1.0, 2.0, -9.81])
@@ -266,6 +268,119 @@ def test_a_damaged_library_is_compiled_again(
     compiled._say_uncompiled.cache_clear()
     assert np.all(np.isfinite(InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))))
     assert not caplog.records
+
+
+def geared(arm: Arm) -> Arm:
+    """The arm on a feed axis, with a payload, rotors and friction of its own at every joint."""
+    n = 3 * arm.links
+    drives = np.linspace(1e-5, 1e-4, n), np.linspace(1e-3, 2e-2, n)
+    return replace(arm, feed=Feed(0.0, 0.4, 0.4), payload=0.3, rotor_inertia=drives[0], friction=drives[1])
+
+
+@pytest.mark.parametrize("rotors", [False, True])
+def test_forward_dynamics_with_feed_payload_and_drives_equal_mujoco(rotors: bool) -> None:
+    """Accelerations of joints and base under efforts and thrust agree with mj_forward."""
+    arm = geared(make_arm(6, varied=True))
+    arm = arm if rotors else replace(arm, rotor_inertia=0.0)
+    mujoco, model, data = mujoco_model(arm)
+    forward = ForwardDynamics(arm, GRAVITY)
+    for q, qd, tau in np.swapaxes(random_states(18), 0, 1):
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = np.append(0.1, q), np.append(0.3, qd), np.append(0.7, tau)
+        mujoco.mj_forward(model, data)
+        joints, base = forward.with_feed(q, qd, tau, 0.7)
+        assert relative_error(np.append(base, joints), data.qacc) < TOLERANCE
+
+
+@pytest.mark.parametrize("axes", AXES)
+@pytest.mark.parametrize("rotors", [0.0, 1e-4])
+def test_forward_undoes_inverse_on_a_feed_axis(axes: Axes, rotors: float) -> None:
+    """Accelerations of joints and base come back from torques and thrust, rotors or none."""
+    arm = replace(geared(make_arm(6, axes, varied=True)), rotor_inertia=rotors)
+    (q, qd, qdd), feed = random_states(18), np.array([0.3, -1.0, 2.0, 0.0])
+    inverse, forward = InverseDynamics(arm, GRAVITY), ForwardDynamics(arm, GRAVITY)
+    torques, thrust = inverse(q, qd, qdd, feed), inverse.feed_forces(q, qd, qdd, feed)
+    joints, base = forward.with_feed(q, qd, torques, thrust)
+    assert relative_error(joints, qdd) < TOLERANCE
+    assert relative_error(base, feed) < TOLERANCE
+
+
+def test_inverse_dynamics_are_the_mass_matrix_and_the_drives() -> None:
+    """Efforts less those at rest are M with the feed first times the accelerations, and friction times speed."""
+    arm = geared(make_arm(6, varied=True))
+    q, _, qdd = (states[0] for states in random_states(18))
+    inverse, rest = InverseDynamics(arm, GRAVITY), np.zeros(18)
+    efforts = np.append(inverse.feed_forces(q, rest, qdd, 0.4), inverse(q, rest, qdd, 0.4))
+    gravity = np.append(inverse.feed_forces(q, rest, rest), inverse(q, rest, rest))
+    M = MassMatrix(arm).with_feed(q)
+    assert relative_error(efforts - gravity, M @ np.append(0.4, qdd)) < TOLERANCE
+    assert np.array_equal(M[1:, 1:], MassMatrix(arm)(q))
+    slow = 1e-9 * np.ones(18)
+    assert np.allclose((inverse(q, slow, rest) - inverse(q, rest, rest)) / 1e-9, arm.friction, rtol=1e-4)
+
+
+def test_rotors_make_zyz_regular_where_it_is_straight() -> None:
+    """With rotor inertia the straight zyz arm has finite accelerations: those of its own mass matrix."""
+    arm = replace(make_arm(4, "zyz"), rotor_inertia=1e-4)
+    torques = np.linspace(-0.1, 0.1, 12)
+    got = ForwardDynamics(arm, np.zeros(3))(np.zeros(12), np.zeros(12), torques)
+    assert relative_error(got, np.linalg.solve(MassMatrix(arm)(np.zeros(12)), torques)) < TOLERANCE
+    assert not np.all(
+        np.isfinite(ForwardDynamics(replace(arm, rotor_inertia=0.0), np.zeros(3))(*np.zeros((2, 12)), torques))
+    )
+
+
+def test_the_thrust_carries_the_whole_arm() -> None:
+    """At rest on a vertical axis the thrust is the weight of links and payload; fed upward it grows by their mass."""
+    arm = replace(make_arm(4, varied=True), base_heading=0.5 * np.pi, feed=Feed(0.0, 0.4, 0.4), payload=0.3)
+    inverse, rest = InverseDynamics(arm, np.array([0.0, 0.0, -9.81])), np.zeros((3, 1, 12))
+    mass = float(np.sum(arm.masses)) + 0.3
+    assert np.isclose(inverse.feed_forces(*rest)[0], 9.81 * mass, rtol=1e-12)
+    assert np.isclose(inverse.feed_forces(*rest, np.array([2.0]))[0], 11.81 * mass, rtol=1e-12)
+
+
+@pytest.mark.parametrize("far", [0.0, 50.0, 1.5e4, 1e7])
+def test_sines_are_exact_to_rounding_at_any_angle(far: float) -> None:
+    """Compiled code turns the angles into sines itself: whole turns change nothing beyond the rounding of the angle."""
+    arm = make_arm(4)
+    q = 2 * np.pi * far + np.random.default_rng(2).uniform(-7.0, 7.0, (200, 12))
+    weight = InverseDynamics(replace(arm, payload=1.0), np.array([0.0, 0.0, -1.0]))
+    bare = InverseDynamics(arm, np.array([0.0, 0.0, -1.0]))
+    rest = np.zeros_like(q)
+    slope = np.array([tip_jacobian(arm, pose)[2] for pose in q])
+    rounding = 1e-14 + np.finfo(np.float64).eps * np.max(np.abs(q))  # of the angles with the offsets of their frames
+    assert np.allclose(weight(q, rest, rest) - bare(q, rest, rest), slope, rtol=0.0, atol=rounding)
+
+
+def test_arrays_of_any_layout_are_taken() -> None:
+    """Strided, integer and single-precision states give what contiguous ones do."""
+    inverse, (q, qd, qdd) = InverseDynamics(make_arm(4), GRAVITY), random_states(12)
+    expected = inverse(q, qd, qdd)
+    assert np.array_equal(inverse(*(np.asfortranarray(x) for x in (q, qd, qdd))), expected)
+    assert np.array_equal(inverse(np.repeat(q[0], 2)[::2], qd[0], qdd[0]), expected[0])
+    assert np.allclose(inverse(*(x.astype(np.float32) for x in (q, qd, qdd))), expected, atol=1e-5)
+    assert np.array_equal(inverse(np.zeros(12, dtype=int), qd[0], qdd[0]), inverse(np.zeros(12), qd[0], qdd[0]))
+
+
+def test_one_library_serves_arms_of_any_length(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Two links or two hundred, with other masses and a payload: one library; rotor inertia needs a second."""
+    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
+    for links in (2, 24, 200):
+        arm = replace(make_arm(links), payload=0.1 * links)
+        ForwardDynamics(arm, GRAVITY)
+        InverseDynamics(arm, GRAVITY)
+    assert len(list(compiled.cache_folder().iterdir())) == 1
+    ForwardDynamics(replace(make_arm(2), rotor_inertia=1e-4), GRAVITY)
+    assert len(list(compiled.cache_folder().iterdir())) == 2
+
+
+def test_what_is_prepared_is_there_when_it_is_needed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Compiling begins in the background; the first use waits for it and does not compile again."""
+    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
+    compiles, compile_once = [], compiled._compile
+    monkeypatch.setattr(compiled, "_compile", lambda *args: (compiles.append(1), compile_once(*args)))
+    compiled.prepare(make_arm(2))
+    assert np.all(np.isfinite(InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))))
+    assert len(compiles) == 1
 
 
 def test_many_at_once_share_one_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
