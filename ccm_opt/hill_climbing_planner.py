@@ -63,6 +63,17 @@ class Follower:
     certificate: Certificate
     deadline: float
 
+    @classmethod
+    def of(cls, problem: Problem) -> "Follower":
+        """The arm of a problem, with its share of the problem's time from now on.
+
+        Raises:
+            UnreachableGoal: start or goal cannot be.
+        """
+        ends = resolve_ends(problem)
+        deadline = time.monotonic() + PLANNING_SHARE * problem.planner.time_limit
+        return cls(problem, ends, certificate_of(problem, ends), deadline)
+
     @cached_property
     def start(self) -> Configuration:
         """The curve at the start, with as few segments as follow it."""
@@ -139,10 +150,8 @@ class HillClimbingPlanner:
         """
         if problem.arm.feed is not None:
             raise ProblemError("hill climbing moves no feed axis; use planner.method nlp, or leave arm.feed out")
-        deadline = time.monotonic() + PLANNING_SHARE * problem.planner.time_limit
         with self.stages("mapping"):
-            ends = resolve_ends(problem)
-            follower = Follower(problem, ends, certificate_of(problem, ends), deadline)
+            follower = Follower.of(problem)
         with self.stages("motion"):
             name, steps = first_plan(follower)
             return joint_path(follower, name, steps)

@@ -122,13 +122,14 @@ def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = 
 
 def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
     """Merge the segments where one can follow them, and climb to the goal by SCM-0; else climb with both."""
-    here = start
+    here, steps = start, tuple[Step, ...]()
     if len(start.segments) > 1:
         try:
             merged = merge_segments(start, len(start.segments) - 2, MERGE_TOLERANCE)
-            here = yield from scm_2(world, start, merged)
+            steps, here = run(scm_2(world, start, merged))
         except (ProblemError, SchemaStopped):
-            here = start  # a merge is a convenience: steps yielded before a contact are undone by the caller
+            here, steps = start, ()
+    yield from steps
     return (yield from scm_0(world, here, goal, most_steps=LAST_CLIMB))
 
 

@@ -1,0 +1,44 @@
+"""Figure 5 of the paper: decomposition and schemas fold the arm past an obstacle (section 4.3).
+
+The shared problem *fold-and-reach*: the straight arm must get behind a hanging wall. Panels as in the paper: (1) start and
+goal; (2) change of type; (3) straight to the subgoal, half-way to the wall; (4) the tip segment traces the curve to the
+goal while the base segment holds the subgoal with less and less length; (5) merge and climb; (6) all of it::
+
+    python examples/07_figure_5.py docs/images
+"""
+
+import sys
+from pathlib import Path
+
+import ccm_opt
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.hill_climbing.distance import TipPose
+from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
+from ccm_opt.hill_climbing_planner import Follower, obstacle_ahead
+from ccm_opt.plotting.schemas import Panel, schemas_png
+from ccm_opt.problem import TipGoal
+
+PROBLEMS = Path(__file__).parent.parent / "problems"
+
+
+def main() -> None:
+    """Run the fold plan and draw its stages."""
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+    problem = ccm_opt.load_problem(PROBLEMS / "fold-and-reach.toml")
+    follower, goal = Follower.of(problem), TipPose(problem.goal.position, problem.goal.heading)
+    subgoal = subgoals(follower.start.base, obstacle_ahead(problem, goal.position))[0]
+    stages: dict[str, list[Configuration]] = {}
+    for step in fold_plan(follower.world, follower.start, subgoal, goal, sliding=True):
+        stages.setdefault(step.stage, []).append(step.configuration)
+    stages["6 all of it"] = [configuration for stage in stages.values() for configuration in stage]
+    hollow = TipGoal(subgoal.position, subgoal.heading)
+    panels = [
+        Panel(f"({n[0]}){n[1:]}", tuple(way), problem.goal, problem.workspace, hollow) for n, way in stages.items()
+    ]
+    for name, way in stages.items():
+        print(f"{name}: {len(way)} configurations, {len(way[-1].segments)} segment(s) at the end")
+    (folder / "figure-5.png").write_bytes(schemas_png(panels, columns=2))
+
+
+if __name__ == "__main__":
+    main()
