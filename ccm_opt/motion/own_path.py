@@ -4,12 +4,14 @@ A cubic spline through points of a smooth curve leaves it by O(h⁴) (de Boor, A
 halving the spans in which the equations are missed brings the path back onto them quickly.
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.optimisation.own_optimise import path_parameters
 from ccm_opt.motion.own_certificate import ALLOWED
@@ -45,7 +47,7 @@ def own_path(motion: Motion, task: MotionTask) -> BSpline | None:
         return certified_spline(motion.headings, task.certificate)
     for base in _bases(motion, task):
         spline = _on_equations(base, terms.path_rows, task)
-        if spline is not None and not len(_uncertified(spline, task.certificate)):
+        if spline is not None and _within_limits(spline, task.arm) and not len(_uncertified(spline, task.certificate)):
             return spline
     return None
 
@@ -69,7 +71,7 @@ def _on_equations(base: BSpline, rows: "RowSet", task: MotionTask) -> BSpline | 
     """A spline through points of the base that are moved onto the rows, refined until it keeps them throughout."""
     free = np.ones(task.arm.links)
     free[0] = 0.0 if task.clamped else 1.0
-    knots = _first_knots(base)
+    knots = _first_knots(base, task.terms.breaks.tolist() if task.terms is not None else [])
     values: dict[float, FloatArray] = {0.0: np.asarray(base(0.0)), 1.0: np.asarray(base(1.0))}
     for _ in range(ROUNDS):
         for u in knots:
@@ -89,8 +91,8 @@ def _on_equations(base: BSpline, rows: "RowSet", task: MotionTask) -> BSpline | 
     return None
 
 
-def _first_knots(base: BSpline) -> FloatArray:
-    knots = np.unique(np.clip(base.t, 0.0, 1.0))
+def _first_knots(base: BSpline, breaks: Sequence[float]) -> FloatArray:
+    knots = np.union1d(np.clip(base.t, 0.0, 1.0), breaks)
     while len(knots) - 1 < FIRST_SPANS:
         knots = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1]))
     return knots
@@ -135,10 +137,19 @@ def _missed_spans(spline: BSpline, knots: FloatArray, rows: "RowSet") -> IntArra
     return np.unique(np.minimum(bad // SAMPLES, len(knots) - 2))
 
 
+def _within_limits(spline: BSpline, arm: Arm) -> bool:
+    """Whether the bends keep their limits at samples of the path."""
+    bends = np.abs(arm.bends(spline(_samples(spline))))
+    return bool(np.all(bends <= np.maximum(arm.bend_limits, bends[[0, -1]].max(axis=0))))
+
+
 def _uncertified(spline: BSpline, certificate: Certificate) -> IntArray:
     """Intervals between samples of a path that are not certified."""
-    spans = len(np.unique(spline.t)) - 1
-    count = max(2, min(_CERTIFIED, _MOST_SAMPLES // spans))
-    places = np.unique(np.clip(spline.t, 0.0, 1.0))
-    places = np.interp(np.arange(count * (len(places) - 1) + 1) / count, np.arange(len(places)), places)
-    return certificate.failures(spline(places))
+    return certificate.failures(spline(_samples(spline)))
+
+
+def _samples(spline: BSpline) -> FloatArray:
+    """Places along a path, evenly spread in every span."""
+    knots = np.unique(np.clip(spline.t, 0.0, 1.0))
+    count = max(2, min(_CERTIFIED, _MOST_SAMPLES // (len(knots) - 1)))
+    return np.interp(np.arange(count * (len(knots) - 1) + 1) / count, np.arange(len(knots)), knots)

@@ -24,6 +24,8 @@ MET = 1e-10
 """An equation is met when nothing misses by more, in the user's unit."""
 PULL = 30.0
 """Weight on mending gaps inside their margin."""
+URGENCY = 10.0
+"""Scale of the rows of broken gaps, beside those inside their margin."""
 _NEWTON_STEPS = 12
 _RANK = 1e-9
 _TINY = 1e-12
@@ -93,13 +95,15 @@ class OwnRows:
         rows, gaps = values.gap_slopes @ self.space.matrix / scale[:, None], values.gaps / scale
         lower = np.minimum(-0.5 * (gaps - MARGIN), 0.0)
         near = gaps < MARGIN
+        urgency = np.where(gaps[near] < 0.0, URGENCY, 1.0)
+        wanted = np.where(gaps[near] < 0.0, MARGIN - gaps[near], 0.5 * (MARGIN - gaps[near]))
         return StepRows(
             np.vstack((equations, rows)),
             np.concatenate((target, np.full(len(rows), 1e30))),
             np.concatenate((target, lower)),
             np.concatenate((np.full(len(target), _EQUATION), np.zeros(len(rows)))).astype(np.intc),
-            rows[near],
-            np.minimum(0.5 * (MARGIN - gaps[near]), turn),
+            urgency[:, None] * rows[near],
+            urgency * np.minimum(wanted, turn),
         )
 
     def _independent(self, values: "RowValues", turn: float) -> tuple[FloatArray, FloatArray]:
@@ -113,12 +117,13 @@ class OwnRows:
         most = float(np.max(np.abs(self.space.matrix @ (right[kept].T @ target)), initial=0.0))
         return right[kept], target * min(1.0, 0.5 * turn / max(most, _TINY))
 
-    def returned(self, v: FloatArray, most: float) -> FloatArray | None:
+    def returned(self, v: FloatArray, most: float, *, gaps: bool = False) -> FloatArray | None:
         """Coordinates moved onto the equations by Newton's method of least change of the links, shape (p,).
 
         Args:
             v: shape (p,).
             most: largest turn of a link on the way [rad].
+            gaps: whether to move out of broken gaps too.
 
         Returns:
             None when that does not converge within ``most``.
@@ -128,9 +133,12 @@ class OwnRows:
             values = self.values(self.space.headings(v))
             if not np.isfinite(values.miss):
                 return None
-            if np.max(np.abs(values.equations), initial=0.0) <= MET:
+            if np.max(np.abs(values.equations), initial=0.0) <= MET and not (gaps and np.any(values.gaps < 0.0)):
                 return v
-            v = v + self.correction(values.equation_slopes @ self.space.matrix, -values.equations)
+            slopes, change = values.equation_slopes @ self.space.matrix, -values.equations
+            if gaps:
+                slopes, change = self.missed(self.space.headings(v))
+            v = v + self.correction(slopes, change)
             if np.max(np.abs(self.space.matrix @ (v - start))) > most:
                 return None
         return None
@@ -160,6 +168,26 @@ class OwnRows:
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken])) @ self.space.matrix
         aim = KEEP_SHARE * MARGIN * slope_norms(values.gap_slopes[broken])
         return slopes, np.append(-values.equations, aim - values.gaps[broken])
+
+    def worst(self, headings: FloatArray) -> tuple[str, float]:
+        """Name of the constraint that is missed most in radians of the arm, and its miss in the user's unit."""
+        table = self.rows.table(headings[None], self.u)[0]
+        miss = np.where(self.rows.equal, np.abs(table), np.maximum(-table, 0.0))
+        if np.all(np.isnan(miss)):
+            return "", 0.0
+        slopes = slope_norms(np.asarray(self.rows.slopes(headings, 0.0, self.u)[1]))
+        k = int(np.nanargmax(miss / slopes))
+        return self.rows.names[k], float(miss[k])
+
+    def describe(self, headings: FloatArray) -> str:
+        """The constraint that is missed, or else at its bound, in words; empty when none is."""
+        name, miss = self.worst(headings)
+        if miss > MET:
+            return f"constraint '{name}' is missed by {miss:.3g}"
+        table = self.rows.table(headings[None], self.u)[0]
+        turns = table / slope_norms(np.asarray(self.rows.slopes(headings, 0.0, self.u)[1]))
+        near = ~self.rows.equal & (turns < 2.0 * MARGIN)
+        return f"constraint '{self.rows.names[int(np.flatnonzero(near)[0])]}' is at its bound" if near.any() else ""
 
     def keeps(self, before: "RowValues", after: "RowValues") -> bool:
         """Whether a step leaves every gap its share of the margin, or no less than it had."""

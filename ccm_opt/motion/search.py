@@ -18,6 +18,7 @@ from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import FINENESS, LinkSpace
 from ccm_opt.motion.optimisation.optimise import optimise
+from ccm_opt.motion.own_continuation import Reference, track
 from ccm_opt.motion.passages import fineness_asked, fitting_margins
 from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
 from ccm_opt.motion.step import Pose, Stepper
@@ -48,7 +49,7 @@ def find_motion(task: MotionTask) -> Motion:
         TimeLimitReached: the deadline passed first.
     """
     failures: list[Failure] = []
-    for search in SEARCHES:
+    for search in SEARCHES if task.terms is None else OWN_SEARCHES[task.terms.parametric]:
         motion = _found_by(search, task, failures)
         if motion is not None:
             return motion
@@ -85,6 +86,7 @@ class Failure:
     message: str
     obstacle: str
     remaining: float
+    own: str = ""
 
 
 Search: TypeAlias = Callable[[MotionTask, list[Failure], float], Motion | None]
@@ -130,6 +132,29 @@ def _motions(task: MotionTask, margin: float, fineness: float, failures: list[Fa
 
 SEARCHES: tuple[Search, ...] = (_try_margins, _grow_trees)
 """What is tried in turn."""
+
+
+def _track(task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+    """A motion found without the user's constraints, tracked under them; the other ways to go there in turn."""
+    own = task.terms
+    if own is None or task.deadline.passed():
+        return None
+    for margin in fitting_margins(task, MARGINS, fineness):
+        for found in _motions(replace(task, terms=None), margin, fineness, []):
+            if found is None:
+                continue
+            motion = _Attempt.of(task, margin, fineness).tracked(found, failures)
+            if motion is not None or task.deadline.passed():
+                return motion
+            break
+    return None
+
+
+OWN_SEARCHES: dict[bool, tuple[Search, ...]] = {
+    False: (_try_margins, _track, _grow_trees),
+    True: (_track,),
+}
+"""What is tried in turn where the user has constraints; whether they depend on the path parameter."""
 
 
 @dataclass(frozen=True)
@@ -252,11 +277,28 @@ class _Attempt:
         """The poses as a motion found by a candidate."""
         return Motion(self.stepper.space, np.array([p.v for p in poses]), headings_of(poses), name)
 
+    def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
+        """A motion bent to the user's constraints; None when that fails."""
+        own, reference = self.stepper.own, Reference.along(found.headings)
+        if own is None:
+            return None
+        name = f"{found.candidate}, tracked"
+        try:
+            way = track(self.stepper, own, reference, self.goal, self.start, self.task.deadline)
+        except Stalled as stalled:
+            failures.append(self.failure(name, stalled))
+            return None
+        if not self._certified(headings_of(way.poses)):
+            failures.append(self.failure(name, Stalled("the motion arrived but could not be certified", way.poses)))
+            return None
+        return replace(self.motion(name, way.poses), u=np.array(way.u))
+
     def failure(self, name: str, stalled: Stalled) -> Failure:
         """Why a candidate stalled, and what was near."""
         finder = self.stepper.finder
         obstacle = finder.describe(finder.find(stalled.poses[-1].points))
-        return Failure(name, str(stalled), obstacle, self.goal.errors(stalled.poses[-1])[0])
+        own = "" if self.goal.own is None else self.goal.own.describe(stalled.poses[-1].headings)
+        return Failure(name, str(stalled), obstacle, self.goal.errors(stalled.poses[-1])[0], own)
 
 
 def headings_of(poses: list[Pose]) -> FloatArray:
@@ -281,9 +323,21 @@ def _nothing_found(task: MotionTask, failures: list[Failure]) -> MotionNotFound 
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
     else:
         reason = "no motion found: there is no path of the tip that the arm is long enough for"
+    reason += _own_reason(task, tried)
     if task.deadline.passed():
         return TimeLimitReached(
             Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence)
         )
     advice = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "use a longer arm")
-    return MotionNotFound(Diagnosis(reason, "motion", advice, evidence))
+    own = ("relax the constraints, or make them soft",) if task.terms is not None else ()
+    return MotionNotFound(Diagnosis(reason, "motion", (*own, *advice), evidence))
+
+
+def _own_reason(task: MotionTask, tried: list[Failure]) -> str:
+    """The constraint in the way of the candidate that came nearest, or all of them."""
+    if task.terms is None or not task.terms.hard:
+        return ""
+    met = [failure.own for failure in tried if failure.own]
+    if met:
+        return f"; {met[0]} where candidates ended ({len(met)} of {len(tried)} at a constraint)"
+    return "; under " + ", ".join(f"constraint '{c.constraint.name}'" for c in task.terms.hard)

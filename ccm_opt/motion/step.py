@@ -137,7 +137,14 @@ class Stepper:
         trial = self.pose(pose.v + delta if v is None else v)
         before, after = (self.own.values(each.headings) for each in (pose, trial))
         nearer = v is not None or np.abs(after.equations).sum() < np.abs(before.equations).sum()
-        return trial if nearer and self.own.keeps(before, after) else None
+        kept = self._keeps_limits(pose, trial) and self.own.keeps(before, after)
+        return trial if nearer and kept else None
+
+    def _keeps_limits(self, pose: Pose, trial: Pose) -> bool:
+        """Whether no joint bends beyond its limit, or not more than before."""
+        arm = self.space.arm
+        before, after = (np.abs(arm.bends(each.headings)) for each in (pose, trial))
+        return bool(np.all(after <= np.maximum(0.5 * (1.0 + LIMIT_SHARE) * arm.bend_limits, before)))
 
 
 def _joined(

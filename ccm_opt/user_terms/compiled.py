@@ -152,6 +152,13 @@ class UserTerms:
         terms += [(c.cost.where, c.expression) for c in self.costs]
         return any(isinstance(where, Interval) or ca.depends_on(expression, u) for where, expression in terms)
 
+    @cached_property
+    def breaks(self) -> FloatArray:
+        """Path parameters inside (0, 1) at which an interval of a term begins or ends, increasing."""
+        places = [c.constraint.where for c in self.constraints] + [c.cost.where for c in self.costs]
+        ends = {u for where in places if isinstance(where, Interval) for u in (where.first, where.last)}
+        return np.array(sorted(ends - {0.0, 1.0}))
+
     def _rows(self, constraints: Sequence[CompiledConstraint]) -> RowSet:
         return RowSet.of(self.quantities, constraints)
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from ccm_opt.motion.optimisation.kinematics import Sweep
 from ccm_opt.motion.optimisation.own_terms import KeyframeTerms
 from ccm_opt.motion.optimisation.sequential_convex import Program, sequential_convex
 from ccm_opt.motion.task import Motion, MotionTask
+
+if TYPE_CHECKING:
+    from ccm_opt.user_terms.compiled import UserTerms
 
 INTERVALS = (24, 48, 96)
 """Numbers of intervals that are tried, until the motion is certified with its keyframes on the equations."""
@@ -35,7 +39,7 @@ def optimise_own(motion: Motion, task: MotionTask, program: Program) -> Motion:
         return motion
     failures = partial(task.certificate.failures, depth=LEG_DEPTH)
     for intervals in INTERVALS:
-        labelled = _thinned(motion, lambda v: failures(space.headings(v[:, :-1])), intervals)
+        labelled = _thinned(motion, terms, lambda v: failures(space.headings(v[:, :-1])), intervals)
         own = KeyframeTerms(space, terms, labelled[:, -1])
         start = own.returned(labelled[:, :-1].copy())
         if not own.met(Sweep(space, start)) or len(task.certificate.failures(space.headings(start))):
@@ -55,9 +59,30 @@ def path_parameters(motion: Motion) -> FloatArray:
     return shares
 
 
-def _thinned(motion: Motion, failures: Failures, intervals: int) -> FloatArray:
-    """Coordinates and path parameters at few keyframes on certified legs, shape (K + 1, p + 1)."""
+def even_parameters(least: int, breaks: FloatArray) -> FloatArray:
+    """Path parameters of keyframes, as even as may be, some of them at given places.
+
+    Args:
+        least: number of intervals; there may be up to half as many more when the places are met better so.
+        breaks: places that a keyframe has to be at, shape (m,).
+    """
+    counts = np.arange(least, 3 * least // 2)[:, None]
+    misses = np.max(np.abs(breaks - np.round(breaks * counts) / counts), axis=1, initial=0.0)
+    count = least + int(np.argmin(np.round(misses, 9)))
+    u = np.linspace(0.0, 1.0, count + 1)
+    u[np.round(breaks * count).astype(np.intp)] = breaks
+    return u
+
+
+def _thinned(motion: Motion, terms: "UserTerms", failures: Failures, intervals: int) -> FloatArray:
+    """Coordinates and path parameters at few keyframes, shape (K + 1, p + 1).
+
+    On certified legs; where the path parameter counts, at even steps of it.
+    """
     labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
+    if motion.u is not None:
+        u = even_parameters(intervals, terms.breaks)
+        return np.column_stack([*(np.interp(u, motion.u, column) for column in motion.coordinates.T), u])
     few = decimated(labelled, failures)
     turns = np.diff(motion.space.arm.bends(motion.space.headings(few[:, :-1])), axis=0)
     return subdivided(few, np.linalg.norm(turns, axis=1), intervals)

@@ -79,9 +79,9 @@ class KeyframeTerms:
         return all(each.miss <= MET for each in values)
 
     def returned(self, coordinates: FloatArray) -> FloatArray:
-        """The keyframes on the way brought back onto their equations; where that fails they stay as they are."""
+        """The keyframes put on their equations and out of broken gaps; where that fails they stay as they are."""
         for k in range(1, len(self.u) - 1):
-            back = self._rows(k).returned(coordinates[k], MOST_TURN)
+            back = self._rows(k).returned(coordinates[k], MOST_TURN, gaps=True)
             if back is not None:
                 coordinates[k] = back
         return coordinates
