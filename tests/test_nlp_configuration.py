@@ -16,7 +16,7 @@ from ccm_opt.nlp import solver as solver_module
 from ccm_opt.nlp.check import shortfalls
 from ccm_opt.nlp.configuration import attempts, find_configuration, winding_profiles
 from ccm_opt.nlp.initial_guess import initial_guess
-from ccm_opt.nlp.multiple_shooting import build_configuration_nlp, pack, unpack
+from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, build_configuration_nlp, pack, unpack
 from ccm_opt.nlp.polish import heading_basis, polished_configuration
 from ccm_opt.nlp.solver import built_solver, solve_nlp
 from ccm_opt.nlp.task import ConfigurationTask
@@ -124,6 +124,11 @@ def test_goal_may_touch_the_wall(heading: float | None) -> None:
     assert inside_somewhere(found, way) <= 1e-6
 
 
+def program_rows(nlp: ConfigurationNLP, segment: int) -> set[str]:
+    """Names of the rows of one segment."""
+    return {name for name in nlp.program.row_names if name.startswith(f"segment {segment}:")}
+
+
 def test_impossible_bend_names_the_row_in_the_way() -> None:
     """When no attempt succeeds the diagnosis names a row of the NLP, the solver's status and every attempt."""
     task = replace(s_bend_task(1.02, 1.5), curvature_limit=0.5)
@@ -136,6 +141,13 @@ def test_impossible_bend_names_the_row_in_the_way() -> None:
     assert isinstance(evidence["violation"], float)
     assert evidence["violation"] > 0.0
     assert caught.value.diagnosis.advice
+    rows = evidence["rows"]
+    assert isinstance(rows, list)
+    assert [row["violation"] for row in rows] == sorted((row["violation"] for row in rows), reverse=True)
+    for row in rows:
+        assert row["words"] in caught.value.diagnosis.reason
+        assert 0.0 <= row["arc_length"] <= task.length * (1.0 + 1e-6)
+        assert row["row"] in program_rows(nlp, row["segment"])
 
 
 def test_goal_beyond_the_arm_is_said_at_once() -> None:

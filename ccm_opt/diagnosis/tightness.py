@@ -148,4 +148,19 @@ def _curve(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, .
         try:
             find_configuration(configuration_task(problem, ends, room, route), 1)
         except ConfigurationNotFound as error:
-            yield Finding("curve", error.diagnosis.reason, proved=False, measured=1.0, allowed=1.0, unit="")
+            yield _curve_fails(problem, error)
+
+
+def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
+    """The NLP's broken rows as a finding: constraint, arc length, place, and the wall that is nearest there."""
+    rows = error.diagnosis.evidence.get("rows")
+    places = [tuple(row["place"]) for row in rows] if isinstance(rows, list) else []
+    walls = tuple(dict.fromkeys(nearest_walls(problem.workspace, np.array(place), 1)[0] for place in places))
+    near = f" (near {listed(walls)})" if walls else ""
+    return Finding(
+        "curve",
+        f"{error.diagnosis.reason}{near}",
+        proved=False,
+        place=point(np.array(places[0])) if places else None,
+        obstacles=walls,
+    )

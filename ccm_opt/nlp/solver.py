@@ -33,6 +33,8 @@ _OPTIONS: dict[str, Any] = {
 }
 FEASIBILITY = 1e-6
 """Largest violation of a row, in the NLP's units, that counts as satisfied."""
+ROWS_KEPT = 40
+"""Rows that a result names."""
 _solvers: WeakKeyDictionary[Program, ca.Function] = WeakKeyDictionary()
 
 
@@ -47,6 +49,7 @@ class NLPResult:
         objective: value at the final iterate.
         violation: largest violation of any row, in units of the arm's length.
         worst_row: name of that row.
+        broken: names of the rows that are violated most, each with its violation, the worst first.
     """
 
     variables: FloatArray
@@ -55,6 +58,7 @@ class NLPResult:
     objective: float
     violation: float
     worst_row: str
+    broken: tuple[tuple[str, float], ...] = ()
 
     @property
     def feasible(self) -> bool:
@@ -81,14 +85,15 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> NLPResult:
     if statistics["return_status"] == "User_Requested_Stop":
         raise KeyboardInterrupt  # no callback is set: only Ctrl-C asks for this
     variables = np.asarray(answer["x"], dtype=np.float64).ravel()
-    violation, row = _worst_row(nlp, variables, np.asarray(answer["g"]).ravel())
+    broken = _worst_rows(nlp, variables, np.asarray(answer["g"]).ravel())
     return NLPResult(
         variables,
         str(statistics["return_status"]),
         int(statistics["iter_count"]),
         float(answer["f"]),
-        violation,
-        row,
+        broken[0][1],
+        broken[0][0],
+        tuple(row for row in broken if row[1] > FEASIBILITY),
     )
 
 
@@ -105,11 +110,12 @@ def built_solver(program: Program) -> ca.Function:
     return _solvers[program]
 
 
-def _worst_row(nlp: ConfigurationNLP, variables: FloatArray, rows: FloatArray) -> tuple[float, str]:
+def _worst_rows(nlp: ConfigurationNLP, variables: FloatArray, rows: FloatArray) -> list[tuple[str, float]]:
+    """Names and violations of the rows and bounds that are violated most, the worst first."""
     names = (*nlp.program.row_names, *(f"bound of variable {i}" for i in range(len(variables))))
     values = np.concatenate((rows, variables))
     lower = np.concatenate((nlp.program.lower, nlp.lower))
     upper = np.concatenate((nlp.program.upper, nlp.upper))
     violation = np.nan_to_num(np.maximum(lower - values, values - upper), nan=np.inf)
-    worst = int(np.argmax(violation))
-    return max(0.0, float(violation[worst])), names[worst]
+    worst = np.argsort(-violation, kind="stable")[:ROWS_KEPT]
+    return [(names[row], max(0.0, float(violation[row]))) for row in worst]
