@@ -18,10 +18,10 @@ from ccm_opt.dynamics.reference import hermite, step_reference
 from ccm_opt.dynamics.simulation import simulate
 from ccm_opt.errors import SimulationError
 from ccm_opt.export.mjcf import mjcf_text
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
-from ccm_opt.problem import SimulationOptions
-from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
+from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
+from ccm_opt.solution import FeedMotion, JointStates, JointTrajectory, SimulatedMotion
 from tests.dynamics_arms import loose_limits, make_arm, smooth_trajectory
 
 WEIGHT = np.array([0.0, 0.0, -9.81])
@@ -330,3 +330,166 @@ def test_stable_options_pass_the_check() -> None:
     arm, states = make_arm(12), states_of(make_arm(12), smooth_trajectory(BENDS))
     for controller in ("computed-torque", "pd"):
         check_stability(arm, states.angles, SimulationOptions(controller=controller), planar=True)
+
+
+def on_axis(arm: Arm, duration: float = 1.0) -> tuple[Arm, JointTrajectory]:
+    """The arm on a feed axis, and a motion of bends and feed together."""
+    arm = replace(arm, feed=Feed(0.0, 0.4, 0.4))
+    base = smooth_trajectory(np.array([0.3]), duration)
+    feed = FeedMotion(base.bend_angles[:, 0], base.bend_velocities[:, 0], base.bend_accelerations[:, 0])
+    return arm, replace(smooth_trajectory(BENDS[: arm.links], duration), feed=feed)
+
+
+def test_the_feed_axis_is_tracked() -> None:
+    """Computed torque follows bends and feed of a motion together; without disturbances both errors are small."""
+    arm, trajectory = on_axis(make_arm(12))
+    motion = run(arm, trajectory, SimulationOptions())
+    assert trajectory.feed is not None
+    assert motion.base_feed is not None
+    assert motion.tracking_error < 2e-5
+    assert np.max(np.abs(motion.base_feed - trajectory.feed.positions)) < 1e-6
+
+
+def test_pd_holds_the_feed_axis_against_gravity() -> None:
+    """PD follows the feed of a slow motion, and rests exactly where gravity pulls along the axis."""
+    arm, trajectory = on_axis(replace(make_arm(12), base_heading=1.0), duration=2.0)
+    options = SimulationOptions(controller="pd", proportional_gain=10.0, derivative_gain=0.015, bandwidth=20.0)
+    motion = run(arm, trajectory, options)
+    assert trajectory.feed is not None
+    assert motion.base_feed is not None
+    assert np.max(np.abs(motion.base_feed - trajectory.feed.positions)) < 0.01
+    still = replace(smooth_trajectory(np.zeros(12), 0.3), feed=FeedMotion(*np.zeros((3, 76))))
+    resting = run(arm, still, options)
+    assert resting.base_feed is not None
+    assert np.max(np.abs(resting.base_feed)) < 1e-9
+
+
+def test_thrust_never_passes_its_limit() -> None:
+    """A feed force too small for the motion is kept and reported as saturation, and the base lags."""
+    arm, trajectory = on_axis(make_arm(12), duration=0.4)
+    joints = states_of(arm, trajectory)
+    assert joints.feed_forces is not None
+    loose = simulate(arm, trajectory, joints, SimulationOptions(), loose_limits(arm))
+    tight = replace(loose_limits(arm), feed_force=0.6 * float(np.max(np.abs(joints.feed_forces))))
+    motion = simulate(arm, trajectory, joints, SimulationOptions(), tight)
+    assert motion.saturated
+    assert not loose.saturated
+    assert motion.base_feed is not None
+    assert trajectory.feed is not None
+    assert np.max(np.abs(motion.base_feed - trajectory.feed.positions)) > 1e-3
+
+
+def test_too_stiff_a_feed_axis_is_refused() -> None:
+    """Under PD a bent arm gives way to the base at once: damping for its whole mass is refused with a better figure."""
+    arm, trajectory = on_axis(make_arm(12))
+    options = SimulationOptions(controller="pd", proportional_gain=10.0, derivative_gain=0.015, bandwidth=2000.0)
+    with pytest.raises(SimulationError, match="PD of the feed axis is unstable") as caught:
+        run(arm, trajectory, options)
+    advised = float(caught.value.diagnosis.advice[0].split()[2])
+    assert np.isfinite(run(arm, trajectory, replace(options, bandwidth=min(advised, 100.0))).tracking_error)
+
+
+def test_free_fall_on_a_feed_axis_equals_mujocos() -> None:
+    """Without thrust and torques, base and arm fall as MuJoCo's do, payload, rotors and friction included."""
+    mujoco = pytest.importorskip("mujoco")
+    arm, _ = on_axis(replace(make_arm(6), payload=0.1, rotor_inertia=1e-4, friction=1e-3))
+    model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", WEIGHT))
+    model.jnt_limited[:] = 0
+    data = mujoco.MjData(model)
+    limits = replace(loose_limits(arm, torque=0.0), feed_force=0.0)
+    loop = simulation.closed_loop(arm, arm, SimulationOptions(), limits)
+    rest = np.zeros((simulation.CHUNK, 3, 19))
+    state = np.zeros((2, 19))
+    for _ in range(3):
+        state = loop.run(state, rest, rest[:, :2, :-1], 0)[0][-1]
+        mujoco.mj_step(model, data, simulation.CHUNK)
+        ours = np.concatenate((state[0, -1:], state[0, :-1], state[1, -1:], state[1, :-1]))
+        assert np.allclose(ours, np.concatenate((data.qpos, data.qvel)), atol=1e-7)
+    assert abs(state[0, -1]) > 0.01
+
+
+def test_thrust_at_its_limit_is_the_same_in_the_virtual_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled and interpreted loops agree where the thrust is at its limit."""
+    arm, trajectory = on_axis(make_arm(4), duration=0.3)
+    joints = states_of(arm, trajectory)
+    assert joints.feed_forces is not None
+    limits = replace(loose_limits(arm), feed_force=0.7 * float(np.max(np.abs(joints.feed_forces))))
+    expected = simulate(arm, trajectory, joints, SimulationOptions(), limits)
+    monkeypatch.setenv(compiled.COMPILER_VARIABLE, "")
+    got = simulate(arm, trajectory, joints, SimulationOptions(), limits)
+    assert expected.saturated
+    assert np.allclose(got.angles, expected.angles, rtol=0.0, atol=1e-10)
+
+
+DISTURBANCES = (
+    Disturbances(),
+    Disturbances(mass_error=0.1, payload=0.02, friction=1e-3, start_delay=0.05),
+    Disturbances(angle_noise=1e-4, velocity_noise=1e-3, seed=3),
+)
+
+
+@pytest.mark.parametrize("disturbances", DISTURBANCES)
+@pytest.mark.parametrize("controller", ["computed-torque", "pd"])
+def test_the_virtual_machine_runs_the_same_loop(
+    monkeypatch: pytest.MonkeyPatch, disturbances: Disturbances, controller: ControllerName
+) -> None:
+    """Compiled and interpreted loops agree to rounding, with a feed axis and whatever disturbs them."""
+    arm, trajectory = on_axis(replace(make_arm(4), payload=0.05, friction=1e-3), duration=0.3)
+    options = SimulationOptions(
+        controller=controller, proportional_gain=10.0, derivative_gain=0.015, bandwidth=20.0, disturbances=disturbances
+    )
+    expected = run(arm, trajectory, options)
+    monkeypatch.setenv(compiled.COMPILER_VARIABLE, "")
+    got = run(arm, trajectory, options)
+    assert np.allclose(got.angles, expected.angles, rtol=0.0, atol=1e-10)
+    assert got.base_feed is not None
+    assert expected.base_feed is not None
+    assert np.allclose(got.base_feed, expected.base_feed, rtol=0.0, atol=1e-10)
+    assert np.allclose(got.torques, expected.torques, rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "disturbances",
+    [
+        Disturbances(mass_error=0.05),
+        Disturbances(payload=0.01),
+        Disturbances(friction=1e-3),
+        Disturbances(angle_noise=1e-3),
+        Disturbances(velocity_noise=0.05),
+        Disturbances(start_delay=0.05),
+    ],
+)
+def test_every_disturbance_disturbs(disturbances: Disturbances) -> None:
+    """What the controller does not know of makes the error at least ten times what it is without."""
+    arm, trajectory = make_arm(12), smooth_trajectory(BENDS)
+    calm = run(arm, trajectory, SimulationOptions()).tracking_error
+    assert run(arm, trajectory, SimulationOptions(disturbances=disturbances)).tracking_error > 10.0 * calm
+
+
+def test_noise_is_the_same_for_the_same_seed() -> None:
+    """Noise is repeated by its seed, changed by another, and leaves a planar motion in its plane."""
+    arm, trajectory = make_arm(4), smooth_trajectory(BENDS[:4], duration=0.3)
+    first, again, other = (
+        run(arm, trajectory, SimulationOptions(disturbances=Disturbances(angle_noise=1e-3, seed=seed))).angles
+        for seed in (1, 1, 2)
+    )
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert not np.any(first[:, 0::3])
+
+
+def test_brakes_hold_the_arm_until_it_starts() -> None:
+    """During the delay nothing moves and nothing is driven."""
+    arm, trajectory = make_arm(4), smooth_trajectory(BENDS[:4])
+    motion = run(arm, trajectory, SimulationOptions(disturbances=Disturbances(start_delay=0.2)))
+    held = trajectory.time < 0.2 - 1e-9
+    assert not np.any(motion.angles[held])
+    assert not np.any(motion.torques[held])
+    assert np.any(motion.angles[-1])
+
+
+def test_friction_too_stiff_for_the_step_is_refused() -> None:
+    """Friction that the integrator cannot follow is refused before running, with a step that would do."""
+    options = SimulationOptions(disturbances=Disturbances(friction=0.5))
+    with pytest.raises(SimulationError, match="cannot be integrated"):
+        run(make_arm(12), smooth_trajectory(BENDS), options)

@@ -1,7 +1,8 @@
 """Tracking laws and the conditions under which their sampled form is stable.
 
 - Computed torque: τ = RNEA(q + ½ q̇ dt, q̇ + ½ a dt, a) with a = q̈_r + Kp e + Kd ė, the torque that makes the
-  acceleration a at the middle of the step, for it is held over the whole of it. The feed axis is one more coordinate.
+  acceleration a at the middle of the step, for it is held over the whole of it. The feed axis is one more coordinate;
+  where its force is at its limit the torques are those for the acceleration that the base can have.
 - PD: τ = Kp e + Kd ė + RNEA(q, 0, 0), the gravity torques of the pose added (Takegaki and Arimoto, 1981). Those of the
   reference instead leave gravity's own stiffness in the loop, which soft gains cannot hold.
 

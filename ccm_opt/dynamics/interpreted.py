@@ -75,6 +75,7 @@ class InterpretedLoop:
         self._forward = InterpretedFunction(build_aba(plant.structure), plant)
         self._inverse = InterpretedFunction(build_rnea(model.structure), model)
         self._settings, self._limit = settings, np.append(settings.limit, settings.feed_limit)
+        self._mass = float(np.sum(model.bodies[:, 0]) + model.world[3])
         joints = plant.structure.joints
         self._proportional = np.append(np.full(joints, settings.proportional), settings.feed_proportional)
         self._derivative = np.append(np.full(joints, settings.derivative), settings.feed_derivative)
@@ -101,6 +102,9 @@ class InterpretedLoop:
             wanted = reference[2] + feedback
             middle = (x[0] + half * x[1])[:-1], (x[1] + half * wanted)[:-1]
             effort = self._inverse.both(*middle, wanted[:-1], wanted[-1])
+            lacking = float(np.clip(effort[-1], -self._limit[-1], self._limit[-1]) - effort[-1])
+            if lacking:  # torques for what the base can do
+                effort = self._inverse.both(*middle, wanted[:-1], wanted[-1] + lacking / self._mass)
         else:
             effort = feedback + self._inverse.both(x[0, :-1], rest, rest)
         return np.clip(effort, -self._limit, self._limit)

@@ -147,6 +147,13 @@ static double clamped(double value, double limit)
     return value > limit ? limit : value < -limit ? -limit : value;
 }
 
+static double moved_mass(const Arm *arm)
+{
+    double mass = arm->world[3];
+    for (long k = 0; k < arm->links; k++) mass += arm->bodies[4 * k];
+    return mass;
+}
+
 /* The tracking law, held over a step: see controller.py. */
 static void control(const Loop *loop, const double *reference, const double *noise, double *effort)
 {
@@ -168,7 +175,13 @@ static void control(const Loop *loop, const double *reference, const double *noi
         }
     }
     if (loop->computed) {
-        effort[n] = inverse(loop->model, q, qd, wanted, reference[2 * m + n] + feed, effort);
+        double base = reference[2 * m + n] + feed;
+        effort[n] = inverse(loop->model, q, qd, wanted, base, effort);
+        double lacking = clamped(effort[n], loop->feed_limit) - effort[n];
+        if (lacking != 0.0) { /* torques for what the base can do */
+            base += lacking / moved_mass(loop->model);
+            effort[n] = inverse(loop->model, q, qd, wanted, base, effort);
+        }
     } else {
         effort[n] = inverse(loop->model, q, qd, wanted, 0.0, effort) + feed;
         for (long i = 0; i < n; i++) effort[i] += effort[m + i];
