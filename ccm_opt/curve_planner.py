@@ -97,9 +97,8 @@ class CurvePlanner:
             room = FreeSpace.of(problem.workspace, route_margin(problem, ends))
             routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
             tip_paths = tip_paths_along(problem, ends, routes)
-        with self.stages("configuration"):
-            guesses = find_guesses(problem, ends, room, routes)
-            further = Remembered(further_guesses(problem, ends, room, routes))
+        guesses = Remembered(self._in_stage(find_guesses(problem, ends, room, routes)))
+        further = Remembered(self._in_stage(further_guesses(problem, ends, room, routes)))
         with self.stages("motion"):
             task = MotionTask(
                 clamped_arm(problem.arm) if ends.clamped else problem.arm,
@@ -119,6 +118,15 @@ class CurvePlanner:
                 terms=self.terms,
             )
             return task, find_motion(task)
+
+    def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
+        """Configurations, each made in the stage of that name when it is asked for."""
+        while True:
+            with self.stages("configuration"):
+                found = next(configurations, None)
+            if found is None:
+                return
+            yield found
 
 
 def slowness(problem: Problem) -> Slowness:
@@ -217,16 +225,18 @@ def tip_paths_along(problem: Problem, ends: Ends, routes: tuple[Route, ...]) -> 
     return turning_by(paths, points, float(ends.goal_headings[0] - ends.start[0]))
 
 
-def find_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, ...]) -> tuple[FloatArray, ...]:
+def find_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, ...]) -> Iterator[FloatArray]:
     """Link headings of a goal pose: the goal itself, or a configuration of the curve along one of the first routes."""
     if ends.goal_headings is not None:
-        return (ends.goal_headings,)
-    for route in routes[:CONFIGURATIONS_TRIED]:
-        guess = guess_along(problem, ends, room, route, ATTEMPTS)
+        yield ends.goal_headings
+        return
+    tries = [(route, ATTEMPTS, CURVATURE_SHARE) for route in routes[:CONFIGURATIONS_TRIED]]
+    tries += [(route, 1, FULL_CURVATURE_SHARE) for route in routes[:1]]
+    for route, attempts, share in tries:
+        guess = guess_along(problem, ends, room, route, attempts, share)
         if guess is not None:
-            return (guess,)
-    tightest = [guess_along(problem, ends, room, route, 1, FULL_CURVATURE_SHARE) for route in routes[:1]]
-    return tuple(guess for guess in tightest if guess is not None)
+            yield guess
+            return
 
 
 def further_guesses(problem: Problem, ends: Ends, room: FreeSpace, routes: tuple[Route, ...]) -> Iterator[FloatArray]:

@@ -130,7 +130,7 @@ def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = Fal
         start=ends.start,
         goal=ends.goal,
         goal_headings=ends.goal_headings,
-        guesses=curve_planner.find_guesses(problem, ends, room, routes) if guessing else (),
+        guesses=tuple(curve_planner.find_guesses(problem, ends, room, routes)) if guessing else (),
         tip_paths=curve_planner.tip_paths_along(problem, ends, routes),
         deadline=later(seconds),
     )

@@ -1,6 +1,6 @@
 """The candidates: which guide to try on which tip path, in the order that pays."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -45,7 +45,7 @@ class Candidate:
 def first_candidates(
     stepper: Stepper,
     start: Pose,
-    goal_coordinates: tuple[FloatArray, ...],
+    goal_coordinates: Iterable[FloatArray],
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
 ) -> Iterator[Candidate]:
@@ -54,19 +54,24 @@ def first_candidates(
     Args:
         stepper: of the link space they are to run in.
         start: where the motion begins.
-        goal_coordinates: of known goal poses, for interpolation.
+        goal_coordinates: of goal poses, for interpolation; they are asked for when the first tip path has failed.
         tip_paths: shortest first.
         whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
     """
-    hairpins = partial(pulled_over, stepper, start, whole_arm)
-    for k, goal in enumerate(goal_coordinates):
-        yield Candidate(f"interpolation {k + 1}", partial(Interpolation, stepper.space, start.v, goal))
+    interpolated = (
+        Candidate(f"interpolation {k + 1}", partial(Interpolation, stepper.space, start.v, goal))
+        for k, goal in enumerate(goal_coordinates)
+    )
+    if whole_arm is not None:
+        yield from interpolated
     for path in tip_paths:
         if whole_arm is not None:
-            yield from hairpins(path, fitting_folds(stepper, path)[:1])
+            yield from pulled_over(stepper, start, whole_arm, path, fitting_folds(stepper, path)[:1])
         yield tip_led(stepper, start, path)
         if whole_arm is None:
-            yield from hairpins(path, FOLD_LINKS[:1])
+            yield from pulled_over(stepper, start, whole_arm, path, FOLD_LINKS[:1])
+            yield from interpolated  # after the first path: a pose at the goal has to be found for it
+    yield from interpolated
 
 
 def further_candidates(

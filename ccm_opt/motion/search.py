@@ -1,6 +1,6 @@
 """The search for a motion: every candidate in turn until one is certified, then the optimisation of the whole."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TypeAlias
@@ -22,7 +22,7 @@ from ccm_opt.motion.own_continuation import Reference, track
 from ccm_opt.motion.passages import fineness_asked, fitting_margins
 from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
 from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.task import Motion, MotionTask, coarsened
+from ccm_opt.motion.task import Motion, MotionTask, Remembered, coarsened
 from ccm_opt.motion.tree.growth import TREES, Question, search_by_trees
 from ccm_opt.motion.walls import Walls
 
@@ -165,14 +165,15 @@ class _Attempt:
     stepper: Stepper
     start: Pose
     goal: GoalPose
-    guesses: tuple[FloatArray, ...]
+    guesses: Iterable[FloatArray]
     certificate: Certificate
 
     @classmethod
     def of(cls, task: MotionTask, units: float, fineness: float) -> "_Attempt":
         space, start = LinkSpace.through(task.arm, task.start, fineness, clamped=task.clamped)
         margin = units * space.unit
-        goal, guesses = task.goal_in(space), tuple(_coordinates(space, guess) for guess in task.guesses)
+        goal = task.goal_in(space)
+        guesses: Iterable[FloatArray] = Remembered(_coordinates(space, guess) for guess in task.guesses)
         if task.goal_headings is not None:
             space, end = space.blended_to(task.goal_headings)
             start, goal = np.append(start, 0.0), replace(task.goal_in(space), coordinates=end)
@@ -183,12 +184,12 @@ class _Attempt:
         attempt = cls(task, stepper, stepper.pose(start), goal, guesses, task.certificate)
         return attempt if task.terms is None else replace(attempt, guesses=attempt.own_guesses())
 
-    def own_guesses(self) -> tuple[FloatArray, ...]:
+    def own_guesses(self) -> Iterable[FloatArray]:
         """The guesses brought onto the goal and the user's constraints there, those that can be."""
         if self.goal.coordinates is not None:
             return self.guesses
         poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
-        return tuple(pose.v for pose in poses if pose is not None)
+        return Remembered(pose.v for pose in poses if pose is not None)
 
     def first(self) -> Iterator[Candidate]:
         """The candidates that solve most problems."""

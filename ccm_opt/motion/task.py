@@ -1,6 +1,6 @@
 """What the search for a motion is given, and what it finds."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
@@ -62,7 +62,8 @@ class MotionTask:
         start: link headings at the start, shape (links,) [rad].
         goal: where the tip has to be.
         goal_headings: of a whole-arm goal, shape (links,) [rad], or None.
-        guesses: link headings of possible goal poses to interpolate to, each of shape (links,) [rad].
+        guesses: link headings of possible goal poses to interpolate to, each of shape (links,) [rad]; made when first
+            asked for.
         tip_paths: classes of tip motions, most promising first.
         deadline: when to stop.
         clamped: whether the first link must keep its heading.
@@ -79,7 +80,7 @@ class MotionTask:
     start: FloatArray
     goal: GoalPose
     goal_headings: FloatArray | None
-    guesses: tuple[FloatArray, ...]
+    guesses: Iterable[FloatArray]
     tip_paths: tuple[TipPath, ...]
     deadline: Deadline
     clamped: bool = False
@@ -123,8 +124,12 @@ class Remembered:
         items: makes them.
     """
 
-    def __init__(self, items: Iterator[FloatArray]) -> None:
-        self._items, self._known = items, list[FloatArray]()
+    def __init__(self, items: Iterable[FloatArray]) -> None:
+        self._items, self._known = iter(items), list[FloatArray]()
+
+    def __iter__(self) -> Iterator[FloatArray]:
+        """All items from the first."""
+        return self()
 
     def __call__(self) -> Iterator[FloatArray]:
         """All items from the first."""
@@ -178,7 +183,7 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
         arm=arm,
         start=resampled(task.start),
         goal_headings=None if task.goal_headings is None else resampled(task.goal_headings),
-        guesses=tuple(resampled(guess) for guess in task.guesses),
+        guesses=Remembered(resampled(guess) for guess in task.guesses),
         further_guesses=lambda: (resampled(guess) for guess in task.further_guesses()),
         slowness=None if task.slowness is None else task.slowness.resampled(links),
     )
