@@ -66,7 +66,10 @@ class DenseCheck:
 
 
 def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: float) -> DenseCheck:
-    """Evaluate every limit at every dense point of a profile, at grid points from both sides.
+    """Evaluate every limit at every dense point of a profile, at grid points from both sides, and at peaks between.
+
+    With s̈ constant and ṡ² linear in an interval, and every knot a grid point, accelerations are parabolas there, and
+    torques nearly so. The peak of the parabola through three neighbouring points counts as a point.
 
     Args:
         profile: speeds at the grid points.
@@ -74,18 +77,29 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
         steps: of the dense points in an interval.
         allowed: share of each limit that may be used.
     """
-    excess = np.full(len(profile.acceleration), -np.inf)
-    stretch = 1.0
-    for j in range(steps + 1):
-        at = slice(j, j + steps * (len(excess) - 1) + 1, steps)
-        squared = profile.squared[:-1] + (j / steps) * np.diff(profile.squared)
-        moving = dense.a[at] * profile.acceleration[:, None] + dense.b[at] * squared[:, None]
-        damping = None if dense.d is None else dense.d[at] * np.sqrt(squared)[:, None]
-        total = moving + dense.c[at] if damping is None else moving + damping + dense.c[at]
-        excess = np.maximum(excess, np.max(np.abs(total) - share_allowed(dense.c[at], allowed), axis=1))
-        speed = float(np.max(dense.speed[at] * np.sqrt(squared))) / allowed
-        stretch = max(stretch, speed, slowing(moving, dense.c[at], allowed, damping))
+    at = steps * np.arange(len(profile.acceleration))[:, None] + np.arange(steps + 1)
+    squared = profile.squared[:-1, None] + np.diff(profile.squared)[:, None] * np.linspace(0.0, 1.0, steps + 1)
+    speed, static = np.sqrt(squared), dense.c[at]
+    moving = dense.a[at] * profile.acceleration[:, None, None] + dense.b[at] * squared[:, :, None]
+    damping = None if dense.d is None else dense.d[at] * speed[:, :, None]
+    total = moving + static if damping is None else moving + static + damping
+    moving[:, 1:-1] += _peaks(total)
+    total = moving + static if damping is None else moving + static + damping
+    excess = np.max(np.abs(total) - share_allowed(static, allowed), axis=(1, 2))
+    stretch = max(1.0, float(np.max(dense.speed[at] * speed)) / allowed, slowing(moving, static, allowed, damping))
     return DenseCheck(excess, stretch)
+
+
+def _peaks(values: FloatArray) -> FloatArray:
+    """What peaks beside inner points are above them, by parabolas through three points; shape (N, steps − 1, R).
+
+    Args:
+        values: at the equally distant points of every interval, shape (N, steps + 1, R).
+    """
+    before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
+    bend, slope = before - 2.0 * here + after, after - before
+    peaked = (np.abs(slope) <= 2.0 * np.abs(bend)) & (bend * here < 0.0)
+    return np.where(peaked, -(slope**2) / (8.0 * np.where(peaked, bend, 1.0)), 0.0)
 
 
 def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
