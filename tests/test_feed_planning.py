@@ -14,20 +14,22 @@ from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.feed_planner import FeedPlanner
 from ccm_opt.feed_planner.poses import FedPose
 from ccm_opt.feed_planner.reshaping import Reshaping
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.feeding.carried_arm import CarriedArm
 from ccm_opt.motion.feeding.deviation import deviation
+from ccm_opt.motion.feeding.elastic_band import ElasticBand
 from ccm_opt.motion.feeding.feed_path import FeedMotions
 from ccm_opt.motion.feeding.gating import straight_while_held
 from ccm_opt.motion.feeding.own_shape import own_path
 from ccm_opt.motion.feeding.slide import pose_on, slide
 from ccm_opt.motion.spline_path import clamped_spline
+from ccm_opt.motion.walls import Walls
 from ccm_opt.pipeline import solve
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.problem_file import load_problem
-from tests.feed_scenes import LINK, LINKS, bow, make_arm, make_problem, make_room
+from tests.feed_scenes import LINK, LINKS, RADIUS, bow, make_arm, make_problem, make_room
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
 
@@ -99,6 +101,38 @@ def test_feeding_round_a_plate() -> None:
     assert all(check.passed for check in solution.checks)
     assert solution.metrics["leader_deviation_straight_mean_m"] < 0.02 * arm.radius
     assert solution.metrics["tip_error_m"] < 1e-6
+
+
+@settings(max_examples=20, deadline=None)
+@given(turn=st.floats(0.3, 1.4), left=st.booleans(), gap=st.floats(0.004, 0.03))
+def test_bands_keep_off_the_walls_of_a_bent_tube(turn: float, left: bool, gap: float) -> None:
+    """In a tube round an arc a band keeps its distance, or where that is too much the middle, and its ends are kept."""
+    sign = 1.0 if left else -1.0
+    middle = bow(make_arm(), sign * turn)
+    line = shapely.LineString(middle.points[middle.arc > 0.7])
+    tube = shapely.buffer(line, 0.15).difference(shapely.buffer(line, RADIUS + gap, cap_style="flat"))
+    walls = Walls.of(Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0), (Obstacle("tube", tube),)))
+    way = middle.points[(middle.arc > 0.82) & (middle.arc < 1.38)]
+    wanted = RADIUS + 0.01
+    band = ElasticBand(walls, wanted, 0.0, 15.0, LINK / 3.0).smoothed(way, (2, 2))
+    assert np.allclose(band[[0, -1]], way[[0, -1]], atol=1e-9)
+    kept = shapely.distance(tube, shapely.points(band[2:-2]))
+    assert kept.min() > min(wanted, RADIUS + gap) - 1.5e-3
+
+
+def test_a_tube_is_passed() -> None:
+    """An arm of 40 mm passes a tube 52 mm wide that bends by 60 degrees to each side, the verifier agreeing."""
+    there, back = np.deg2rad(60.0) * np.linspace(0.0, 1.0, 200), np.deg2rad(60.0) * np.linspace(1.0, 0.0, 200)
+    headings = np.concatenate((np.zeros(80), there, back, np.zeros(80)))
+    steps = 0.7 / len(headings) * np.column_stack((np.cos(headings), np.sin(headings)))
+    middle = shapely.LineString(np.cumsum(np.vstack(([0.0, 0.0], steps)), axis=0))
+    tube = shapely.buffer(middle, 0.06, cap_style="flat").difference(shapely.buffer(middle, 0.026, cap_style="flat"))
+    walls = [Obstacle(f"tube {k}", part) for k, part in enumerate(shapely.get_parts(tube))]
+    goal = TipGoal(np.array(middle.coords[-8]), 0.0)
+    problem = make_problem(make_arm(), make_room(*walls), goal)
+    path = FeedPlanner().plan(problem)
+    assert path.candidate.startswith("follow the leader")
+    assert_sound(problem, np.asarray(path.spline(np.linspace(0.0, 1.0, 400))))
 
 
 @settings(max_examples=15, deadline=None)

@@ -1,12 +1,13 @@
 """Paths for a leader: the feed axis to beyond the hole, then a curve to the goal that the arm can follow.
 
-The curve is a configuration of the continuous curve (section 4.1 of the paper and the multiple-shooting NLP), only
-that its base is a place on the feed axis and its length is free within what the range of the feed leaves.
+Elastic bands are tried first. Where they are too short or bend too much, configurations of the continuous curve are
+asked for (section 4.1 of the paper and the multiple-shooting NLP), only that the base is a place on the feed axis and
+the length is free within what the range of the feed leaves.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, product
 
 import numpy as np
 
@@ -19,7 +20,10 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.polygons import path_length
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.feeding.elastic_band import ElasticBand
 from ccm_opt.motion.feeding.leader import FINENESS, LeaderPath
+from ccm_opt.motion.feeding.own_shape import path_through
+from ccm_opt.motion.walls import Walls
 from ccm_opt.nlp.configuration import find_configuration
 from ccm_opt.nlp.task import ConfigurationTask
 from ccm_opt.problem import Problem, TipGoal
@@ -32,6 +36,10 @@ ATTEMPTS = 3
 """Attempts of the NLP at one curve."""
 CURVATURE_SHARE = 0.9
 """Share of the tightest bend that the curve may use."""
+BAND_MARGINS = (0.2, 0.05, 0.01)
+"""Room that elastic bands keep beyond radius and clearance where there is so much, in link lengths."""
+BAND_SPACING = 1.0 / 3.0
+"""Distance between the points of a band, in link lengths."""
 CHORD_SPARE = 1e-2
 """Share of the curve's length by which chords may be shorter than their arcs."""
 
@@ -67,28 +75,73 @@ class LeaderPaths:
     shortest: float = np.inf
     refusals: tuple[str, ...] = ()
 
-    def along(self, straight: float, reach: Reach, curves: int) -> Iterator[LeaderPath]:
-        """Paths that follow the feed axis up to a given arc length, most promising first.
+    def bands(self, straight: float, reach: Reach) -> Iterator[LeaderPath]:
+        """Taut ways drawn smooth, shortest first: quick, and at home in narrow ducts.
 
         Args:
             straight: arc length at which the path may leave the axis [m].
             reach: between which arc lengths it has to end.
-            curves: how many are asked for at most.
         """
-        for k, (room, route, length) in enumerate(islice(self._candidates(straight, reach), curves), start=1):
+        seen = set[float]()
+        for room, routes in self._routes_in_rooms(straight, reach):
+            for (k, route), margin in product(enumerate(routes, start=1), BAND_MARGINS):
+                path = self._band(room, route, straight, margin, f"band {k}")
+                if reach.least <= path.end <= reach.most * (1.0 + CHORD_SPARE) and round(path.end, 6) not in seen:
+                    seen.add(round(path.end, 6))
+                    yield path
+
+    def curves(self, straight: float, reach: Reach, most: int) -> Iterator[LeaderPath]:
+        """Configurations of the continuous curve, shortest first; they may be longer than their way is.
+
+        Args:
+            straight: arc length at which the path may leave the axis [m].
+            reach: between which arc lengths it has to end.
+            most: how many are asked for at most.
+        """
+        for k, (room, route, length) in enumerate(islice(self._candidates(straight, reach), most), start=1):
             if self.deadline.passed():
                 return
             curve = self._curve(room, route, *self._curve_ends(straight), length)
             if curve is not None:
                 yield self._path(straight, curve, f"curve {k} of {length:.3f} m")
 
+    def _band(self, room: FreeSpace, route: Route, straight: float, margin: float, name: str) -> LeaderPath:
+        """A band from the feed axis along a route to the goal; runs of a link at its ends stay straight."""
+        arm, (begin, end) = self.problem.arm, self._curve_ends(straight)
+        l, spacing = arm.link_length, BAND_SPACING * arm.link_length
+        taut = room.path_of_sleeve(route.sleeve, begin, end)
+        ends = [begin - l * arm.feed_direction], [self.goal.position] if self._tail else []
+        band = ElasticBand(
+            Walls.of(self.problem.workspace),
+            arm.radius + self.problem.workspace.clearance + margin * l,
+            l,
+            self._curvature_limit,
+            spacing,
+        )
+        pinned = round(1.0 / BAND_SPACING) + 1
+        points = band.smoothed(np.vstack((*ends[0], taut, *ends[1])), (pinned, pinned if self._tail else 1))
+        arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
+        inner = points[(arc > l + 0.5 * spacing) & (arc < arc[-1] - self._tail - 0.5 * spacing)]
+        nodes = np.vstack((inner, end, *ends[1]))
+        return path_through(arm, straight, nodes, name, self.goal.heading)
+
     def _candidates(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, Route, float]]:
         """Free space, a route through it and a length of the curve, in the order they are tried."""
+        for room, routes in self._routes_in_rooms(straight, reach):
+            yield from ((room, *pair) for pair in self._lengths(routes, straight, reach))
+
+    def _routes_in_rooms(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, tuple[Route, ...]]]:
+        """Free space with less and less to spare, and the routes through it."""
         for spare in SPARES:
             room, ends = self._room(spare), self._curve_ends(straight)
             if room.contains(np.stack(ends)).all():
-                routes = self._routes(room, *ends, reach.most - straight)
-                yield from ((room, *pair) for pair in self._lengths(routes, straight, reach))
+                yield room, self._routes(room, *ends, reach.most - straight)
+
+    @property
+    def _curvature_limit(self) -> float:
+        """What paths may bend [1/m]: chords of a link on an arc of curvature κ bend by 2 asin(κ l/2)."""
+        arm = self.problem.arm
+        return float(CURVATURE_SHARE * 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi)) / arm.link_length)
 
     def _room(self, spare: float) -> FreeSpace:
         arm = self.problem.arm
@@ -139,7 +192,7 @@ class LeaderPaths:
             base=begin,
             base_heading_range=(arm.base_heading, arm.base_heading),
             length=length,
-            curvature_limit=CURVATURE_SHARE * 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi)) / arm.link_length,
+            curvature_limit=self._curvature_limit,
             goal=end,
             goal_heading=self.goal.heading,
             corridor=room.corridor(Route(route.sleeve, taut, path_length(taut))),

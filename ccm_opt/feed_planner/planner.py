@@ -121,8 +121,11 @@ class _Search:
             yield query.goal_path
         if self.finder is not None:
             reach = Reach.of(query.arm, query.feed)
-            for straight, curves in _straights(query):
-                yield from self.finder.along(straight, reach, curves)
+            straights = _straights(query)
+            for straight, _ in straights:
+                yield from self.finder.bands(straight, reach)
+            for straight, most in straights:
+                yield from self.finder.curves(straight, reach, most)
 
     def _joint_path(self, way: Way, spline: BSpline, spare: float) -> JointPath:
         arm = self.query.arm

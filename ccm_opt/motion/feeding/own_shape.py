@@ -1,6 +1,7 @@
-"""The path along which an arm lies already, so that it can be drawn back as it would have come."""
+"""Smooth paths from the feed axis through given points: the one along which an arm lies already, and others."""
 
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from scipy.integrate import cumulative_simpson
@@ -33,17 +34,32 @@ def own_path(arm: Arm, bends: FloatArray, feed: float, straight: float) -> Leade
     bent = np.flatnonzero(bends)
     first = int(bent[0]) if len(bent) else arm.links
     leaves = max(straight, feed + first * l)
-    if first == arm.links:
-        return _with_axis(arm, leaves, np.zeros((0, 2)), np.zeros(0))
     off = joints[first + 1 :]
-    ahead = float((off[0] - arm.base) @ arm.feed_direction) - leaves
-    if ahead < LEAST_STEP * l:
+    if len(off) and float((off[0] - arm.base) @ arm.feed_direction) - leaves < LEAST_STEP * l:
         return None
-    start = arm.base + leaves * arm.feed_direction
-    nodes = np.vstack((start, off))
+    return path_through(arm, leaves, off, "own shape")
+
+
+def path_through(
+    arm: Arm, leaves: float, points: FloatArray, name: str, end_heading: float | None = None
+) -> LeaderPath:
+    """The path that follows the feed axis up to an arc length and then, a cubic spline, goes through points.
+
+    Args:
+        arm: with a feed axis.
+        leaves: arc length at which the path leaves the axis [m].
+        points: in order, shape (k, 2) [m]; with none the path is a piece of the axis.
+        name: of the path.
+        end_heading: heading at the last point [rad], or None when any will do.
+    """
+    if len(points) == 0:
+        return _with_axis(arm, leaves, np.zeros((0, 4)), np.zeros(0), name)
+    nodes = np.vstack((arm.base + leaves * arm.feed_direction, points))
     chords = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(nodes, axis=0).T))))
-    curve = CubicSpline(chords, nodes, bc_type=((1, arm.feed_direction), (2, np.zeros(2))))
-    return _with_axis(arm, leaves, *_sampled(curve, chords))
+    order: Literal[1, 2] = 2 if end_heading is None else 1
+    end = np.zeros(2) if end_heading is None else np.array([np.cos(end_heading), np.sin(end_heading)])
+    curve = CubicSpline(chords, nodes, bc_type=((1, arm.feed_direction), (order, end)))
+    return _with_axis(arm, leaves, *_sampled(curve, chords), name)
 
 
 def _sampled(curve: CubicSpline, chords: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -54,7 +70,7 @@ def _sampled(curve: CubicSpline, chords: FloatArray) -> tuple[FloatArray, FloatA
     return np.column_stack((curve(places), curve(places, 1))), np.asarray(arc)
 
 
-def _with_axis(arm: Arm, leaves: float, samples: FloatArray, arc: FloatArray) -> LeaderPath:
+def _with_axis(arm: Arm, leaves: float, samples: FloatArray, arc: FloatArray, name: str) -> LeaderPath:
     """The feed axis up to an arc length, then a sampled curve of points and tangents, shape (m, 4)."""
     low = arm.feed.low if arm.feed is not None else 0.0
     before = np.arange(min(low, leaves) - arm.link_length, leaves, arm.link_length)
@@ -66,7 +82,7 @@ def _with_axis(arm: Arm, leaves: float, samples: FloatArray, arc: FloatArray) ->
             arm.base + before[:, None] * arm.feed_direction,
             np.full(len(before), arm.base_heading),
             leaves,
-            "own shape",
+            name,
         )
     headings = arm.base_heading + np.unwrap(np.arctan2(samples[:, 3], samples[:, 2]) - arm.base_heading)
     headings -= 2.0 * np.pi * np.round((headings[0] - arm.base_heading) / (2.0 * np.pi))
@@ -75,5 +91,5 @@ def _with_axis(arm: Arm, leaves: float, samples: FloatArray, arc: FloatArray) ->
         np.concatenate((arm.base + before[:, None] * arm.feed_direction, samples[:, :2])),
         np.concatenate((np.full(len(before), arm.base_heading), headings)),
         leaves,
-        "own shape",
+        name,
     )
