@@ -29,7 +29,7 @@ from ccm_opt.hill_climbing.world import World
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.ends import Ends, resolve_ends
 from ccm_opt.motion.link_space import nearest_curve
-from ccm_opt.motion.spline_path import certified_spline
+from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.problem import CurvePose, Problem
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
@@ -244,8 +244,8 @@ def joint_path(follower: Follower, name: str, steps: tuple[Step, ...]) -> JointP
     if spline is None:
         reason = "the motion leaves no room for a smooth path"
         raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))
-    arm = follower.problem.arm
-    return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), arm.bends(headings), curves, name)
+    arm, spare = follower.problem.arm, spare_kept(spline, follower.certificate)
+    return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), arm.bends(headings), curves, name, spare=spare)
 
 
 def _nothing_arrived(stops: list[tuple[str, str, str]]) -> NoPlanFound:
