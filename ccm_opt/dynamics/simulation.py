@@ -24,7 +24,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 
-CHUNK = 100  # steps in one call of the loop
+CHUNK = 200  # steps in one call of the loop
 LARGEST_BEND = 1.3  # rad: nearer 90° the Z-Y-X ball is too close to singular to be simulated in 3-D
 
 
@@ -50,6 +50,46 @@ def simulate(
     feed = None if trajectory.feed is None else trajectory.feed.positions
     if trajectory.duration <= 0.0:
         return SimulatedMotion(joints.angles, joints.torques, tracking_error=0.0, saturated=False, base_feed=feed)
+    run, state = _prepared(arm, trajectory, joints, options, limits)
+    record = _Record.empty(trajectory.time, _coordinates(trajectory, joints)[0], options.step)
+    for chunk in run.chunks(state, options):
+        _check_finite(chunk, joints.names, options.step)
+        record.add(chunk)
+    return record.motion(limits, base_moves=feed is not None)
+
+
+def simulated_states(
+    arm: Arm,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    options: SimulationOptions,
+    limits: Limits,
+    interval: float,
+) -> Iterator[tuple[float, FloatArray, float]]:
+    """The same simulation one time interval after the other, for those who watch it (section 5.1, steps 5 to 7).
+
+    Args:
+        arm: as for ``simulate``, with the arguments that follow.
+        trajectory: gives the duration.
+        joints: the motion for all revolutes.
+        options: gravity, step, controller, disturbances.
+        limits: of the efforts.
+        interval: time between two states, rounded to steps [s].
+
+    Yields:
+        Time [s], angles of all revolutes, shape (3 * links,) [rad], and position of the base on its feed axis [m].
+    """
+    run, state = _prepared(arm, trajectory, joints, options, limits)
+    for chunk in run.chunks(state, options, max(1, round(interval / options.step))):
+        _check_finite(chunk, joints.names, options.step)
+        last = chunk.states[-1, 0]
+        yield (chunk.first + len(chunk.efforts)) * options.step, last[:-1], float(last[-1])
+
+
+def _prepared(
+    arm: Arm, trajectory: JointTrajectory, joints: JointStates, options: SimulationOptions, limits: Limits
+) -> tuple["_Run", FloatArray]:
+    """What is run, and the state it starts from; everything that can be refused is refused here."""
     planar = _is_planar(joints, options)
     if planar:
         arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
@@ -59,11 +99,7 @@ def simulate(
     positions, velocities = _coordinates(trajectory, joints)
     reference = step_reference(trajectory.time, positions, velocities, options.step)
     run = _Run(closed_loop(plant, arm, options, limits), reference, Noise(options.disturbances, planar=planar))
-    record = _Record.empty(trajectory.time, positions, options.step)
-    for chunk in run.chunks(np.stack((positions[0], velocities[0])), options):
-        _check_finite(chunk, joints.names, options.step)
-        record.add(chunk)
-    return record.motion(limits, base_moves=feed is not None)
+    return run, np.stack((positions[0], velocities[0]))
 
 
 def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[FloatArray, FloatArray]:
@@ -118,11 +154,11 @@ class _Run:
     reference: StepReference
     noise: Noise
 
-    def chunks(self, state: FloatArray, options: SimulationOptions) -> Iterator[_Chunk]:
-        """All steps from a state on, shape (2, W)."""
+    def chunks(self, state: FloatArray, options: SimulationOptions, size: int = CHUNK) -> Iterator[_Chunk]:
+        """All steps from a state on, shape (2, W), some at a time."""
         held = round(options.disturbances.start_delay / options.step)
-        for first in range(0, self.reference.steps, CHUNK):
-            count = min(CHUNK, self.reference.steps - first)
+        for first in range(0, self.reference.steps, size):
+            count = min(size, self.reference.steps - first)
             window, targets = self.reference.window(first, count)
             noise = self.noise.draw(count, targets.shape[1] - 1)
             states, efforts = self.loop.run(state, window, noise, max(0, held - first))

@@ -1,7 +1,7 @@
 """Times of our dynamics beside Pinocchio's and MuJoCo's, all in one run: ``python tests/benchmarks/bench_dynamics.py``.
 
 User CPU of one process, medians of seven rounds. Read the ratios: all rows of a table share the machine's state. Set
-OMP_NUM_THREADS=1.
+OMP_NUM_THREADS=1. The last table runs the paper's loop of section 5.1 with a picture a frame; it needs matplotlib.
 """
 # ruff: noqa: T201 - a script of its own that prints its tables
 
@@ -10,6 +10,7 @@ import resource
 import sys
 import tempfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
@@ -19,17 +20,27 @@ import pinocchio as pin
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from ccm_opt.dynamics import compiled
+from ccm_opt import load_problem, solve
+from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics import compiled, simulation
+from ccm_opt.dynamics.batch import BatchedDynamics
 from ccm_opt.dynamics.forward_dynamics import ForwardDynamics
 from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.simulation import simulate
+from ccm_opt.dynamics.mass_matrix import MassMatrix
+from ccm_opt.dynamics.simulation import simulate, simulated_states
 from ccm_opt.export.mjcf import mjcf_text
 from ccm_opt.export.urdf import urdf_text
+from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
+from ccm_opt.jointed.inverse_kinematics import ball_angles
+from ccm_opt.plotting.arm_3d import ArmView
 from ccm_opt.problem import SimulationOptions
+from ccm_opt.solution import Solution
 from tests.dynamics_arms import loose_limits, make_arm, random_states, smooth_trajectory
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 ROUNDS = 7
+PROBLEM = Path(__file__).parents[2] / "problems" / "swan-neck.toml"
 
 
 def user_cpu(who: int = resource.RUSAGE_SELF) -> float:
@@ -52,7 +63,7 @@ def microseconds(call: Callable[[], object], repeats: int) -> float:
 def compare_calls(links: int = 12, repeats: int = 20_000) -> None:
     """One state at a time, at 36 joints."""
     arm = make_arm(links)
-    q, v, w = (states[0] for states in random_states(3 * links))
+    q, v, w = (states[0].copy() for states in random_states(3 * links))
     inverse, forward = InverseDynamics(arm, GRAVITY), ForwardDynamics(arm, GRAVITY)
     tau = inverse(q, v, w)
     model = pin.buildModelFromXML(urdf_text(arm, "arm", loose_limits(arm)))
@@ -60,50 +71,163 @@ def compare_calls(links: int = 12, repeats: int = 20_000) -> None:
     mj_model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", GRAVITY))
     mj_data = mujoco.MjData(mj_model)
     mj_data.qpos[:], mj_data.qvel[:], mj_data.qfrc_applied[:] = q, v, tau
-    many = [np.tile(x, (1000, 1)) for x in (q, v, w, tau)]
     rows = {
         "RNEA, one call": microseconds(lambda: inverse(q, v, w), repeats),
-        "RNEA, buffers alone": microseconds(inverse._rnea._single._evaluate, repeats),
-        "RNEA, per state of a batch": microseconds(lambda: inverse(*many[:3]), repeats // 500) / 1000,
+        "RNEA, per state of a batch": batched(inverse._rnea, links),
         "RNEA, Pinocchio": microseconds(lambda: pin.rnea(model, data, q, v, w), repeats),
         "ABA, one call": microseconds(lambda: forward(q, v, tau), repeats),
-        "ABA, buffers alone": microseconds(forward._aba._single._evaluate, repeats),
-        "ABA, per state of a batch": microseconds(lambda: forward(many[0], many[1], many[3]), repeats // 500) / 1000,
+        "ABA, per state of a batch": batched(forward._aba, links),
+        "ABA, with rotors, one call": rotors_call(links, repeats),
         "ABA, Pinocchio": microseconds(lambda: pin.aba(model, data, q, v, tau), repeats),
         "mj_forward, one call": microseconds(lambda: mujoco.mj_forward(mj_model, mj_data), repeats),
     }
-    print(f"{3 * links} joints, from Python [µs]")
+    print(f"{3 * links} joints, from Python [µs]; ratio to Pinocchio's, for ABA also to mj_forward")
     for name, value in rows.items():
         reference = rows["RNEA, Pinocchio" if name.startswith("RNEA") else "ABA, Pinocchio"]
-        print(f"  {name:28s} {value:8.2f}   Pinocchio / this {reference / value:6.2f}")
+        other = "" if name.startswith("RNEA") else f"{value / rows['mj_forward, one call']:8.3f}"
+        print(f"  {name:28s} {value:8.2f}   {value / reference:6.3f}{other}")
 
 
-def compare_simulation(links: int) -> None:
-    """Closed loop of two seconds: first time with an empty cache, then warm."""
+def rotors_call(links: int, repeats: int) -> float:
+    """Forward dynamics of an arm with rotor inertia [µs]."""
+    forward = ForwardDynamics(replace(make_arm(links), rotor_inertia=1e-4), GRAVITY)
+    q, v, tau = (states[0].copy() for states in random_states(3 * links))
+    return microseconds(lambda: forward(q, v, tau), repeats)
+
+
+def batched(function: BatchedDynamics, links: int, count: int = 1000) -> float:
+    """Time for a state of a batch [µs]."""
+    states = (0.5 if links > 50 else 1.0) * random_states(3 * links, count)
+    return microseconds(lambda: function.with_feed(*states), max(1, 1200 // links)) / count
+
+
+def compare_lengths() -> None:
+    """Time per joint for longer arms, and how long everything takes to be ready."""
+    print("\nPer state of a batch [ns a joint], and time until all is ready [s of user CPU, the compiler's too]")
+    print("  joints    RNEA     ABA    ready, cold cache    warm    virtual machine's functions")
+    base = None
+    for links in (12, 24, 96, 384):
+        with tempfile.TemporaryDirectory() as folder:
+            os.environ[compiled.CACHE_VARIABLE] = folder
+            cold, warm = (ready(links) for _ in range(2))
+            arm = make_arm(links)
+            inverse, forward = InverseDynamics(arm, GRAVITY), ForwardDynamics(arm, GRAVITY)
+            times = [1e3 * batched(f, links) / (3 * links) for f in (inverse._rnea, forward._aba)]
+        os.environ[compiled.COMPILER_VARIABLE] = ""
+        interpreted = ready(links)
+        del os.environ[compiled.COMPILER_VARIABLE]
+        base = base or times
+        ratios = ", ".join(f"{time / first:.2f}" for time, first in zip(times, base, strict=True))
+        row = f"  {3 * links:6d} {times[0]:7.1f} {times[1]:7.1f} {cold:13.2f} {warm:13.2f} {interpreted:13.2f}"
+        print(f"{row}   x {ratios}")
+
+
+def ready(links: int) -> float:
+    """User CPU until inverse and forward dynamics, mass matrix and closed loop can be called [s]."""
+    start, children = user_cpu(), user_cpu(resource.RUSAGE_CHILDREN)
+    arm = make_arm(links)
+    InverseDynamics(arm, GRAVITY)
+    ForwardDynamics(arm, GRAVITY)
+    MassMatrix(arm)
+    simulation.closed_loop(arm, arm, SimulationOptions(gravity=GRAVITY), loose_limits(arm))
+    return user_cpu() - start + user_cpu(resource.RUSAGE_CHILDREN) - children
+
+
+def compare_simulation() -> None:
+    """Closed loop of two seconds at 1 ms."""
+    print("\nSimulation of 2 s at 1 ms, computed torque, warm cache [s of user CPU]")
+    print("  joints   joint states   simulate   x real time   error [rad]")
+    for links in (12, 24, 48, 96, 200):
+        simulation_row(links)
+
+
+def simulation_row(links: int) -> None:
+    """One row of the table above."""
     arm = make_arm(links)
     trajectory = smooth_trajectory(0.4 * np.sin(np.arange(links)) * 12 / links, duration=2.0)
-    children, own = user_cpu(resource.RUSAGE_CHILDREN), user_cpu()
     joints = joint_states(arm, trajectory, InverseDynamics(arm, GRAVITY))
     options, limits = SimulationOptions(gravity=GRAVITY), loose_limits(arm)
     motion = simulate(arm, trajectory, joints, options, limits)
-    gcc, first = user_cpu(resource.RUSAGE_CHILDREN) - children, user_cpu() - own
     warm = microseconds(lambda: simulate(arm, trajectory, joints, options, limits), 1) * 1e-6
     states = microseconds(lambda: joint_states(arm, trajectory, InverseDynamics(arm, GRAVITY)), 1) * 1e-6
-    print(
-        f"  {3 * links:6d} {gcc:10.2f} {first:10.2f} {states:14.4f} {warm:10.4f} {2.0 / warm:12.0f}"
-        f" {motion.tracking_error:12.1e}"
-    )
+    print(f"  {3 * links:6d} {states:14.4f} {warm:10.4f} {2.0 / warm:13.0f} {motion.tracking_error:13.1e}")
+
+
+def compare_energy() -> None:
+    """Drift of the total energy of a free fall of 0.6 s from level at 1 ms, ours and MuJoCo's Runge–Kutta."""
+    arm = replace(make_arm(12), base_heading=0.0)
+    limits, joints = loose_limits(arm, torque=0.0), 36
+    loop = simulation.closed_loop(arm, arm, SimulationOptions(gravity=GRAVITY), limits)
+    rest = np.zeros((600, 3, joints + 1))
+    states = loop.run(rest[0, :2], rest, rest[:, :2, :-1], 0)[0]
+    model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", GRAVITY))
+    model.jnt_limited[:] = 0
+    data, theirs = mujoco.MjData(model), []
+    for _ in range(600):
+        mujoco.mj_step(model, data)
+        theirs.append(np.stack((data.qpos, data.qvel)))
+    ours, mujocos = (drift_of(arm, motion) for motion in (states[:, :, :-1], np.array(theirs)))
+    print("\nFree fall of 0.6 s at 1 ms, energy drift at the end, and the largest on the way [J]")
+    print(f"  {ours[0]:.3e}, {ours[1]:.3e}; MuJoCo's Runge-Kutta {mujocos[0]:.3e}, {mujocos[1]:.3e}")
+
+
+def drift_of(arm: Arm, states: FloatArray) -> tuple[float, float]:
+    """Change of kinetic and potential energy from rest to the end, and the largest of every tenth state [J]."""
+    mass_matrix = MassMatrix(arm)
+    energies = []
+    for q, v in (np.zeros((2, states.shape[2])), *states[9::10]):
+        points = joint_positions_3d(arm, q)
+        height = 0.5 * (points[:-1, 2] + points[1:, 2])
+        energies.append(0.5 * v @ mass_matrix(q) @ v + 9.81 * np.sum(arm.masses * height))
+    change = np.abs(np.array(energies) - energies[0])
+    return float(change[-1]), float(np.max(change))
+
+
+def compare_frames(solution: Solution, rate: float = 60.0) -> None:
+    """The loop of section 5.1 along a plan: state of the next interval, inverse kinematics, dynamics, drawing.
+
+    The plan and its timing are at hand (steps 2 and 4); every frame simulates 1/60 s, finds the angles of the planned
+    joint positions (step 3) and draws the arm in 3-D from the simulated ones (step 6).
+    """
+    problem = solution.problem
+    arm, view = problem.arm, ArmView(problem.arm)
+    positions = solution.joint_positions
+    setup = (arm, solution.trajectory, solution.joints, problem.simulation, problem.limits)
+    frames, start = 0, user_cpu()
+    for time, angles, feed in simulated_states(*setup, 1.0 / rate):
+        sample = min(int(np.searchsorted(solution.trajectory.time, time)), len(positions) - 1)
+        ball_angles(arm, positions[sample])
+        view.show(joint_positions_3d(arm, angles, feed))
+        frames += 1
+    spent = user_cpu() - start
+    points = joint_positions_3d(arm, revolute_angles(arm, solution.trajectory.bend_angles[-1]))
+    draw = 1e-3 * microseconds(lambda: view.show(points), 50)
+    print(f"\nLoop of section 5.1 on {problem.name}: {frames / spent:.0f} frames a second, {frames} of 1/{rate:g} s")
+    print(f"  of a frame's {1e3 * spent / frames:.2f} ms drawing takes {draw:.2f} ms; the paper's: about 5 a second")
+    print(f"  tracking error {solution.simulation.tracking_error:.1e} rad, saturated: {solution.simulation.saturated}")
+
+
+def compare_feed() -> None:
+    """What a feed axis costs the closed loop."""
+    arm, trajectory = make_arm(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=2.0)
+    times = []
+    for moved in (arm, replace(arm, feed=Feed(0.0, 0.4, 0.4))):
+        joints = joint_states(moved, trajectory, InverseDynamics(moved, GRAVITY))
+        setup = (moved, trajectory, joints, SimulationOptions(gravity=GRAVITY), loose_limits(moved))
+        times.append(microseconds(lambda setup=setup: simulate(*setup), 1))
+    print(f"  with a feed axis the closed loop of 36 joints takes {times[1] / times[0]:.2f} times as long")
 
 
 def main() -> None:
-    """Print both tables; compile into a folder of its own."""
+    """Print all tables; compile into a folder of its own."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ[compiled.CACHE_VARIABLE] = folder
         compare_calls()
-        print("\nSimulation of 2 s at 1 ms, computed torque [s of user CPU]")
-        print("  joints compiler first, own joint states warm, simulate  x real time  error [rad]")
-        for links in (12, 24, 48, 96, 200):
-            compare_simulation(links)
+        compare_simulation()
+        compare_feed()
+        compare_energy()
+        compare_frames(solve(load_problem(PROBLEM)))
+    compare_lengths()
 
 
 if __name__ == "__main__":
