@@ -84,7 +84,7 @@ def test_the_obstacle_ahead_is_the_first_between_base_and_goal() -> None:
 def test_a_failure_names_the_schema_where_each_plan_stopped() -> None:
     """A wall all round the goal stops every type in SCM-2 or SCM-0 and both folds; the diagnosis lists all stops."""
     problem = shared("open-space")
-    wall = Obstacle("wall", shapely.box(0.25, -0.9, 0.35, 0.95))
+    wall = Obstacle("wall", shapely.box(0.25, -0.9, 0.35, 0.2))
     problem = replace(problem, workspace=replace(problem.workspace, obstacles=(wall,)))
     follower = Follower.of(problem)
     blocked = replace(follower, certificate=_Nothing(problem.arm, problem.workspace))
