@@ -82,7 +82,7 @@ def _guarded(run: Callable[[Item], int], item: Item) -> int:
         complain(str(error))
         return BAD_INPUT
     except (NoPlanFound, VerificationError) as error:
-        complain(str(error))
+        complain(f"{item}: {error}")
         return NO_PLAN
     except KeyboardInterrupt:
         complain("cancelled")

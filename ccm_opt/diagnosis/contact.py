@@ -18,8 +18,11 @@ ROUNDING = 1e-9
 
 
 def contact_at_ends(problem: Problem) -> Iterator[Finding]:
-    """Every wall that the arm touches at its start or at a goal, and where it touches itself; deepest first."""
-    for pose in whole_poses(problem):
+    """Every wall that the arm touches at its start or at a goal, and where it touches itself; deepest first.
+
+    The guide of a feed axis is no part of the problem, so poses on one are left to the planner.
+    """
+    for pose in whole_poses(problem) if problem.arm.feed is None else ():
         yield from sorted(_walls_touched(problem, pose), key=lambda finding: -(finding.measured or 0.0))
         yield from _self_touched(problem.arm, pose)
     for place in tip_places(problem):

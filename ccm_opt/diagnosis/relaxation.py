@@ -16,7 +16,7 @@ STEPS = (0.045, 0.1, 0.2, 0.4)
 """How far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds."""
 GUESSED_STEPS = (0.1, 0.25, 0.5)
 """The same where the bound is only where the problem stands."""
-CLOSE = 0.04
+CLOSE = 0.046
 """Share of its value within which a parameter is bracketed by what failed, or cannot be, and what worked."""
 LEAST_TIME = 0.05
 """No try begins with less time than this [s]."""
@@ -24,6 +24,8 @@ TRY_SHARE = 0.5
 """Share of the time left that one try may use."""
 LONGEST_TRY = 2.5
 """Time that one try may use at most [s]."""
+PATIENCE = 3.0
+"""Time after which nothing new is begun when something that helps is known [s]."""
 ENOUGH = 4
 """Relaxations that are told."""
 MOST_OMITTED = 2
@@ -64,18 +66,19 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
 
     Args:
         problem: what was asked.
-        findings: what stands in its way; what is proved decides what is tried.
+        findings: what stands in its way; what is proved, or an overload on the path that was found, binds.
         trials: solves.
     """
-    proved = tuple(finding for finding in findings if finding.proved)
+    binding = tuple(f for f in findings if f.proved) or tuple(f for f in findings if f.kind == "torque")
     found: list[Relaxation] = []
+    patient = time.monotonic() + PATIENCE
     for candidate in candidates(problem, findings):
-        if len(found) >= ENOUGH or trials.left < LEAST_TIME:
+        if len(found) >= ENOUGH or trials.left < LEAST_TIME or (found and time.monotonic() > patient):
             break
         if isinstance(candidate, Omission):
             relaxed = candidate.relaxation() if trials.succeeds(candidate.changed(problem)) else None
         else:
-            relaxed = least_change(candidate, problem, hardest_bound(candidate, proved), trials)
+            relaxed = least_change(candidate, problem, hardest_bound(candidate, binding), trials)
         if relaxed is not None:
             found.append(relaxed)
     return tuple(sorted(found, key=lambda relaxed: relaxed.change))
@@ -102,9 +105,9 @@ def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...]) -> li
     return list(dict.fromkeys(mending))
 
 
-def hardest_bound(parameter: Parameter, proved: tuple[Finding, ...]) -> float | None:
-    """The value that a parameter must reach to mend all that is proved; None when nothing is proved about it."""
-    bounds = [finding.bounds[parameter.key] for finding in proved if parameter.key in finding.bounds]
+def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float | None:
+    """The value that a parameter must reach to mend all findings; None when they say nothing about it."""
+    bounds = [finding.bounds[parameter.key] for finding in findings if parameter.key in finding.bounds]
     if not bounds:
         return None
     return max(bounds) if parameter.easier > 0 else min(bounds)

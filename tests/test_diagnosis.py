@@ -1,0 +1,401 @@
+"""Why there is no plan: the checks prove nothing false, the reason is the true one, what is said to help was solved."""
+
+import json
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+import tomlkit
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from ccm_opt.cli.commands import app
+from ccm_opt.diagnosis.checks import failed
+from ccm_opt.diagnosis.explain import explained, explaining, refuse_impossible
+from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
+from ccm_opt.diagnosis.passages import Way
+from ccm_opt.diagnosis.ranking import ranked
+from ccm_opt.diagnosis.reach import least_chord
+from ccm_opt.diagnosis.recall import Recalling
+from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
+from ccm_opt.diagnosis.tightness import tight_places
+from ccm_opt.errors import Diagnosis, Finding, MotionNotFound, ProblemError, RetimingError, UnreachableGoal
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.jointed.arm import Feed
+from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
+from ccm_opt.problem_file import problem_from_mapping
+from ccm_opt.solution import JointPath
+from ccm_opt.stages import Stages
+from tests.benchmarks.bench_diagnosis import named_rightly, relaxation_error
+
+from .diagnosis_families import FAMILIES, GRAVITY, make_case, string_round
+from .scenes import Scene, clutter, make_arm, open_scene, random_headings
+
+
+def ends_with(path: Path, data: dict[str, Any], *options: str) -> tuple[int, str, dict[str, Any]]:
+    """Exit code, what is printed and the record of a problem solved by the command line."""
+    file = path / "problem.toml"
+    file.write_text(tomlkit.dumps(data))
+    result = CliRunner().invoke(app, ["solve", str(file), "--out", str(path), *options])
+    record = json.loads((path / data["name"] / "solution.json").read_text())
+    return result.exit_code, result.output, record
+
+
+@pytest.mark.parametrize(
+    ("family", "seed"),
+    [("too short", 0), ("too thick", 2), ("too stiff", 0), ("blocked", 0), ("contact", 1), ("torque", 0)],
+)
+def test_the_reason_is_true_and_what_helps_is_told(tmp_path: Path, family: str, seed: int) -> None:
+    """A problem of each family: exit code 3, the true reason by name, a verified change close to the threshold."""
+    case = make_case(family, seed)
+    code, output, record = ends_with(tmp_path, {**case.data, "planner": {"time_limit": 60.0}})
+    assert (code, record["status"]) == (3, "infeasible")
+    diagnosis = record["diagnosis"]
+    assert named_rightly(case, diagnosis), diagnosis
+    assert relaxation_error(case, diagnosis) <= (0.3 if family == "too thick" else 0.05), diagnosis
+    assert diagnosis["reason"] in output
+    assert all(f"solved with {relaxed['words']}" in output for relaxed in diagnosis["relaxations"])
+    assert all(0.0 <= first["change"] <= 1.0 for first in diagnosis["relaxations"])
+    assert "motion" not in record["timings"]
+
+
+def test_without_diagnosis_the_reason_stands_alone(tmp_path: Path) -> None:
+    """``--no-diagnosis`` tries nothing: the reason is there, no relaxation, no stage of that name."""
+    code, output, record = ends_with(tmp_path, make_case("torque", 0).data, "--no-diagnosis")
+    assert code == 3
+    assert "needs" in output
+    assert record["diagnosis"]["relaxations"] == []
+    assert "diagnosis" not in record["timings"]
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ([0.9, 0.1], "goal.position: out of reach: 0.906 m from the base, the arm is only 0.400 m long"),
+        ([0.0, 0.3], "goal.position: the goal is in contact: the tip overlaps 'post' by 100.0 mm"),
+        ([0.0, 0.19], "goal.position: the goal is in contact: the tip overlaps 'post' by 10.0 mm"),
+        ([0.39, 0.0, 180.0], "cannot turn enough"),
+    ],
+)
+def test_goals_that_cannot_be_reached_are_no_input_errors(
+    tmp_path: Path, small_text: str, place: list[float], words: str
+) -> None:
+    """Out of reach, in an obstacle, too near to one, or against all bends: exit code 3, key path, figures, a record."""
+    text = small_text.replace("position = [0.3, 0.1]", f"position = {place[:2]}")
+    text += f"heading_deg = {place[2]}\n" if len(place) > 2 else ""
+    text = text.replace("joint_limit_deg = 60.0", "joint_limit_deg = 20.0\nbase_limit_deg = 20.0")
+    data = tomlkit.parse(text).unwrap()
+    code, output, record = ends_with(tmp_path, data, "--no-diagnosis" if len(place) > 2 else "--no-pictures")
+    assert code == 3
+    assert words in output
+    assert record["diagnosis"]["findings"] or len(place) > 2
+
+
+@pytest.mark.parametrize("seed", range(40, 52))
+def test_nothing_is_proved_of_problems_whose_ends_are_free(seed: int) -> None:
+    """A goal that is the tip of a free pose of the arm, among polygons, fails no necessary check."""
+    scene = clutter(seed, 15)
+    found = failed(scene.problem())
+    closed = [finding for finding in found if finding.kind not in {"too thick", "blocked"}]
+    assert closed == []
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.05, 0.5), st.floats(0.0, 3.2))
+def test_reach_and_bends_prove_nothing_false(seed: int, limit: float, base: float) -> None:
+    """The tip of any pose within the joint limits fails neither the check of reach nor that of bends."""
+    rng = np.random.default_rng(seed)
+    arm = make_arm(12, joint_limit=limit, base_limit=base)
+    bends = rng.uniform(-1.0, 1.0) * limit + rng.uniform(-1.0, 1.0, 12) * limit
+    bends = np.clip(np.where(rng.random(12) < 0.3, limit, bends), -limit, limit)
+    bends[0] = rng.uniform(-base, base)
+    headings = arm.headings(bends)
+    goal = TipGoal(arm.joint_positions(headings)[-1], float(headings[-1]))
+    refuse_impossible(Scene(arm, Workspace(shapely.box(-3, -3, 3, 3)), np.zeros(12), headings).problem(goal))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 16), st.floats(0.01, 1.0))
+def test_no_chain_has_a_shorter_chord_than_the_regular_arc(seed: int, links: int, bend: float) -> None:
+    """Cauchy's arm lemma: links whose bends stay below a bound end no nearer to their start than the regular arc."""
+    rng = np.random.default_rng(seed)
+    bends = bend * np.clip(rng.normal(0.7, 0.6, links - 1), -1.0, 1.0)
+    headings = np.append(0.0, np.cumsum(bends))
+    chord = np.hypot(np.cos(headings).sum(), np.sin(headings).sum())
+    assert chord >= least_chord(links, 1.0, bend) - 1e-9
+    regular = bend * np.arange(links)
+    if links * bend < 2.0 * np.pi:
+        arc = np.hypot(np.cos(regular).sum(), np.sin(regular).sum())
+        assert least_chord(links, 1.0, bend) == pytest.approx(arc, abs=1e-9)
+
+
+def screened(radius: float = 0.02, gap: float | None = None) -> Problem:
+    """A goal behind a screen that has its end at half a metre, or behind two walls with a gap between them."""
+    scene = open_scene(3)
+    arm = make_arm(24, radius)
+    if gap is None:
+        obstacles = (Obstacle("screen", shapely.LineString([(0.4, -1.3), (0.4, 0.3)]), 0.02),)
+    else:
+        obstacles = (
+            Obstacle("upper", shapely.box(0.4, 0.5 * gap, 0.45, 1.3)),
+            Obstacle("lower", shapely.box(0.4, -1.3, 0.45, -0.5 * gap)),
+        )
+    start = np.full(24, 2.0)
+    return Scene(arm, Workspace(scene.workspace.boundary, obstacles), start, start).problem(
+        TipGoal(np.array([0.7, 0.0])), time_limit=10.0
+    )
+
+
+@pytest.mark.parametrize("radius", [0.01, 0.03])
+def test_the_shortest_way_is_a_taut_string(radius: float) -> None:
+    """Round one end of a wall the way is as long as two tangents and an arc, to a few thousandths, never longer."""
+    way = Way(screened(radius), np.array([0.7, 0.0]), 1e-3)
+    exact = string_round(np.zeros(2), np.array([0.7, 0.0]), np.array([0.4, 0.3]), radius + 0.02)
+    assert exact * 0.995 - 1e-3 <= way.space.shortest <= exact
+
+
+def test_the_widest_way_is_half_the_gap() -> None:
+    """Bisection finds the margin at which the gap closes, and both of its walls."""
+    problem = screened(0.05, gap=0.07)
+    way = Way(problem, np.array([0.7, 0.0]), 1e-3)
+    assert way.widest == pytest.approx(0.035, rel=5e-3)
+    (finding,) = failed(problem)
+    assert (finding.kind, set(finding.obstacles)) == ("too thick", {"upper", "lower"})
+    assert finding.place == pytest.approx((0.425, 0.0), abs=0.03)
+    assert finding.measured == pytest.approx(0.07, rel=5e-3)
+
+
+def test_contacts_are_told_with_link_depth_and_place() -> None:
+    """A post 5 mm into the ninth link of a straight start, and a self-contact of a folded one."""
+    arm = make_arm(24, 0.02)
+    post = Obstacle("post", shapely.Point(8.5 / 24, 0.025), 0.01)
+    problem = Scene(arm, Workspace(shapely.box(-2, -2, 2, 2), (post,)), np.zeros(24), np.zeros(24)).problem(
+        TipGoal(np.array([0.0, 0.8]))
+    )
+    (finding,) = failed(problem)
+    assert "link 9 overlaps 'post' by 5.0 mm" in finding.reason
+    assert finding.bounds["arm.radius"] == pytest.approx(0.015)
+    back = np.append(np.zeros(12), np.full(12, np.pi - 0.02))
+    finding = failed(
+        replace(problem, workspace=Workspace(shapely.box(-2, -2, 2, 2)), start=JointPose(arm.bends(back)))
+    )[0]
+    assert finding.kind == "contact"
+    assert "links" in finding.reason
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.7])
+def test_the_load_of_a_straight_arm_is_weight_times_lever(tilt: float) -> None:
+    """A straight arm at an angle needs m g L / 2 cos of it at its base; a limit just above passes, just below fails."""
+    arm = make_arm(12)
+    need = float(arm.masses.sum()) * GRAVITY * 0.5 * np.cos(tilt)
+    scene = Scene(arm, Workspace(shapely.box(-2, -2, 2, 2)), np.full(12, tilt), np.full(12, tilt))
+    problem = scene.problem(TipGoal(np.array([0.2, 0.7])))
+    for share, count in ((1.001, 0), (0.999, 1)):
+        limits = Limits(problem.limits.velocity, problem.limits.acceleration, np.full(36, share * need))
+        found = failed(replace(problem, limits=limits))
+        assert [finding.kind for finding in found] == ["torque"] * count
+    assert found[0].measured == pytest.approx(need, rel=1e-6)
+
+
+def test_checks_leave_out_what_does_not_apply_to_a_feed_axis() -> None:
+    """An arm on a feed axis is checked for reach from every place of its base, and nothing crashes."""
+    arm = make_arm(12)
+    problem = Scene(arm, Workspace(shapely.box(-3, -3, 3, 3)), np.zeros(12), np.zeros(12)).problem()
+    limits = Limits(problem.limits.velocity, problem.limits.acceleration, feed_velocity=0.1, feed_acceleration=0.5)
+    fed, goal = replace(arm, feed=Feed(0.0, 0.5, 0.5)), TipGoal(np.array([1.4, 0.0]))
+    problem = replace(problem, arm=fed, limits=limits, goal=goal)
+    assert failed(problem) == ()
+    assert tight_places(problem) == ()
+    far = failed(replace(problem, goal=TipGoal(np.array([1.6, 0.0]))))
+    assert [finding.kind for finding in far] == ["too short"]
+
+
+class Threshold:
+    """Solves a problem when a parameter has passed a value, and remembers what it was asked."""
+
+    def __init__(self, parameter: Parameter, value: float) -> None:
+        self.parameter, self.value = parameter, value
+        self.asked: list[float] = []
+
+    def __call__(self, problem: Problem) -> None:
+        """Raise as a planner does."""
+        got = self.parameter.read(problem)
+        self.asked.append(got)
+        if self.parameter.easier * (got - self.value) < 0.0:
+            raise MotionNotFound(Diagnosis("no", "motion"))
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.sampled_from([RADIUS, LENGTH, JOINT_LIMIT]), st.floats(0.0, 0.6), st.booleans())
+def test_a_relaxation_was_solved_and_is_close_to_the_threshold(
+    parameter: Parameter,
+    beyond: float,
+    known: bool,
+) -> None:
+    """The value told is one that was solved, beyond the threshold, and within a tenth of it when a bound is known."""
+    problem = open_scene(1).problem()
+    given_value = parameter.read(problem)
+    bound = given_value * (1.0 + parameter.easier * 0.2)
+    threshold = bound * (1.0 + parameter.easier * (0.02 if known else 0.4 * beyond))
+    solver = Threshold(parameter, threshold)
+    found = least_change(parameter, problem, bound if known else None, Trials(solver, time.monotonic() + 60.0))
+    if found is None:
+        assert not known
+        return
+    assert found.value in solver.asked
+    assert isinstance(found.value, float)
+    assert parameter.easier * (found.value - threshold) >= 0.0
+    assert abs(found.value - threshold) <= 0.1 * threshold
+    assert f"{parameter.key.split('.')[-1]}" in found.words
+
+
+@given(st.sampled_from(PARAMETERS), st.floats(1e-3, 3.0))
+def test_values_are_rounded_to_the_easier_side(parameter: Parameter, value: float) -> None:
+    """What is told is never harder than what was found, and off by less than a thousandth."""
+    problem = make_limited(open_scene(1).problem())
+    rounded = parameter.rounded(problem, value)
+    assert parameter.easier * (rounded - value) >= -1e-6 * value
+    assert abs(rounded - value) <= 1.1e-3 * value
+
+
+def make_limited(problem: Problem) -> Problem:
+    """The same with a torque limit of 3 N m."""
+    limits = problem.limits
+    return replace(problem, limits=Limits(limits.velocity, limits.acceleration, np.full(3 * problem.arm.links, 3.0)))
+
+
+def test_no_time_no_trial() -> None:
+    """Nothing is tried when no time is left; the findings are told all the same."""
+    problem = screened(0.05, gap=0.07)
+    solver = Threshold(RADIUS, 1.0)
+    error = explained(problem, UnreachableGoal(Diagnosis("no way", "free space")), Trials(solver, time.monotonic()))
+    assert solver.asked == []
+    assert error.diagnosis.findings[0].kind == "too thick"
+    assert error.diagnosis.relaxations == ()
+    assert "too thick" in str(error)
+    assert any("arm.radius" in line for line in error.diagnosis.advice)
+
+
+def test_a_search_that_failed_is_explained_by_what_is_tight_and_what_helps() -> None:
+    """Nothing is proved: the tightest places are told as likely, first the kind that the smallest change mends."""
+    problem = screened(0.03, gap=0.066)
+    error = MotionNotFound(Diagnosis("no motion found in 7 candidates", "motion", ("raise planner.routes",)))
+    solver = Threshold(RADIUS, 0.028)
+    told = explained(problem, error, Trials(solver, time.monotonic() + 30.0))
+    assert isinstance(told, MotionNotFound)
+    assert told.diagnosis.reason == "no motion found in 7 candidates"
+    first = told.diagnosis.findings[0]
+    assert (first.kind, first.proved, set(first.obstacles)) == ("too thick", False, {"upper", "lower"})
+    assert told.diagnosis.relaxations[0].key == "arm.radius"
+    assert "perhaps: the narrowest gap" in str(told)
+
+
+def test_a_joint_that_timing_finds_too_weak_is_the_reason() -> None:
+    """The torque on the path is told with its limit; torque and mass are relaxed from that bound."""
+    problem = make_limited(open_scene(1).problem())
+    evidence = {"revolute": 1, "torque": 4.5, "limit": 3.0, "path_position": 0.5}
+    error = RetimingError(Diagnosis("too weak", "retiming", (), evidence))
+    told = explained(problem, error, Trials(lambda _: None, time.monotonic() + 30.0)).diagnosis
+    assert "joint 1 (ball01_bend) needs 4.5 N m" in told.reason
+    words = {relaxed.key: relaxed for relaxed in told.relaxations}
+    assert words["limits.torque"].words == "limits.torque ≥ 4.703 N m"
+    assert words["arm.link_mass"].bound == pytest.approx(1.0 / 1.5)
+
+
+def test_relaxations_change_one_thing_only() -> None:
+    """Every parameter written back reads the same, and leaves the others as they are."""
+    problem = make_limited(screened())
+    for parameter in PARAMETERS:
+        if parameter in (TORQUE, MASS) or not parameter.fits(problem):
+            continue
+        changed = parameter.write(problem, 1.1 * parameter.read(problem))
+        assert parameter.read(changed) == pytest.approx(1.1 * parameter.read(problem))
+        others = [other for other in PARAMETERS if other is not parameter]
+        assert all(other.read(changed) == other.read(problem) for other in others)
+    heavier = MASS.write(problem, 2.0)
+    np.testing.assert_allclose(heavier.arm.masses, 2.0 * problem.arm.masses)
+    np.testing.assert_allclose(heavier.arm.inertia_axial, 2.0 * problem.arm.inertia_axial)
+
+
+def test_a_sound_obstacle_is_not_removed_where_that_does_not_help() -> None:
+    """Only what mends all that is proved is tried: with a weak joint too, no obstacle is."""
+    findings = (
+        Finding("blocked", "closed", obstacles=("screen",)),
+        Finding("torque", "weak", bounds={"limits.torque": 2.0, "arm.link_mass": 0.5}),
+    )
+    tried: list[Problem] = []
+    assert relaxations(make_limited(screened()), findings, Trials(tried.append, time.monotonic() + 5.0)) == ()
+    assert tried == []
+
+
+def test_what_is_proved_comes_first() -> None:
+    """Proved findings stand before likely ones, elementary before derived ones, and none twice."""
+    likely = Finding("too short", "perhaps short", proved=False)
+    weak, touching = Finding("torque", "weak"), Finding("contact", "touches")
+    assert ranked((likely, weak, touching, weak)) == (touching, weak, likely)
+
+
+def test_a_path_is_recalled_when_only_loads_change() -> None:
+    """Limits and masses leave the path; another radius asks the planner again."""
+
+    class Counting:
+        """Counts how often it is asked."""
+
+        asked = 0
+
+        def plan(self, problem: Problem) -> JointPath:
+            """A path that nobody looks at."""
+            del problem
+            self.asked += 1
+            return None  # type: ignore[return-value]
+
+    planner = Counting()
+    recalling = Recalling(planner)
+    problem = make_limited(screened())
+    for changed in (problem, TORQUE.write(problem, 2.0), MASS.write(problem, 0.5)):
+        recalling.plan(changed)
+    assert planner.asked == 1
+    recalling.plan(RADIUS.write(problem, 0.01))
+    assert planner.asked == 2
+
+
+def test_defects_of_the_input_are_not_explained() -> None:
+    """Only a missing plan is explained; an unusable problem passes through, an unusable try counts as failed."""
+    problem = screened()
+    with pytest.raises(ProblemError, match="unusable"), explaining(problem, print, Stages()):
+        raise ProblemError("unusable")
+
+    def unusable(changed: Problem) -> object:
+        del changed
+        raise ProblemError("unusable")
+
+    assert not Trials(unusable, time.monotonic() + 5.0).succeeds(problem)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_problems_of_the_families_are_impossible_and_possible_beyond_their_threshold(family: str) -> None:
+    """The closed form of every family agrees with the checks: they fail as given, and hold beyond the threshold."""
+    for seed in range(20, 26):
+        case = make_case(family, seed)
+        problem = problem_from_mapping(case.data)
+        assert family in {finding.kind for finding in failed(problem)}, case
+        if isinstance(case.threshold, str):
+            kept = [o for o in case.data["workspace"]["obstacles"] if o["name"] != case.threshold]
+            easier = problem_from_mapping({**case.data, "workspace": {**case.data["workspace"], "obstacles": kept}})
+        else:
+            parameter = next(each for each in PARAMETERS if each.key == case.key)
+            scale = case.data["limits"]["torque"] if parameter is TORQUE else 1.0
+            easier = parameter.write(problem, case.threshold / scale * (1.0 + 0.1 * case.sign))
+        assert failed(easier) == (), (case, failed(easier))
+
+
+def test_random_poses_are_drawn_within_the_limits() -> None:
+    """The scenes that the laws above rest on bend no joint too far."""
+    arm = make_arm(24)
+    headings = random_headings(np.random.default_rng(0), arm)
+    assert np.all(np.abs(arm.bends(headings)) <= arm.bend_limits)
