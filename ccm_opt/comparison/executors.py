@@ -8,18 +8,11 @@ import multiprocessing
 import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
+from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
 from ccm_opt.errors import ProblemError
@@ -138,41 +131,44 @@ def _until_broken(
 ) -> Iterator[tuple[TASK, RESULT | BaseException] | None]:
     """Results until there are no more tasks; None when the executor is broken, its tasks then being ``suspects``."""
     pending: dict[Future[RESULT], TASK] = {}
+    done: SimpleQueue[Future[RESULT]] = SimpleQueue()
     while True:
         alone = bool(suspects)
-        _hand_over(executor, function, pending, suspects if alone else source, 1 if alone else width)
+        for future in _handed_over(executor, function, pending, suspects if alone else source, 1 if alone else width):
+            future.add_done_callback(done.put)
         if not pending:
             return
-        for future in wait(pending, return_when=FIRST_COMPLETED).done:
-            task, error = pending.pop(future), _error_of(future)
-            if isinstance(error, BrokenExecutor) and not alone:
-                suspects.extend((task, *pending.values()))
-                yield None
-                return
-            yield task, error if error is not None else future.result()
-            if isinstance(error, BrokenExecutor):
-                yield None
-                return
+        future = done.get()
+        task, error = pending.pop(future), _error_of(future)
+        if isinstance(error, BrokenExecutor) and not alone:
+            suspects.extend((task, *pending.values()))
+            yield None
+            return
+        yield task, error if error is not None else future.result()
+        if isinstance(error, BrokenExecutor):
+            yield None
+            return
 
 
-def _hand_over(
+def _handed_over(
     executor: Executor,
     function: Callable[[TASK], RESULT],
     pending: dict[Future[RESULT], TASK],
     tasks: Iterator[TASK] | deque[TASK],
     width: int,
-) -> None:
+) -> Iterator[Future[RESULT]]:
+    """Hand over tasks until ``width`` are pending; the futures of the new ones."""
     while len(pending) < width:
         task = (tasks.popleft() if tasks else None) if isinstance(tasks, deque) else next(tasks, None)
         if task is None:
             return
         try:
-            pending[executor.submit(function, task)] = task
+            future = executor.submit(function, task)
         except BrokenExecutor as error:
-            future: Future[RESULT] = Future()
+            future = Future()
             future.set_exception(error)
-            pending[future] = task
-            return
+        pending[future] = task
+        yield future
 
 
 def _error_of(future: "Future[RESULT]") -> BaseException | None:

@@ -10,7 +10,6 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
 from pathlib import Path
 
 from ccm_opt.comparison.runs import Run
@@ -78,8 +77,7 @@ def open_journal(path: Path) -> Iterator[Journal]:
 
 def line_of(run: Run) -> bytes:
     """A run as a line of JSON; figures that are not finite are left out."""
-    data = asdict(run)
-    data["figures"] = {key: value for key, value in run.figures.items() if math.isfinite(value)}
+    data = vars(run) | {"figures": {key: value for key, value in run.figures.items() if math.isfinite(value)}}
     return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 

@@ -8,7 +8,7 @@ import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import version
 from typing import Literal
@@ -76,7 +76,7 @@ class Task:
     method: str
     time_limit: float | None = None
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Tells this run from every other, so that a resumed comparison knows what it has."""
         options = sorted(method_named(self.method).options.items())

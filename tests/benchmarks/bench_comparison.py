@@ -25,7 +25,7 @@ import numpy as np
 from ccm_opt.comparison.comparing import compare
 from ccm_opt.comparison.executors import DaskWorkers, LocalWorkers, completed
 from ccm_opt.comparison.journal import open_journal
-from ccm_opt.comparison.runs import Task, execute
+from ccm_opt.comparison.runs import Run, Task, execute
 from ccm_opt.comparison.suites import Case, cases_of_suite
 from tests.comparison_tasks import double
 from tests.test_comparison_executors import dask_cluster, wait_for_workers
@@ -92,12 +92,26 @@ def workers(options: argparse.Namespace) -> None:
 
 
 def overhead(options: argparse.Namespace) -> None:
-    """What a run costs beside itself, when it takes next to no time."""
-    cases = cases_of_suite("open-space", options.count)
-    elapsed, busy = timed(cases, NO_RUN, 1)
-    print(f"{options.count} runs of {1e3 * busy / options.count:.2f} ms, one worker")
-    print(f"{1e3 * (elapsed - busy) / options.count:.3f} ms a run beyond itself, of which")
-    print(f"{1e3 * clock['cpu'] / options.count:.3f} ms CPU of the process that hands out the work")
+    """What a run costs beside itself: CPU time, so that other work on the machine does not count."""
+    tasks = [Task(case, NO_RUN) for case in cases_of_suite("open-space", options.count)]
+    gaps = []
+    with tempfile.TemporaryDirectory() as folder, open_journal(Path(folder) / "journal.jsonl") as journal:
+        for _, result in completed(WarmWorkers(1, NO_RUN), execute_clocked, tasks):
+            if isinstance(result, BaseException):
+                raise result
+            journal.append(result[0])
+            gaps.append(result[1])
+    own, between = clock["cpu"] / options.count, float(np.mean(gaps[1:]))
+    print(f"{options.count} runs, one worker: {1e3 * own:.3f} ms CPU a run where the work is handed out,")
+    print(f"{1e3 * between:.3f} ms in the worker between runs, {1e3 * (own + between):.3f} ms in all")
+
+
+def execute_clocked(task: Task) -> tuple[Run, float]:
+    """A run, and the CPU time of this process since the run before [s]."""
+    gap = time.process_time() - clock.get("ended", time.process_time())
+    run = execute(task)
+    clock["ended"] = time.process_time()
+    return run, gap
 
 
 def dask(options: argparse.Namespace) -> None:
