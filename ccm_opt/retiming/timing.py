@@ -1,5 +1,8 @@
 """From a joint path to a timed motion: static check, TOPP-RA, dense check, samples (section 5.4 of the paper)."""
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from scipy.interpolate import BSpline
 
@@ -70,33 +73,62 @@ def retime(
     Raises:
         RetimingError: a drive cannot even hold the arm still at some point of the path.
     """
-    spline, links = path.spline, len(limits.velocity) // 3
+    task = _Task(path.spline, limits, inverse_dynamics, revolutes)
+    if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < NO_MOTION:
+        task.rows(np.linspace(0.0, 1.0, 2))
+        return _standing(path.spline, step).trajectory(task.links)
+    fastest = _speed_profile(task.rows(refine(path_grid(path.spline, grid), SUBSTEPS)))
+    profile = task.smooth(fastest) if task.axes.smooth else fastest
     chords = None if link_length is None else Chords.beside(path, link_length)
+    return task.sampled(profile, step, chords).trajectory(task.links)
 
-    def checked_rows(s: FloatArray) -> PathRows:
-        rows = path_rows(spline, s, limits, inverse_dynamics, revolutes)
-        check_static_load(rows, limits)
+
+@dataclass(frozen=True)
+class _Task:
+    """A path with its limits; attributes as the arguments of ``retime``."""
+
+    spline: BSpline
+    limits: Limits
+    inverse_dynamics: InverseDynamics
+    revolutes: Revolutes
+
+    @property
+    def links(self) -> int:
+        """Number of bends; a further column of the path is the feed."""
+        return len(self.limits.velocity) // 3
+
+    @cached_property
+    def axes(self) -> Axes:
+        """Limits on the columns of the path."""
+        return Axes.of(self.limits, self.spline.c.shape[1])
+
+    @cached_property
+    def efforts(self) -> Efforts:
+        """Shares of torques and force that motions take."""
+        return Efforts(self.limits, self.inverse_dynamics, self.revolutes, self.spline.c.shape[1])
+
+    def rows(self, s: FloatArray) -> PathRows:
+        """The limits at points of the path, at which every drive can hold the arm still, or it is an error."""
+        rows = path_rows(self.spline, s, self.limits, self.inverse_dynamics, self.revolutes)
+        check_static_load(rows, self.limits)
         return rows
 
-    if np.sum(span_lengths(spline, np.linspace(0.0, 1.0, 33))) < NO_MOTION:
-        checked_rows(np.linspace(0.0, 1.0, 2))
-        return _standing(spline, step).trajectory(links)
-    axes = Axes.of(limits, spline.c.shape[1])
-    fastest = _speed_profile(checked_rows(refine(path_grid(spline, grid), SUBSTEPS)))
-    efforts = Efforts(limits, inverse_dynamics, revolutes, spline.c.shape[1])
-    profile: SpeedProfile | SmoothProfile = fastest
-    if axes.smooth:
-        profile = jerk_limited(spline, fastest, axes)
-        looks = sample_motion(spline, profile, LOOK, None, links)
-        profile = profile.slowed(max(needed_stretch(looks, axes, efforts) / DENSE_SHARE, 1.0))
-    for _ in range(RESAMPLINGS):
-        samples = sample_motion(spline, profile, step / SMALL_STRETCH, chords, links)
-        stretch = needed_stretch(samples, axes, efforts)
-        if stretch <= SMALL_STRETCH:
-            return samples.slowed(max(stretch, 1.0)).trajectory(links)
-        checked_rows(samples.s)
-        profile = profile.slowed(stretch)
-    raise _no_speed(profile)
+    def smooth(self, fastest: SpeedProfile) -> SmoothProfile:
+        """The motion with bounded jerk, slowed down until all limits hold at every look."""
+        profile = jerk_limited(self.spline, fastest, self.axes)
+        looks = sample_motion(self.spline, profile, LOOK, None, self.links)
+        return profile.slowed(max(needed_stretch(looks, self.axes, self.efforts) / DENSE_SHARE, 1.0))
+
+    def sampled(self, profile: SpeedProfile | SmoothProfile, step: float, chords: Chords | None) -> Samples:
+        """Samples that keep the limits, of the motion or one a little slower."""
+        for _ in range(RESAMPLINGS):
+            samples = sample_motion(self.spline, profile, step / SMALL_STRETCH, chords, self.links)
+            stretch = needed_stretch(samples, self.axes, self.efforts)
+            if stretch <= SMALL_STRETCH:
+                return samples.slowed(max(stretch, 1.0))
+            self.rows(samples.s)
+            profile = profile.slowed(stretch)
+        raise _no_speed(profile)
 
 
 def _no_speed(profile: SpeedProfile | SmoothProfile) -> RetimingError:
