@@ -3,18 +3,21 @@
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.motion.certificate import TOUCH, allowed_contact
+from ccm_opt.motion.ends import ROUNDING, refuse_blocked_tip
 from ccm_opt.motion.feeding.feed_path import FeedMotions
-from ccm_opt.problem import CurvePose, JointPose, Problem
+from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 
 HELD_STRAIGHT = 1e-9
 """Bend that a joint in the guide may have by rounding [rad]."""
-CURVE_STRAIGHT = 1e-6
-"""Bend of the mapping of a curve in the guide that counts as rounding [rad]."""
+CURVE_STRAIGHT = 5e-4
+"""Distance that the tip may move when what the mapping of a curve bends inside the guide is straightened [m]."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +45,12 @@ def fed_pose(problem: Problem, pose: JointPose | CurvePose, which: str) -> FedPo
         UnreachableGoal: a joint that the guide holds is bent.
     """
     arm = problem.arm
-    tolerance = HELD_STRAIGHT
+    held, tolerance = arm.held(pose.feed), HELD_STRAIGHT
     if isinstance(pose, JointPose):
         bends = np.array(pose.bends, dtype=np.float64)
     else:
-        bends, tolerance = arm.bends(map_curve(arm, pose.configuration, problem.planner.mapping)), CURVE_STRAIGHT
-    held = arm.held(pose.feed)
+        bends = arm.bends(map_curve(arm, pose.configuration, problem.planner.mapping))
+        tolerance = CURVE_STRAIGHT / (arm.length * max(int(held.sum()), 1))
     bent = held & (np.abs(bends) > tolerance)
     if bent.any():
         joint = int(np.argmax(bent))
@@ -68,12 +71,28 @@ def refuse_bad_pose(motions: FeedMotions, pose: FedPose, which: str) -> float:
     if over.max() > 1e-9:
         raise UnreachableGoal(_over_limit(arm, pose, which, int(np.argmax(over))))
     contacts, finder, crosses = motions.contacts(pose.bends, pose.feed)
-    touches = bool(np.any(contacts.gap <= 0.0)) or crosses
+    least = -ROUNDING if allowed_contact(arm, motions.workspace) > 0.0 else TOUCH
+    touches = bool(np.any(contacts.gap < least)) or crosses
     if touches or not motions.touching_nothing(np.stack((pose.row, pose.row))):
         what = finder.describe(contacts) if touches else "a link lies inside an obstacle"
         advice = (f"change the {which}", "use a smaller arm.radius or workspace.clearance")
         raise UnreachableGoal(Diagnosis(f"the {which} touches something: {what}", which, advice))
     return float(contacts.gap.min(initial=np.inf))
+
+
+def refuse_bad_tip(problem: Problem, goal: TipGoal) -> float:
+    """The gap of the tip at the goal, or with a heading of the last link there [m].
+
+    Raises:
+        UnreachableGoal: the tip is deeper in a wall than tolerances allow.
+    """
+    refuse_blocked_tip(problem, goal)
+    arm, last = problem.arm, np.stack((goal.position, goal.position))
+    if goal.heading is not None:
+        last[0] -= arm.link_length * np.array([np.cos(goal.heading), np.sin(goal.heading)])
+    line = shapely.LineString(last)
+    need = arm.radius + problem.workspace.clearance
+    return min(float(shapely.distance(line, wall.core)) - wall.rounding for wall in problem.workspace.walls) - need
 
 
 def _over_limit(arm: Arm, pose: FedPose, which: str, joint: int) -> Diagnosis:

@@ -3,10 +3,9 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from ccm_opt.feed_planner.poses import FedPose, fed_pose, refuse_bad_pose
+from ccm_opt.feed_planner.poses import FedPose, fed_pose, refuse_bad_pose, refuse_bad_tip
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
-from ccm_opt.motion.ends import refuse_blocked_tip
 from ccm_opt.motion.feeding.feed_path import FeedMotions
 from ccm_opt.motion.feeding.gating import travel_between_samples
 from ccm_opt.motion.feeding.leader import LeaderPath
@@ -46,7 +45,7 @@ class FeedQuery:
         start, goal = fed_pose(problem, problem.start, "start"), None
         gap = refuse_bad_pose(motions, start, "start")
         if isinstance(problem.goal, TipGoal):
-            refuse_blocked_tip(problem, problem.goal)
+            gap = min(gap, max(refuse_bad_tip(problem, problem.goal), 0.0))
         else:
             goal = fed_pose(problem, problem.goal, "goal")
             gap = min(gap, refuse_bad_pose(motions, goal, "goal"))

@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.certificate import Certificate, allowed_contact
 from ccm_opt.motion.contacts import ContactFinder, Contacts
 from ccm_opt.motion.feeding.carried_arm import CarriedArm
 from ccm_opt.motion.feeding.gating import straight_while_held
@@ -26,7 +26,8 @@ class FeedMotions:
         arm: with a feed axis.
         workspace: the room.
         travel: of the base between two samples of a trajectory [m].
-        gap: of the narrower end of the motion [m]; the certificate spares half of it at most.
+        gap: of the narrower end of the motion [m]; the certificate spares half of it at most, and lets motions touch
+            as an end that touches does.
     """
 
     arm: Arm
@@ -42,8 +43,9 @@ class FeedMotions:
     @cached_property
     def certificate(self) -> Certificate:
         """The certificate that motions must pass."""
-        spare = SPARE * self.arm.length
-        return Certificate(self.carried, self.workspace, float(np.clip(0.5 * self.gap, 0.0, spare)))
+        contact = allowed_contact(self.arm, self.workspace)
+        spare = np.clip(0.5 * self.gap - contact, -contact, SPARE * self.arm.length)
+        return Certificate(self.carried, self.workspace, float(spare))
 
     def contacts(self, bends: FloatArray, feed: float) -> tuple[Contacts, ContactFinder, bool]:
         """Near pairs of a pose, what describes them, and whether links cross something."""
@@ -61,8 +63,8 @@ class FeedMotions:
         return in_range and bool(np.all(np.abs(bends) <= self.arm.bend_limits))
 
     def touching_nothing(self, keyframes: FloatArray) -> bool:
-        """Whether keyframes of bends and feed, linear between them, touch nothing."""
-        return len(Certificate.of(self.carried, self.workspace).failures(self.carried.poses(keyframes))) == 0
+        """Whether keyframes of bends and feed, linear between them, do no more than touch."""
+        return len(Certificate.of_contact(self.carried, self.workspace).failures(self.carried.poses(keyframes))) == 0
 
     def certified(self, keyframes: FloatArray) -> bool:
         """Whether keyframes of bends and feed, linear between them, are clear of everything."""
