@@ -64,7 +64,7 @@ def _tables(rng: np.random.Generator, length: float, radius: float, **arm: Any) 
         "limits": {"velocity": 1.0, "acceleration": 2.0},
         "start": {"shape": "straight"},
         "goal": {"position": [0.0, 0.0]},
-        "planner": {"time_limit": 10.0},
+        "planner": {"time_limit": 60.0},
     }
 
 

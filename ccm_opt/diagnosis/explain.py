@@ -13,9 +13,6 @@ from ccm_opt.diagnosis.tightness import tight_places
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation, UnreachableGoal
 from ccm_opt.problem import Problem
 
-LONGEST_SEARCH = 10.0
-"""Time that the search for what would help may take, however much is left [s]."""
-
 
 @contextmanager
 def explaining(
@@ -39,7 +36,7 @@ def explaining(
         if not wanted:
             raise
         with stage("diagnosis"):
-            enriched = explained(problem, error, Trials(solve, min(until, time.monotonic() + LONGEST_SEARCH)))
+            enriched = explained(problem, error, Trials(solve, until))
         raise enriched from error
 
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from ccm_opt.diagnosis.parameters import PARAMETERS, Omission, Parameter, without_heading, without_obstacle
@@ -23,9 +23,11 @@ LEAST_TIME = 0.05
 TRY_SHARE = 0.5
 """Share of the time left that one try may use."""
 LONGEST_TRY = 2.5
-"""Time that one try may use at most [s]."""
-PATIENCE = 3.0
-"""Time after which nothing new is begun when something that helps is known [s]."""
+"""CPU time that one try may use at most [s]."""
+LONGEST_SEARCH = 8.0
+"""CPU time that all tries may use together, however much is left [s]."""
+PATIENCE = 2.0
+"""CPU time after which nothing new is begun when something that helps is known [s]."""
 ENOUGH = 4
 """Relaxations that are told."""
 MOST_OMITTED = 2
@@ -36,22 +38,36 @@ MOST_OMITTED = 2
 class Trials:
     """Solves changed problems, each within a share of the time that is left.
 
+    How long to try is counted in CPU time, so that a busy machine finds the same; the user's limit is wall time.
+
     Attributes:
         solve: solves a problem or raises.
         until: monotonic time at which all must end [s].
+        begun: monotonic time and CPU time at which the trials began [s].
     """
 
     solve: Solve
     until: float
+    begun: tuple[float, float] = field(default_factory=lambda: (time.monotonic(), time.process_time()))
+
+    @property
+    def spent(self) -> float:
+        """CPU time since the trials began [s]."""
+        return time.process_time() - self.begun[1]
+
+    @property
+    def slowness(self) -> float:
+        """Wall time that a second of CPU time takes on this machine now."""
+        return max(1.0, (time.monotonic() - self.begun[0]) / self.spent) if self.spent > LEAST_TIME else 1.0
 
     @property
     def left(self) -> float:
-        """Time that is left [s]."""
-        return self.until - time.monotonic()
+        """Wall time that is left [s]."""
+        return min(self.until - time.monotonic(), (LONGEST_SEARCH - self.spent) * self.slowness)
 
     def succeeds(self, problem: Problem) -> bool:
         """Whether a problem is solved within its share of the time."""
-        limit = min(TRY_SHARE * self.left, LONGEST_TRY)
+        limit = min(TRY_SHARE * self.left, LONGEST_TRY * self.slowness)
         if limit < LEAST_TIME:
             return False
         try:
@@ -71,9 +87,8 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
     """
     binding = tuple(f for f in findings if f.proved) or tuple(f for f in findings if f.kind == "torque")
     found: list[Relaxation] = []
-    patient = time.monotonic() + PATIENCE
     for candidate in candidates(problem, findings):
-        if len(found) >= ENOUGH or trials.left < LEAST_TIME or (found and time.monotonic() > patient):
+        if len(found) >= ENOUGH or trials.left < LEAST_TIME or (found and trials.spent > PATIENCE):
             break
         if isinstance(candidate, Omission):
             relaxed = candidate.relaxation() if trials.succeeds(candidate.changed(problem)) else None
