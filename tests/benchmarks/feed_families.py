@@ -1,0 +1,146 @@
+"""Random scenes of an arm on a feed axis in families, seeded; all have a reference that owes nothing to the planner.
+
+Twenty links of 50 mm, 40 mm thick, come through a hole into a room of 1.2 m by 2.2 m. References are curves with
+curvature drawn at five places; polygons of 30–90 mm are strewn where no reference comes nearer than 10 mm.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.feeding.leader import LeaderPath
+from ccm_opt.motion.feeding.slide import pose_on
+from ccm_opt.problem import JointPose, Problem, TipGoal
+from tests.feed_scenes import LINK, RADIUS, make_arm, make_problem, make_room
+from tests.scenes import random_polygon
+
+LINKS = 20
+HOLE = LINKS * LINK
+STRAIGHT = 0.12
+"""How far references go straight beyond the hole [m]."""
+KEPT_OFF = 0.01
+TUBE_GAPS = (0.02, 0.01, 0.005)
+"""Room on either side of the arm in tubes [m]."""
+Family = Callable[[np.random.Generator], Problem]
+
+
+def way(rng: np.random.Generator, straight: float = STRAIGHT) -> LeaderPath:
+    """The feed axis to beyond the hole, then a random curve that keeps off itself and the hole's wall."""
+    while True:
+        arc = np.linspace(0.0, rng.uniform(0.45, 0.8), 801)
+        curvature = np.interp(arc, np.linspace(0.0, arc[-1], 5), np.clip(rng.normal(0.0, 4.0, 5), -9.0, 9.0))
+        step = arc[1]
+        headings = np.concatenate(([0.0], np.cumsum(0.5 * step * (curvature[1:] + curvature[:-1]))))
+        middles = 0.5 * (headings[1:] + headings[:-1])
+        legs = step * np.column_stack((np.cos(middles), np.sin(middles)))
+        points = np.array([straight, 0.0]) + np.concatenate((np.zeros((1, 2)), np.cumsum(legs, axis=0)))
+        if keeps_off_itself(points, arc):
+            before = np.arange(-0.2, HOLE + straight - 1e-9, 0.02)
+            return LeaderPath(
+                np.concatenate((before, HOLE + straight + arc)),
+                np.concatenate((np.column_stack((before - HOLE, np.zeros(len(before)))), points)),
+                np.concatenate((np.zeros(len(before)), headings)),
+                HOLE + straight,
+            )
+
+
+def keeps_off_itself(points: FloatArray, arc: FloatArray) -> bool:
+    """Whether places far apart along a curve are apart in the room, and all are in the room."""
+    some, at = points[::10], arc[::10]
+    apart = np.linalg.norm(some[:, None] - some[None], axis=2)
+    far = np.abs(at[:, None] - at[None]) > 0.2
+    return not np.any(far & (apart < 0.08)) and bool(np.all((some[:, 0] > 0.05) & (np.abs(some).max(axis=1) < 1.05)))
+
+
+def clutter(rng: np.random.Generator, ways: list[LeaderPath]) -> list[Obstacle]:
+    """Ten to twenty-five polygons that keep off given ways."""
+    lines = shapely.union_all([shapely.LineString(each.points) for each in ways])
+    obstacles: list[Obstacle] = []
+    count = int(rng.integers(10, 26))
+    while len(obstacles) < count:
+        polygon = random_polygon(rng, rng.uniform((0.05, -0.95), (1.0, 0.95)))
+        if polygon.distance(lines) > RADIUS + KEPT_OFF and polygon.bounds[0] > 0.0:
+            obstacles.append(Obstacle(f"polygon {len(obstacles)}", polygon))
+    return obstacles
+
+
+def on_way(arm: Arm, path: LeaderPath) -> JointPose:
+    """The arm on a way with its tip at the end."""
+    feed = path.base_with_tip_at_end(arm.links, LINK)
+    return JointPose(pose_on(arm, path, feed), feed)
+
+
+def tip_of(pose: JointPose, path: LeaderPath) -> TipGoal:
+    """Position and heading of the tip of a pose on a way."""
+    return TipGoal(path.points[-1], float(pose.bends.sum()))
+
+
+def into_clutter(rng: np.random.Generator) -> Problem:
+    """From the guide to a pose of the tip among polygons."""
+    arm, path = make_arm(links=LINKS), way(rng)
+    return make_problem(arm, make_room(*clutter(rng, [path])), tip_of(on_way(arm, path), path))
+
+
+def position_only(rng: np.random.Generator) -> Problem:
+    """The same with any heading."""
+    arm, path = make_arm(links=LINKS), way(rng)
+    return make_problem(arm, make_room(*clutter(rng, [path])), TipGoal(path.points[-1]))
+
+
+def from_bent(rng: np.random.Generator) -> Problem:
+    """From one way to the tip of another: the arm has to be drawn back first."""
+    arm, start, path = make_arm(links=LINKS), way(rng), way(rng)
+    room = make_room(*clutter(rng, [start, path]))
+    return make_problem(arm, room, tip_of(on_way(arm, path), path), on_way(arm, start))
+
+
+def whole_arm(rng: np.random.Generator) -> Problem:
+    """From one way to another, the goal given for the whole arm."""
+    arm, start, path = make_arm(links=LINKS), way(rng), way(rng)
+    return make_problem(arm, make_room(*clutter(rng, [start, path])), on_way(arm, path), on_way(arm, start))
+
+
+def straight_out(rng: np.random.Generator) -> Problem:
+    """From a straight arm that already protrudes."""
+    arm, path, feed = make_arm(links=LINKS), way(rng), rng.uniform(0.2, 0.5)
+    out = np.array([-0.2, HOLE + feed])
+    ahead = LeaderPath(out, np.column_stack((out - HOLE, np.zeros(2))), np.zeros(2), HOLE + feed)
+    start = JointPose(np.zeros(LINKS), feed)
+    return make_problem(arm, make_room(*clutter(rng, [path, ahead])), tip_of(on_way(arm, path), path), start)
+
+
+def short_range(rng: np.random.Generator) -> Problem:
+    """From one way to the tip of another with a feed too short to draw the arm back: it changes shape on the way."""
+    arm, start, path = make_arm(low=float(rng.uniform(0.3, 0.4)), links=LINKS), way(rng), way(rng)
+    room = make_room(*clutter(rng, [start, path]))
+    return make_problem(arm, room, tip_of(on_way(arm, path), path), on_way(arm, start))
+
+
+def tube(gap: float) -> Family:
+    """From the guide through a curved tube with a given room on either side of the arm, to near its end."""
+
+    def drawn(rng: np.random.Generator) -> Problem:
+        arm, path = make_arm(links=LINKS), way(rng)
+        beyond = path.points[-1] + 0.08 * np.array([np.cos(path.headings[-1]), np.sin(path.headings[-1])])
+        line = shapely.LineString(np.vstack((path.points[path.arc > HOLE + 0.01], beyond)))
+        inside = shapely.buffer(line, RADIUS + gap, cap_style="flat", quad_segs=16)
+        shell = shapely.buffer(line, RADIUS + gap + 0.02, cap_style="flat").difference(inside)
+        parts = shapely.get_parts(shapely.simplify(shell, 2e-4))
+        walls = [Obstacle(f"tube {k}", part) for k, part in enumerate(parts) if part.area > 1e-5]
+        return make_problem(arm, make_room(*walls), tip_of(on_way(arm, path), path))
+
+    return drawn
+
+
+FAMILIES: dict[str, Family] = {
+    "into clutter": into_clutter,
+    "position only": position_only,
+    "from bent": from_bent,
+    "whole arm": whole_arm,
+    "straight out": straight_out,
+    "short range": short_range,
+} | {f"tube, {1e3 * gap:g} mm": tube(gap) for gap in TUBE_GAPS}
