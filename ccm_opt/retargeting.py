@@ -43,7 +43,7 @@ def retarget(
         progress: called with the name of each stage when it starts.
 
     Returns:
-        The whole motion, verified: as planned up to that moment, to rest soonest along the same path, and on to the new
+        The whole verified motion, as planned up to that moment, to rest soonest along the same path, and on to the new
         goal. The stop is the last of its problem's stops; goals on the way that were not reached are left out.
 
     Raises:

@@ -23,7 +23,7 @@ class ForwardDynamics:
         """Accelerations [rad/s²], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
 
         The thrust on a feed axis is zero. Not finite where the ball joint is singular and its drives have no rotor
-        inertia: |θ2| = 90° under ``zyx``, θ2 = 0 under ``zyz``.
+        inertia: θ2 = ±90° under ``zyx``, θ2 = 0 under ``zyz``.
 
         Args:
             angles: [rad].

@@ -77,12 +77,13 @@ class NativeFunction:
             ValueError, TypeError or NotImplementedError for other arrays.
         """
         first, second, third = self._first.data, self._second.data, self._third.data
+        whole = slice(None)  # made once: that is measurable
         copy_of_out, function, single = self._out.copy, self._function, _pointer(self._single)
 
         def one(one: FloatArray, other: FloatArray, last: FloatArray) -> FloatArray:
-            first[:] = one  # type: ignore[call-overload]  # memoryviews take any buffer
-            second[:] = other  # type: ignore[call-overload]
-            third[:] = last  # type: ignore[call-overload]
+            first[whole] = one  # type: ignore[call-overload]  # memoryviews take any buffer
+            second[whole] = other  # type: ignore[call-overload]
+            third[whole] = last  # type: ignore[call-overload]
             function(single)
             return copy_of_out()
 

@@ -14,7 +14,7 @@ def ball_angles(arm: Arm, positions: FloatArray) -> FloatArray:
     """Revolute angles that place the balls and the tip at given positions, with θ3 = 0.
 
     In the base frame of its ball a link points along Rz(θ1) Ry(θ2) x̂ = (c1 c2, s1 c2, −s2), for ``zyx`` and ``zyz``
-    alike. Of the two solutions the one with |θ1| ≤ 90° is taken. In the plane it is the paper's own formula,
+    alike. Of the two solutions the one with θ1 within ±90° is taken. In the plane it is the paper's own formula,
     θ2 = atan2(−p_z, p_x), θ1 = θ3 = 0 (section 5.2).
 
     Args:

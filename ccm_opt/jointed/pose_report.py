@@ -9,7 +9,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names
 
 NEARLY_SINGULAR = 0.05
-"""Determinant of a ball's axes from which on it counts as singular: 1 is best, 0 singular."""
+"""Determinant of a ball's axes below which it counts as singular; 1 is best, 0 singular."""
 
 
 @dataclass(frozen=True)

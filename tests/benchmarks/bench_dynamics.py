@@ -9,7 +9,7 @@ import os
 import resource
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -40,6 +40,7 @@ from tests.dynamics_arms import loose_limits, make_arm, random_states, smooth_tr
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 ROUNDS = 7
+REPEATS = 20_000
 PROBLEM = Path(__file__).parents[2] / "problems" / "swan-neck.toml"
 
 
@@ -60,7 +61,25 @@ def microseconds(call: Callable[[], object], repeats: int) -> float:
     return 1e6 * median(rounds)
 
 
-def compare_calls(links: int = 12, repeats: int = 20_000) -> None:
+def interleaved(calls: Mapping[str, tuple[Callable[[], object], int]]) -> dict[str, list[float]]:
+    """User CPU of calls in every round [µs]; rounds go through all calls, so that all meet the same load.
+
+    Args:
+        calls: for every name what is called, and how many states one call is for.
+    """
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(ROUNDS):
+        for name, (call, states) in calls.items():
+            call()
+            repeats = max(1, REPEATS // states)
+            start = user_cpu()
+            for _ in range(repeats):
+                call()
+            times[name].append(1e6 * (user_cpu() - start) / (repeats * states))
+    return times
+
+
+def compare_calls(links: int = 12, count: int = 1000) -> None:
     """One state at a time, at 36 joints."""
     arm = make_arm(links)
     q, v, w = (states[0].copy() for states in random_states(3 * links))
@@ -71,28 +90,25 @@ def compare_calls(links: int = 12, repeats: int = 20_000) -> None:
     mj_model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", GRAVITY))
     mj_data = mujoco.MjData(mj_model)
     mj_data.qpos[:], mj_data.qvel[:], mj_data.qfrc_applied[:] = q, v, tau
-    rows = {
-        "RNEA, one call": microseconds(lambda: inverse(q, v, w), repeats),
-        "RNEA, per state of a batch": batched(inverse._rnea, links),
-        "RNEA, Pinocchio": microseconds(lambda: pin.rnea(model, data, q, v, w), repeats),
-        "ABA, one call": microseconds(lambda: forward(q, v, tau), repeats),
-        "ABA, per state of a batch": batched(forward._aba, links),
-        "ABA, with rotors, one call": rotors_call(links, repeats),
-        "ABA, Pinocchio": microseconds(lambda: pin.aba(model, data, q, v, tau), repeats),
-        "mj_forward, one call": microseconds(lambda: mujoco.mj_forward(mj_model, mj_data), repeats),
-    }
-    print(f"{3 * links} joints, from Python [µs]; ratio to Pinocchio's, for ABA also to mj_forward")
-    for name, value in rows.items():
-        reference = rows["RNEA, Pinocchio" if name.startswith("RNEA") else "ABA, Pinocchio"]
-        other = "" if name.startswith("RNEA") else f"{value / rows['mj_forward, one call']:8.3f}"
-        print(f"  {name:28s} {value:8.2f}   {value / reference:6.3f}{other}")
-
-
-def rotors_call(links: int, repeats: int) -> float:
-    """Forward dynamics of an arm with rotor inertia [µs]."""
-    forward = ForwardDynamics(replace(make_arm(links), rotor_inertia=1e-4), GRAVITY)
-    q, v, tau = (states[0].copy() for states in random_states(3 * links))
-    return microseconds(lambda: forward(q, v, tau), repeats)
+    geared = ForwardDynamics(replace(arm, rotor_inertia=1e-4), GRAVITY)
+    many = [np.tile(x, (count, 1)) for x in (q, v, w)]
+    times = interleaved(
+        {
+            "RNEA, one call": (lambda: inverse(q, v, w), 1),
+            "RNEA, per state of a batch": (lambda: inverse(*many), count),
+            "RNEA, Pinocchio": (lambda: pin.rnea(model, data, q, v, w), 1),
+            "ABA, one call": (lambda: forward(q, v, tau), 1),
+            "ABA, per state of a batch": (lambda: forward(*many), count),
+            "ABA with rotors, one call": (lambda: geared(q, v, tau), 1),
+            "ABA, Pinocchio": (lambda: pin.aba(model, data, q, v, tau), 1),
+            "mj_forward, one call": (lambda: mujoco.mj_forward(mj_model, mj_data), 1),
+        }
+    )
+    print(f"{3 * links} joints, from Python [µs]; median ratio to Pinocchio's, for ABA also to mj_forward's")
+    for name, values in times.items():
+        others = ["RNEA, Pinocchio"] if name.startswith("RNEA") else ["ABA, Pinocchio", "mj_forward, one call"]
+        ratios = [median(a / b for a, b in zip(values, times[other], strict=True)) for other in others]
+        print(f"  {name:28s} {median(values):8.2f}  " + "".join(f"{ratio:8.3f}" for ratio in ratios))
 
 
 def batched(function: BatchedDynamics, links: int, count: int = 1000) -> float:
