@@ -18,7 +18,7 @@ from ccm_opt.solution import Solution
 RECORD = "solution.json"
 ARRAYS = "solution.npz"
 TEXTS = (RECORD, "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml")
-PICTURES = ("plan.png", "motion.gif", "report.html")
+PICTURES = ("plan.png", "motion.gif", "report.html", "simulation.png")
 OWN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES))
 """Files that a run writes; anything else in an old folder is the user's and is kept."""
 
