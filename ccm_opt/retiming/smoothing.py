@@ -21,8 +21,10 @@ from ccm_opt.retiming.axes import Axes
 from ccm_opt.retiming.profile import SpeedProfile
 from ccm_opt.retiming.rows import BESIDE
 
-WINDOWS = 0.5 ** np.arange(1.0, 10.5, 0.5)
+WINDOWS = 0.5 ** np.arange(1.0, 11.0)
 """Windows that are tried, as shares of the time of the fastest motion."""
+BETWEEN = (0.5**0.5, 2.0**0.5)
+"""Windows beside the best of these that are tried after them, as shares of it."""
 LOOKS = 1000
 """Places, beside the corners of the profile, at which limits are looked at to compare windows."""
 
@@ -90,11 +92,17 @@ def jerk_limited(spline: BSpline, profile: SpeedProfile, axes: Axes) -> SmoothPr
         profile: the fastest motion along it.
         axes: limits.
     """
-    tried = []
-    for window in WINDOWS * profile.duration:
+
+    def tried(window: float) -> SmoothProfile:
         motion = smoothed(profile, window)
-        tried.append(motion.slowed(max(1.0, _needed(spline, motion, axes))))
-    return min(tried, key=lambda motion: motion.duration)
+        return motion.slowed(max(1.0, _needed(spline, motion, axes)))
+
+    def duration(motion: SmoothProfile) -> float:
+        return motion.duration
+
+    motions = [tried(window) for window in WINDOWS * profile.duration]
+    best = profile.duration * WINDOWS[int(np.argmin([duration(motion) for motion in motions]))]
+    return min([*motions, *(tried(best * share) for share in BETWEEN)], key=duration)
 
 
 def _needed(spline: BSpline, motion: SmoothProfile, axes: Axes) -> float:
