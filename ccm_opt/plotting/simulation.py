@@ -42,6 +42,7 @@ def simulation_png(
         scene, errors = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
         _draw_scene(scene, problem, trajectory, simulated)
         _draw_errors(errors, trajectory, joints, simulated)
+        figure.legend(*scene.get_legend_handles_labels(), loc="outside lower left", ncols=3, frameon=False)
         buffer = BytesIO()
         FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]
     return buffer.getvalue()
@@ -59,7 +60,6 @@ def _draw_scene(axes: Axes, problem: Problem, trajectory: JointTrajectory, simul
         axes.plot(pose[:, 0], pose[:, 1], color=style.TIP_PATH, linewidth=1.0, label=label, zorder=4)
     draw_body(axes, points[-1], arm.radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="simulated end", zorder=5)
     axes.set(title=problem.name, xlabel="x [m]", ylabel="y [m]")
-    axes.legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.11))
 
 
 def _on_the_way(time: FloatArray, points: FloatArray) -> FloatArray:
