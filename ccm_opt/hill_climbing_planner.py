@@ -17,9 +17,11 @@ from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached
+from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.hill_climbing.clearance_field import ClearanceField
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
+from ccm_opt.hill_climbing.region_plan import passages, region_plan
 from ccm_opt.hill_climbing.schemas.climbing import scm_0
 from ccm_opt.hill_climbing.schemas.interpolation import scm_2
 from ccm_opt.hill_climbing.schemas.selection import ranked_selections
@@ -44,6 +46,8 @@ DEPTH = 3
 """Bisections of a move before it counts as blocked."""
 SIMPLIFIED = 0.02
 """How far headings may move when the start's segments are merged [rad]; the follower's offset makes up for it."""
+ROUTE_MARGIN = 1e-3
+"""Free space for routes is inflated by this share of the arm's length beyond radius and clearance."""
 TYPES_TRIED = 4
 
 
@@ -120,6 +124,12 @@ class Follower:
     def field(self) -> ClearanceField:
         """Gaps in the room."""
         return ClearanceField.of(self.problem.workspace, self.problem.arm.radius + self.problem.workspace.clearance)
+
+    @cached_property
+    def room(self) -> FreeSpace:
+        """Free space of the arm's axis."""
+        arm, clearance = self.problem.arm, self.problem.workspace.clearance
+        return FreeSpace.of(self.problem.workspace, arm.radius + clearance + ROUTE_MARGIN * arm.length)
 
     @property
     def world(self) -> World:
@@ -204,6 +214,9 @@ def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
     if obstacle is not None:
         for subgoal, side in zip(subgoals(start.base, obstacle), ("right", "left"), strict=True):
             yield f"fold to the {side}", fold_plan(world, start, subgoal, goal, sliding=True)
+    count = follower.problem.planner.routes
+    for k, passage in enumerate(passages(world, start, follower.room, goal, obstacle, count), start=1):
+        yield f"passage {k}", region_plan(world, start, passage, goal)
 
 
 def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Schema:

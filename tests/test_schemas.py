@@ -17,6 +17,7 @@ from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_3, scm_4, scm
 from ccm_opt.hill_climbing.schemas.feeding import begin_feeding, pass_length, slide_boundary
 from ccm_opt.hill_climbing.shapes import Shapes
 from ccm_opt.hill_climbing.steps import SchemaStopped, Step, run
+from ccm_opt.hill_climbing.track import Track
 from ccm_opt.hill_climbing.world import World
 
 OPEN = World()
@@ -204,8 +205,8 @@ def test_length_is_passed_on_with_the_subgoal_held() -> None:
     """SCM-3 with SCM-5: the arm keeps its length, the tip segment its curve, the boundary its pose."""
     start = fold()
     curve = scm_4(OPEN, start, TipPose(start.tip[0] + [0.5, -0.1], 0.3)).segment
-    begun = begin_feeding(OPEN, start, curve)
-    steps, end = run(pass_length(OPEN, begun, curve, 0.5))
+    begun = begin_feeding(OPEN, start, Track((curve,)))
+    steps, end = run(pass_length(OPEN, begun, 0.5))
     track = add_segment(start, curve)
     for step in steps:
         here = step.configuration
@@ -214,19 +215,19 @@ def test_length_is_passed_on_with_the_subgoal_held() -> None:
         np.testing.assert_allclose(boundary, start.tip[0], atol=3e-4)
         reached = track.positions_at(np.array([1.0 + here.segments[-1].length]))[0]
         np.testing.assert_allclose(here.tip[0], reached, atol=3e-3)
-    assert end.segments[0].length == pytest.approx(max(0.5, 1.0 - curve.length))
+    assert end.configuration.segments[0].length == pytest.approx(max(0.5, 1.0 - curve.length))
 
 
 def test_the_boundary_slides_along_the_tip_segment() -> None:
     """The boundary moves ahead on the curve; the tip stays where it is and the arm keeps its length."""
     start = fold()
     curve = scm_4(OPEN, start, TipPose(start.tip[0] + [0.5, -0.1], 0.3)).segment
-    _, fed = run(pass_length(OPEN, begin_feeding(OPEN, start, curve), curve, 0.6))
+    _, fed = run(pass_length(OPEN, begin_feeding(OPEN, start, Track((curve,))), 0.6))
     steps, end = run(slide_boundary(OPEN, fed, 0.06))
-    assert end.segments[0].length == pytest.approx(fed.segments[0].length + 0.06)
+    assert end.configuration.segments[0].length == pytest.approx(fed.configuration.segments[0].length + 0.06)
     for step in steps:
         assert step.configuration.length == pytest.approx(1.0)
-        np.testing.assert_allclose(step.configuration.tip[0], fed.tip[0], atol=3e-3)
+        np.testing.assert_allclose(step.configuration.tip[0], fed.configuration.tip[0], atol=3e-3)
 
 
 def test_a_schema_that_cannot_hold_the_tip_names_itself() -> None:

@@ -1,23 +1,29 @@
 """The plan of section 4.3: fold the arm, move it in front of the obstacle, and reach the goal from there (Figure 5)."""
 
+from collections.abc import Generator
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.decomposition import merge_segments, rest_of
+from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import ProblemError
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_4, scm_6, scm_7, scm_8
 from ccm_opt.hill_climbing.schemas.feeding import FEED, begin_feeding, pass_length, slide_boundary
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step, run
+from ccm_opt.hill_climbing.track import Track
 from ccm_opt.hill_climbing.world import World
+
+_Result = TypeVar("_Result")
 
 LEAST = 0.05
 """The base segment keeps this share of the arm's length."""
 AHEAD = 0.06
 """The boundary moves ahead by this share of the arm's length."""
+REACH = "4 reach from the subgoal"
 SLIDE = 0.4
 """The boundary slides by this share of what was fed."""
 NEAR = 0.15
@@ -59,7 +65,7 @@ def fold_plan(world: World, start: Configuration, subgoal: TipPose, goal: TipPos
     """
     yield Step("start", start, "1 start")
     here = yield from fold(world, start, subgoal)
-    here = yield from staged(scm_6(world, here), "4 reach from the subgoal")
+    here = yield from staged(scm_6(world, here), REACH)
     return (yield from reach(world, here, goal, sliding=sliding))
 
 
@@ -90,34 +96,38 @@ def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = 
     stops, the boundary moves ahead along the curve and the feed goes on; with ``sliding`` it does so all along.
     """
     curve = scm_4(world, start, goal, longest=start.length).segment
-    here = begin_feeding(world, start, curve)
-    yield Step("SCM-3", here, "4 reach from the subgoal")
-    most = AHEAD * start.length if sliding else np.inf
+    return (yield from trace(world, start, Track((curve,)), goal, sliding=sliding))
+
+
+def trace(world: World, start: Configuration, track: Track, goal: TipPose, *, sliding: bool) -> Schema:
+    """Feed the arm along a track that begins at its tip, and climb to the goal when its end is near.
+
+    Raises:
+        SchemaStopped: the feed does not come near enough, or the climb does not arrive.
+    """
+    here, total = begin_feeding(world, start, track), start.length
+    yield Step("SCM-3", here.configuration, REACH)
+    most = AHEAD * total if sliding else np.inf
     while True:
-        before = here
-        here = yield from staged(
-            pass_length(world, here, curve, LEAST * start.length, most), "4 reach from the subgoal"
-        )
-        if curve.length - here.segments[-1].length <= NEAR * start.length:
+        before = here.out
+        here = yield from staged(pass_length(world, here, LEAST * total, most), REACH)
+        gained, left = here.out - before, here.track.length - here.out
+        if left <= NEAR * total:
             try:
-                climbed, there = run(merge_and_climb(world, here, goal))
+                climbed, there = run(merge_and_climb(world, here.configuration, goal))
             except SchemaStopped as stopped:
                 failure = stopped
             else:
                 yield from (replace(step, stage="5 merge and climb") for step in climbed)
                 return there
         else:
-            reason = f"{curve.length - here.segments[-1].length:.3f} m of the curve to the goal are left"
-            failure = SchemaStopped("SCM-3 with SCM-5", here, reason)
-        reached = here
-        share = SLIDE if sliding else 1.0
-        ahead = min(share * AHEAD * start.length, here.segments[-1].length - FEED * start.length)
-        here = yield from staged(slide_boundary(world, here, ahead), "4 reach from the subgoal")
-        moved = here.segments[-2].length - reached.segments[-2].length
-        gained = reached.segments[-1].length - before.segments[-1].length
-        if moved + gained < FEED * start.length:
+            reason = f"{left:.3f} m of the curve to the goal are left"
+            failure = SchemaStopped("SCM-3 with SCM-5", here.configuration, reason)
+        ahead = min((SLIDE if sliding else 1.0) * AHEAD * total, here.out - FEED * total)
+        reached = here.out
+        here = yield from staged(slide_boundary(world, here, ahead), REACH)
+        if reached - here.out + gained < FEED * total:
             raise failure
-        curve = rest_of(curve, moved) if moved > 0.0 else curve
 
 
 def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
@@ -133,12 +143,12 @@ def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema
     return (yield from scm_0(world, here, goal, most_steps=LAST_CLIMB))
 
 
-def staged(schema: Schema, stage: str) -> Schema:
+def staged(schema: Generator[Step, None, _Result], stage: str) -> Generator[Step, None, _Result]:
     """The same steps, marked as a part of a plan."""
     while True:
         try:
             step = next(schema)
         except StopIteration as end:
-            value: Configuration = end.value
+            value: _Result = end.value
             return value
         yield replace(step, stage=stage)

@@ -2,7 +2,7 @@
 
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import Diagnosis, MotionNotFound
@@ -23,6 +23,7 @@ class Step:
     stage: str = ""
 
 
+_Result = TypeVar("_Result")
 Schema: TypeAlias = Generator[Step, None, Configuration]
 """Yields its steps, the arm's way from where it was; returns where the arm is at the end."""
 
@@ -41,12 +42,12 @@ class SchemaStopped(MotionNotFound):
         super().__init__(Diagnosis(f"{schema} stopped: {reason}", schema, advice, {"schema": schema}))
 
 
-def run(schema: Schema) -> tuple[tuple[Step, ...], Configuration]:
+def run(schema: Generator[Step, None, _Result]) -> tuple[tuple[Step, ...], _Result]:
     """All steps of a schema and where it ends."""
     steps: list[Step] = []
     while True:
         try:
             steps.append(next(schema))
         except StopIteration as end:
-            last: Configuration = end.value
+            last: _Result = end.value
             return tuple(steps), last

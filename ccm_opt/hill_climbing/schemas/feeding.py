@@ -1,20 +1,77 @@
 """SCM-3 and SCM-5: give length to a segment or take it away, alone and passed from one to the other."""
 
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.decomposition import add_segment, delete_segment, divide_segment, start_of
+from ccm_opt.continuum.decomposition import add_segment, delete_segment, start_of
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas.interface import hold
 from ccm_opt.hill_climbing.shapes import Shapes
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
+from ccm_opt.hill_climbing.track import Track
 from ccm_opt.hill_climbing.world import World
 
 FEED = 0.02
 """Length that is passed on in one step, as a share of the arm's."""
 FINEST = 1.0 / 8.0
 """A feed that meets an obstacle is halved down to this share of it."""
+
+
+@dataclass(frozen=True)
+class Feeding:
+    """An arm of which some lies on a track.
+
+    Attributes:
+        configuration: the arm.
+        track: begins at the end of segment ``holder``.
+        holder: index of the last segment that is not on the track.
+        out: length on the track [m].
+    """
+
+    configuration: Configuration
+    track: Track
+    holder: int
+    out: float
+
+    def at(self, configuration: Configuration) -> "Feeding":
+        """The same with the arm elsewhere."""
+        return replace(self, configuration=configuration)
+
+    def with_length_out(self, out: float) -> "Feeding":
+        """Another length on the track; the segments before it are scaled to make up for it."""
+        before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
+        scale = (before.length - (out - self.out)) / before.length
+        return self._made_of(_scaled(before, slice(None), scale), self.track, out)
+
+    def with_boundary_ahead(self, length: float) -> tuple["Feeding", TipPose]:
+        """The boundary farther along the track, the segment before it scaled, and the pose that is to be held."""
+        ahead = self.track.after(length)
+        before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
+        position, heading = Configuration(before.base, (*before.segments, *self._placed(before, length))).tip
+        shapes = Shapes.of([resized(before, self.holder, before.segments[-1].length + length)])
+        shapes.curvature[0, -1, -1] = ahead.segments[0].curvature[0]
+        return self._made_of(shapes.configuration(0), ahead, self.out - length), TipPose(position, heading)
+
+    def _placed(self, before: Configuration, length: float) -> tuple[CurvatureSegment, ...]:
+        whole = before
+        for segment in self.track.first(length):
+            whole = add_segment(whole, segment)
+        return whole.segments[len(before.segments) :]
+
+    def _made_of(self, before: Configuration, track: Track, out: float) -> "Feeding":
+        whole = before
+        for segment in track.first(out):
+            whole = add_segment(whole, segment)
+        return Feeding(whole, track, self.holder, out)
+
+
+Feed: TypeAlias = Generator[Step, None, Feeding]
+"""Yields its steps; returns the arm with what it now has on the track."""
 
 
 def scm_3(world: World, start: Configuration, segment: int, length: float) -> Schema:
@@ -74,57 +131,50 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
     return here
 
 
-def pass_length(
-    world: World, start: Configuration, curve: CurvatureSegment, least: float, most: float = np.inf
-) -> Schema:
-    """SCM-3 and SCM-5 together: what the tip segment gains along its curve, the base segment loses.
+def pass_length(world: World, start: Feeding, least: float, most: float = np.inf) -> Feed:
+    """SCM-3 and SCM-5 together: what goes out along the track, the segments before it lose.
 
-    The arm keeps its length, as it must; so each step is one of both schemas at once. All segments but the last hold
-    the pose of the boundary to the last.
+    The arm keeps its length, as it must; so each step is one of both schemas at once.
 
     Args:
         world: the world.
-        start: where the arm is; its tip segment lies on the curve.
-        curve: the segment that the tip segment is to become.
-        least: length that the base segment keeps [m].
+        start: the arm, and how much of it lies on the track.
+        least: length that stays off the track [m].
         most: length that is passed on at most [m].
 
     Yields:
         Configurations of constant total length.
 
     Returns:
-        The last of them: the tip segment is complete, or the base segment has no more to give, or something is in
-        the way.
+        The last of them: all of the track is covered, or nothing is left to give, or something is in the way.
     """
-    here, holder = start, len(start.segments) - 2
-    held = end_pose(start, holder)
-    stride = FEED * start.length
-    wanted = min(curve.length, start.segments[-1].length + most)
-    while stride >= FINEST * FEED * start.length:
-        left = min(wanted - here.segments[-1].length, here.segments[0].length - least)
-        if left <= 1e-9 * start.length:
+    here, held = start, end_pose(start.configuration, start.holder)
+    total = start.configuration.length
+    stride, wanted = FEED * total, min(start.track.length, start.out + most)
+    while stride >= FINEST * FEED * total:
+        left = min(wanted - here.out, total - here.out - least)
+        if left <= 1e-9 * total:
             return here
-        part = min(stride, left)
-        longer = fed(here, curve, here.segments[-1].length + part)
+        there = here.with_length_out(here.out + min(stride, left))
         try:
-            here = hold(world, here, resized(longer, 0, here.segments[0].length - part), holder, held, "SCM-3")
+            there = there.at(hold(world, here.configuration, there.configuration, here.holder, held, "SCM-3"))
         except SchemaStopped:
             stride *= 0.5
             continue
-        stride = min(2.0 * stride, FEED * start.length)
-        yield Step("SCM-3 with SCM-5", here)
+        here, stride = there, min(2.0 * stride, FEED * total)
+        yield Step("SCM-3 with SCM-5", here.configuration)
     return here
 
 
-def slide_boundary(world: World, start: Configuration, length: float) -> Schema:
-    """Move the boundary to the tip segment ahead along it; the segment before takes what the boundary passes (SCM-3).
+def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
+    """Move the boundary to the track ahead along it; the segment before takes what the boundary passes (SCM-3).
 
     "Segment boundaries can be moved smoothly along the length of the arm" (section 2.2). The subgoal that is held
-    moves along with the boundary, so that a fold opens. The tip segment stays where it is.
+    moves along with the boundary, so that a fold opens. What lies on the track stays where it is.
 
     Args:
         world: the world.
-        start: where the arm is.
+        start: the arm, and how much of it lies on the track.
         length: by which the boundary should move [m].
 
     Yields:
@@ -133,36 +183,30 @@ def slide_boundary(world: World, start: Configuration, length: float) -> Schema:
     Returns:
         The last of them: the boundary has moved so far, or something is in the way.
     """
-    here, holder = start, len(start.segments) - 2
-    stride, moved = FEED * start.length, 0.0
-    while stride >= FINEST * FEED * start.length and moved < (1.0 - 1e-9) * length:
+    here, moved, total = start, 0.0, start.configuration.length
+    stride = FEED * total
+    while stride >= FINEST * FEED * total and moved < (1.0 - 1e-9) * length:
         part = min(stride, length - moved)
-        tip = here.segments[-1]
-        divided = divide_segment(here, holder + 1, part / tip.length)
-        held = end_pose(divided, holder + 1)
-        taken = resized(Configuration(here.base, here.segments[:-1]), holder, here.segments[holder].length + part)
-        shapes = Shapes.of([taken])
-        shapes.curvature[0, -1, -1] = divided.segments[-1].curvature[0]
-        changed = add_segment(shapes.configuration(0), divided.segments[-1])
+        there, held = here.with_boundary_ahead(part)
         try:
-            here = hold(world, here, changed, holder, held, "SCM-3")
+            there = there.at(hold(world, here.configuration, there.configuration, here.holder, held, "SCM-3"))
         except SchemaStopped:
             stride *= 0.5
             continue
-        moved += part
-        yield Step("SCM-3", here)
+        here, moved = there, moved + part
+        yield Step("SCM-3", here.configuration)
     return here
 
 
-def begin_feeding(world: World, start: Configuration, curve: CurvatureSegment) -> Configuration:
-    """A short tip segment on a curve that goes on from the tip; the segment before it gives up as much (SCM-3).
+def begin_feeding(world: World, start: Configuration, track: Track) -> Feeding:
+    """The first piece of a track that goes on from the tip; the segments before it give up as much (SCM-3).
 
     Raises:
         SchemaStopped: the tip cannot be held.
     """
-    last, length = len(start.segments) - 1, FEED * start.length
-    shorter = resized(start, last, start.segments[last].length - length)
-    return hold(world, start, add_segment(shorter, start_of(curve, length)), last, end_pose(start, last), "SCM-3")
+    holder, length = len(start.segments) - 1, FEED * start.length
+    changed = Feeding(start, track, holder, 0.0).with_length_out(length)
+    return changed.at(hold(world, start, changed.configuration, holder, end_pose(start, holder), "SCM-3"))
 
 
 def end_pose(configuration: Configuration, segment: int) -> TipPose:
@@ -173,11 +217,14 @@ def end_pose(configuration: Configuration, segment: int) -> TipPose:
 
 def resized(configuration: Configuration, segment: int, length: float) -> Configuration:
     """A segment scaled to another length: curvature goes with 1/length, so that it keeps its shape."""
+    return _scaled(configuration, slice(segment, segment + 1), length / configuration.segments[segment].length)
+
+
+def _scaled(configuration: Configuration, which: slice, scale: float) -> Configuration:
     shapes = Shapes.of([configuration])
-    scale = length / shapes.lengths[0, segment]
-    shapes.lengths[0, segment] = length
-    shapes.curvature[0, segment] /= scale
-    shapes.moments[0, segment] /= scale**3
+    shapes.lengths[0, which] *= scale
+    shapes.curvature[0, which] /= scale
+    shapes.moments[0, which] /= scale**3
     return shapes.configuration(0)
 
 

@@ -1,0 +1,146 @@
+"""The plan of section 4.1, which the authors left as future work.
+
+(1) Free space is partitioned into convex regions. (2) Subgoals are the turns of a route through the connectivity graph
+of these regions. (3) The arm is decomposed: what lies before the first subgoal is folded and holds it, what lies after
+has a segment for each straight passage and each cubic-spiral turn. (4) Schemas achieve each subgoal: SCM-1, SCM-8 and
+SCM-7 the first, SCM-3 and SCM-5 the others, SCM-0 the goal.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.errors import ProblemError, UnreachableGoal
+from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.hill_climbing.distance import TipPose
+from ccm_opt.hill_climbing.fold_plan import fold, staged, subgoals, trace
+from ccm_opt.hill_climbing.schemas import scm_6, scm_7
+from ccm_opt.hill_climbing.steps import Schema, Step
+from ccm_opt.hill_climbing.track import Track, track_through, without_near
+from ccm_opt.hill_climbing.world import World
+
+RUNS = (0.08, 0.05, 0.03, 0.015)
+"""Straight runs out of the first subgoal and into the goal that are tried, as shares of the arm's length."""
+CORNER_DISTANCE = 0.04
+"""Distance kept from corners where there is room, as a share of the arm's length."""
+FIRST = (0.08, 0.15)
+"""Places of the first subgoal on the route, as shares of the arm's length from the base."""
+SPACING = 0.7
+"""Corners nearer to each other than this share of the run are taken as one."""
+SAMPLES = 200
+"""Points of a track that are looked at for contact."""
+SHARPEST = 0.85
+"""Share of the curvature's limit that a turn may use."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A first subgoal and the track that leads from it to the goal.
+
+    Attributes:
+        subgoal: for the tip of the folded arm.
+        track: from there to the goal.
+    """
+
+    subgoal: TipPose
+    track: Track
+
+
+def region_plan(world: World, start: Configuration, passage: Passage, goal: TipPose) -> Schema:
+    """Fold to the first subgoal of a passage, then feed along it to the goal.
+
+    Args:
+        world: the world.
+        start: where the arm is.
+        passage: through the regions.
+        goal: for the tip.
+
+    Yields:
+        Steps.
+
+    Returns:
+        A configuration at the goal.
+
+    Raises:
+        SchemaStopped: naming the schema.
+    """
+    yield Step("start", start, "1 start")
+    if len(start.segments) == 1:
+        here = yield from fold(world, start, passage.subgoal)
+    else:
+        here = yield from staged(scm_7(world.of_curve, start, passage.subgoal), "3 proceed to the subgoal")
+    here = yield from staged(scm_6(world, here), "4 reach from the subgoal")
+    return (yield from trace(world, here, passage.track, goal, sliding=True))
+
+
+def passages(
+    world: World, start: Configuration, room: FreeSpace, goal: TipPose, obstacle: FloatArray | None, routes: int
+) -> Iterator[Passage]:
+    """Passages from near the base to the goal: beside the obstacle ahead, then along the routes from the base.
+
+    Args:
+        world: the world; its curvature limit counts.
+        start: the arm.
+        room: free space of the arm's axis.
+        goal: for the tip.
+        obstacle: the point of the obstacle ahead, shape (2,) [m], or None.
+        routes: so many routes are looked at, shortest first.
+    """
+    shrink = CORNER_DISTANCE * start.length
+    firsts = []
+    if obstacle is not None:
+        firsts = [(first, np.array([first.position, goal.position])) for first in subgoals(start.base, obstacle)]
+    for route in room.routes(start.base, goal.position, routes, shrink=shrink):
+        firsts += [_on_route(route.taut, share * start.length) for share in FIRST]
+    for first, way in firsts:
+        for run in RUNS:
+            try:
+                track = _track(world, room, first, way, goal, run * start.length, shrink)
+            except (ProblemError, UnreachableGoal):
+                continue  # no way, or one too sharp for the arm
+            if bool(np.all(world.gap(track.from_pose(first.position).positions_at(_samples(track))) > 0.0)):
+                yield Passage(first, track)
+                break
+
+
+def _samples(track: Track) -> FloatArray:
+    return np.linspace(0.0, track.length, SAMPLES)
+
+
+def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
+    """The pose on a polyline at a distance from its start, and what of the polyline comes after it."""
+    legs = np.diff(taut, axis=0)
+    ends = np.cumsum(np.hypot(legs[:, 0], legs[:, 1]))
+    leg = min(int(np.searchsorted(ends, distance)), len(legs) - 1)
+    heading = float(np.arctan2(legs[leg, 1], legs[leg, 0]))
+    short = max(0.0, float(ends[leg]) - distance)
+    position = taut[leg + 1] - short * _direction(heading)
+    return TipPose(position, heading), np.vstack((position, taut[leg + 1 :]))
+
+
+def _track(
+    world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, run: float, shrink: float
+) -> Track:
+    """Straight passages and turns from the first subgoal to the goal, along the taut way between their runs.
+
+    Raises:
+        ProblemError: a turn is too sharp.
+        UnreachableGoal: there is no way.
+    """
+    entry = first.position + run * _direction(first.heading or 0.0)
+    last = goal.position if goal.heading is None else goal.position - run * _direction(goal.heading)
+    if len(way) == 2:
+        found = room.routes(entry, last, 1)
+        if not found:
+            raise ProblemError("no route leads from the first subgoal to the goal; choose another subgoal")
+        way = found[0].taut
+    taut = room.taut_path(np.array([entry, *way[1:-1], last]), shrink)
+    corners = [first.position, *taut] + ([] if goal.heading is None else [goal.position])
+    return track_through(without_near(corners, SPACING * run), SHARPEST * world.curvature_limit)
+
+
+def _direction(heading: float) -> FloatArray:
+    return np.array([np.cos(heading), np.sin(heading)])
