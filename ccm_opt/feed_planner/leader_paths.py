@@ -106,24 +106,19 @@ class LeaderPaths:
                 yield self._path(straight, curve, f"curve {k} of {length:.3f} m")
 
     def _band(self, room: FreeSpace, route: Route, straight: float, margin: float, name: str) -> LeaderPath:
-        """A band from the feed axis along a route to the goal; runs of a link at its ends stay straight."""
+        """A band from the feed axis along a route to the goal; with a heading there the last link is straight."""
         arm, (begin, end) = self.problem.arm, self._curve_ends(straight)
-        l, spacing = arm.link_length, BAND_SPACING * arm.link_length
-        taut = room.path_of_sleeve(route.sleeve, begin, end)
-        ends = [begin - l * arm.feed_direction], [self.goal.position] if self._tail else []
         band = ElasticBand(
             Walls.of(self.problem.workspace),
-            arm.radius + self.problem.workspace.clearance + margin * l,
-            l,
+            arm.radius + self.problem.workspace.clearance + margin * arm.link_length,
+            arm.link_length,
             self._curvature_limit,
-            spacing,
+            BAND_SPACING * arm.link_length,
         )
-        pinned = round(1.0 / BAND_SPACING) + 1
-        points = band.smoothed(np.vstack((*ends[0], taut, *ends[1])), (pinned, pinned if self._tail else 1))
-        arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-        inner = points[(arc > l + 0.5 * spacing) & (arc < arc[-1] - self._tail - 0.5 * spacing)]
-        nodes = np.vstack((inner, end, *ends[1]))
-        return path_through(arm, straight, nodes, name, self.goal.heading)
+        taut = room.path_of_sleeve(route.sleeve, begin, end)
+        points = band.smoothed(taut, (arm.base_heading, self.goal.heading))
+        tail = [self.goal.position] if self._tail else []
+        return path_through(arm, straight, np.vstack((points[1:], *tail)), name, self.goal.heading)
 
     def _candidates(self, straight: float, reach: Reach) -> Iterator[tuple[FreeSpace, Route, float]]:
         """Free space, a route through it and a length of the curve, in the order they are tried."""

@@ -2,14 +2,16 @@
 
 The band is a chain of points at equal distances h. A step moves every point by a along its own normal, left positive;
 its curvature then changes to first order by a'' + κ² a and its length by -κ a. The step minimises the band's bending,
-weighted up where it nears the tightest bend, and its length; walls to the left and right bound each point's a. That
-is a quadratic program with bounds alone. Then the band is divided into equal distances again.
+weighted up where it nears the tightest bend, the change of its curvature, which is 0 before and after it, and its
+length; walls to the left and right bound each point's a. That is a quadratic program with bounds alone. Then the band
+is divided into equal distances again.
 """
 
 from dataclasses import dataclass
 
 import daqp
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.geometry.polygons import nearest_on_segments
@@ -21,6 +23,7 @@ SETTLED = 2e-3
 """Step, in distances between points, below which the band counts as settled."""
 _LARGEST_STEP = 0.3
 _TENSION = 0.02
+_EVENNESS = 10.0
 _TIGHT, _TIGHT_POWER = 30.0, 6
 _RIDGE = 1e-3
 _LEAST_SLANT = 0.3
@@ -45,46 +48,52 @@ class ElasticBand:
     curvature_limit: float
     spacing: float
 
-    def smoothed(self, way: FloatArray, pinned: tuple[int, int]) -> FloatArray:
+    def smoothed(self, way: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
         """A smooth band from a way.
 
         Args:
-            way: a polyline; its first and last legs are straight runs that the band keeps, shape (k, 2) [m].
-            pinned: how many points at each end stay on these runs.
+            way: a polyline, shape (k, 2) [m]; the band keeps its ends.
+            headings: at its beginning and at its end [rad]; None when any will do there.
 
         Returns:
             Points, shape (m, 2) [m].
         """
         band = divided(way, self.spacing)
         for _ in range(STEPS):
-            shift, normals = self._step(band, pinned)
+            shift, normals = self._step(band, headings)
             band = divided(band + shift[:, None] * normals, self.spacing)
             if np.max(np.abs(shift)) < SETTLED * self.spacing:
                 break
         return band
 
-    def _step(self, band: FloatArray, pinned: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+    def _step(self, band: FloatArray, headings: tuple[float, float | None]) -> tuple[FloatArray, FloatArray]:
         """Shift of every point along its normal [m], shape (m,), and the normals, shape (m, 2)."""
-        m, h = len(band), float(np.hypot(*(band[1] - band[0])))
-        ahead = np.gradient(band, axis=0)
+        h = float(np.hypot(*(band[1] - band[0])))
+        around = _with_ghosts(band, headings, h)
+        ahead = around[2:] - around[:-2]
         tangents = ahead / np.maximum(np.hypot(*ahead.T), _TINY)[:, None]
         normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
-        second = band[:-2] - 2.0 * band[1:-1] + band[2:]
-        curvature = np.einsum("ij,ij->i", second, normals[1:-1])  # times h²
-        rows = np.zeros((m - 2, m))
-        inner = np.arange(m - 2)
-        rows[inner, inner], rows[inner, inner + 2] = 1.0, 1.0
-        rows[inner, inner + 1] = -2.0 + (curvature / h) ** 2
-        share = np.minimum(np.abs(curvature) / (self.curvature_limit * h * h), 1.5)
-        weight = 1.0 + _TIGHT * share**_TIGHT_POWER
-        hessian = rows.T @ (weight[:, None] * rows) + _RIDGE * np.eye(m)
-        gradient = rows.T @ (weight * curvature)
-        gradient[1:-1] -= _TENSION * curvature
-        low, high = self._bounds(band, tangents, np.concatenate(([0.0], np.abs(curvature) / h**2, [0.0])))
-        low[: pinned[0]], high[: pinned[0]] = 0.0, 0.0
-        low[m - pinned[1] :], high[m - pinned[1] :] = 0.0, 0.0
+        second = around[:-2] - 2.0 * band + around[2:]
+        curvature = np.einsum("ij,ij->i", second, normals)  # times h²
+        hessian, gradient = self._bending(curvature, h)
+        low, high = self._bounds(band, tangents, np.abs(curvature) / h**2)
+        low[[0, -1]], high[[0, -1]] = 0.0, 0.0
+        m = len(band)
         shift, _, flag, _ = daqp.solve(hessian, gradient, np.zeros((0, m)), high, low, np.zeros(m, dtype=np.intc))
         return (np.asarray(shift) if flag > 0 else np.zeros(m)), normals
+
+    def _bending(self, curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
+        """Hessian and gradient of what a step minimises, by the shifts, from κ h² at the points."""
+        m = len(curvature)
+        rows = np.diag(-2.0 + (curvature / h) ** 2) + np.eye(m, k=1) + np.eye(m, k=-1)
+        share = np.minimum(np.abs(curvature) / (self.curvature_limit * h * h), 1.5)
+        weight = 1.0 + _TIGHT * share**_TIGHT_POWER
+        straight = np.zeros((1, m))  # before and after the band
+        change = np.diff(curvature, prepend=0.0, append=0.0)
+        changes = np.diff(np.vstack((straight, rows, straight)), axis=0)
+        hessian = rows.T @ (weight[:, None] * rows) + _EVENNESS * changes.T @ changes + _RIDGE * np.eye(m)
+        gradient = rows.T @ (weight * curvature) + _EVENNESS * changes.T @ change - _TENSION * curvature
+        return hessian, gradient
 
     def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How far every point may move to the right (negative) and left; to the middle where it is too narrow."""
@@ -112,8 +121,19 @@ class ElasticBand:
         return distance - rounding, sideways / np.maximum(distance, _TINY)
 
 
+def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: float) -> FloatArray:
+    """The band with one more point before it and after it, where its headings put them, shape (m + 2, 2) [m]."""
+    last = np.arctan2(*(band[-1] - band[-2])[::-1]) if headings[1] is None else headings[1]
+    first = band[0] - h * np.array([np.cos(headings[0]), np.sin(headings[0])])
+    beyond = band[-1] + h * np.array([np.cos(last), np.sin(last)])
+    return np.vstack((first, band, beyond))
+
+
 def divided(way: FloatArray, spacing: float) -> FloatArray:
-    """Points at equal distances along a polyline, its ends among them, shape (m, 2) [m]."""
+    """Points at equal distances along a polyline, or a cubic spline through fine ones, shape (m, 2) [m]."""
     arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))))
     places = np.linspace(0.0, arc[-1], max(4, round(arc[-1] / spacing)) + 1)
-    return np.column_stack([np.interp(places, arc, way[:, k]) for k in range(2)])
+    if np.max(np.diff(arc)) > 2.0 * spacing:
+        return np.column_stack([np.interp(places, arc, way[:, k]) for k in range(2)])
+    points: FloatArray = CubicSpline(arc, way)(places)
+    return points
