@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 from ccm_opt.diagnosis.parameters import PARAMETERS, Omission, Parameter, without_heading, without_obstacle
-from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
+from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, TimeLimitReached, VerificationError
 from ccm_opt.freespace.workspace import BOUNDARY_NAME
 from ccm_opt.problem import Problem
 
@@ -26,6 +26,10 @@ LONGEST_TRY = 2.5
 """CPU time that one try may use at most [s]."""
 LONGEST_SEARCH = 8.0
 """CPU time that all tries may use together, however much is left [s]."""
+STARVED = 0.5
+"""A try that got less than this share of the CPU time that one may use did not get its chance."""
+ATTEMPTS = 2
+"""Tries of one problem, when the first was starved."""
 PATIENCE = 2.0
 """CPU time after which nothing new is begun when something that helps is known [s]."""
 ENOUGH = 4
@@ -66,15 +70,22 @@ class Trials:
         return min(self.until - time.monotonic(), (LONGEST_SEARCH - self.spent) * self.slowness)
 
     def succeeds(self, problem: Problem) -> bool:
-        """Whether a problem is solved within its share of the time."""
-        limit = min(TRY_SHARE * self.left, LONGEST_TRY * self.slowness)
-        if limit < LEAST_TIME:
-            return False
-        try:
-            self.solve(replace(problem, planner=replace(problem.planner, time_limit=limit)))
-        except (NoPlanFound, VerificationError, ProblemError):
-            return False
-        return True
+        """Whether a problem is solved within its share of the time; a try that a busy machine starved is repeated."""
+        for _ in range(ATTEMPTS):
+            limit = min(TRY_SHARE * self.left, LONGEST_TRY * self.slowness)
+            before = self.spent
+            if limit < LEAST_TIME:
+                return False
+            try:
+                self.solve(replace(problem, planner=replace(problem.planner, time_limit=limit)))
+            except TimeLimitReached:
+                if self.spent - before > STARVED * LONGEST_TRY:
+                    return False
+            except (NoPlanFound, VerificationError, ProblemError):
+                return False
+            else:
+                return True
+        return False
 
 
 def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials) -> tuple[Relaxation, ...]:
