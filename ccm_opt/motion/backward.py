@@ -1,6 +1,8 @@
 """Planning backwards, from a pose at the goal to the start: it is easier to leave a narrow place than to enter it."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.continuation import Stalled, settle
@@ -8,29 +10,40 @@ from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import fit_coordinates
 from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.task import Motion, MotionTask
-from ccm_opt.motion.tip_paths import tip_paths_in
+from ccm_opt.motion.tip_paths import tip_paths_in, turning_by
 
 
-def backward_task(task: MotionTask, stepper: Stepper, guess: FloatArray) -> MotionTask | None:
-    """The task with its ends exchanged, or None when a guess cannot be brought exactly onto the goal, clear of all.
+def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | None]:
+    """The task with its ends exchanged, for every known pose at the goal; None where a pose is of no use.
 
     Args:
-        task: with a goal for the tip alone.
+        task: with a goal for the tip or for the whole arm.
         stepper: of the task.
-        guess: link headings of a pose near the goal, shape (links,) [rad].
     """
-    goal = pose_at_goal(task, stepper, guess)
-    if goal is None or not task.tip_paths:
-        return None
+    if not task.tip_paths:
+        return
+    if task.goal_headings is not None:
+        points = task.arm.joint_positions(task.goal_headings)
+        turn = float(task.start[0] - task.goal_headings[0])
+        turned = _exchanged(task, task.goal_headings, points)
+        yield replace(turned, tip_paths=turning_by(turned.tip_paths, points, turn)) if task.terms is None else None
+        return
+    for guess in chain(task.guesses, task.further_guesses()):
+        goal = pose_at_goal(task, stepper, guess)
+        yield None if goal is None else _exchanged(task, goal.headings, goal.points)
+
+
+def _exchanged(task: MotionTask, headings: FloatArray, points: FloatArray) -> MotionTask:
+    """From a pose at the goal, link headings and joints, to the start as a goal of the whole arm."""
     start_points = task.arm.joint_positions(task.start)
     first = task.tip_paths[0]
     return replace(
         task,
-        start=goal.headings,
+        start=headings,
         goal=GoalPose(start_points[-1], float(task.start[-1])),
         goal_headings=task.start,
         guesses=(),
-        tip_paths=tip_paths_in(first.free_space, goal.points, (start_points,), first.shrink),
+        tip_paths=tip_paths_in(first.free_space, points, (start_points,), first.shrink),
     )
 
 

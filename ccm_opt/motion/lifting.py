@@ -54,7 +54,11 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     first, last = motion.coordinates[0], motion.coordinates[-1]
     offset = task.start - matrix @ first[:p]
     if task.goal_headings is not None:
-        matrix = np.column_stack((matrix, task.goal_headings - offset - matrix @ last[:p]))
+        one, other, end = first, last, task.goal_headings
+        if first[p] > last[p]:  # planned backwards
+            one, other, end = last, first, task.start
+            offset = task.goal_headings - matrix @ one[:p]
+        matrix = np.column_stack((matrix, end - offset - matrix @ other[:p]))
     elif len(first) > p:
         blended = offset
         offset = _resampled(motion.space.offset, task.arm.links)

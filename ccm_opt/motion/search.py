@@ -9,7 +9,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
-from ccm_opt.motion.backward import backward_task, pose_at_goal, reversed_motion
+from ccm_opt.motion.backward import backward_tasks, pose_at_goal, reversed_motion
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import PAUSES, Stalled, follow, settle, without_pauses
@@ -118,11 +118,10 @@ def _try_margins(task: MotionTask, failures: list[Failure], fineness: float) -> 
 
 
 def _motions(task: MotionTask, margin: float, fineness: float, failures: list[Failure]) -> Iterator[Motion | None]:
-    """Forwards, then backwards from every guess, then forwards with all that is left; None for what failed."""
+    """Forwards, then backwards from every pose at the goal, then forwards with all that is left; None for failures."""
     forward = _Attempt.of(task, margin, fineness)
     yield forward.run(forward.first(), failures)
-    for guess in chain(task.guesses, task.further_guesses()) if task.goal_headings is None else ():
-        turned = backward_task(task, forward.stepper, guess)
+    for turned in backward_tasks(task, forward.stepper):
         if turned is not None:
             backward = _Attempt.of(turned, margin, fineness)
             motion = backward.run(backward.first(), failures)
