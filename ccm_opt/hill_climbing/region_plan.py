@@ -15,10 +15,10 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.hill_climbing.distance import TipPose
-from ccm_opt.hill_climbing.fold_plan import fold, staged, subgoals, trace
+from ccm_opt.hill_climbing.distance import Precision, TipPose
+from ccm_opt.hill_climbing.fold_plan import REACH, fold, staged, subgoals, trace
 from ccm_opt.hill_climbing.schemas import scm_6, scm_7
-from ccm_opt.hill_climbing.steps import Schema, Step
+from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step, run
 from ccm_opt.hill_climbing.track import Track, track_through, without_near
 from ccm_opt.hill_climbing.world import World
 
@@ -28,6 +28,8 @@ CORNER_DISTANCE = 0.04
 """Distance kept from corners where there is room, as a share of the arm's length."""
 FIRST = (0.08, 0.15)
 """Places of the first subgoal on the route, as shares of the arm's length from the base."""
+NEAR_SUBGOAL = Precision(1.2e-3, 4e-3)
+"""How near the first subgoal counts, for an arm of many segments."""
 SPACING = 0.7
 """Corners nearer to each other than this share of the run are taken as one."""
 SAMPLES = 200
@@ -71,9 +73,20 @@ def region_plan(world: World, start: Configuration, passage: Passage, goal: TipP
     if len(start.segments) == 1:
         here = yield from fold(world, start, passage.subgoal)
     else:
-        here = yield from staged(scm_7(world.of_curve, start, passage.subgoal), "3 proceed to the subgoal")
-    here = yield from staged(scm_6(world, here), "4 reach from the subgoal")
+        nearer = scm_7(world.of_curve, start, passage.subgoal, NEAR_SUBGOAL)
+        here = yield from staged(nearer, "3 proceed to the subgoal")
+    here = yield from staged(_interface(world, here), REACH)
     return (yield from trace(world, here, passage.track, goal, sliding=True))
+
+
+def _interface(world: World, start: Configuration) -> Schema:
+    """SCM-6, or nothing where the arm has no room for it: the curvature then jumps where the track begins."""
+    try:
+        steps, here = run(scm_6(world, start))
+    except SchemaStopped:
+        return start
+    yield from steps
+    return here
 
 
 def passages(
@@ -96,9 +109,9 @@ def passages(
     for route in room.routes(start.base, goal.position, routes, shrink=shrink):
         firsts += [_on_route(route.taut, share * start.length) for share in FIRST]
     for first, way in firsts:
-        for run in RUNS:
+        for share in RUNS:
             try:
-                track = _track(world, room, first, way, goal, run * start.length, shrink)
+                track = _track(world, room, first, way, goal, share * start.length, shrink)
             except (ProblemError, UnreachableGoal):
                 continue  # no way, or one too sharp for the arm
             if bool(np.all(world.gap(track.from_pose(first.position).positions_at(_samples(track))) > 0.0)):

@@ -74,7 +74,7 @@ def scm_0(
         yield Step("SCM-0", here)
 
 
-def scm_7(world: World, start: Configuration, goal: TipPose) -> Schema:
+def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precision | None = None) -> Schema:
     """SCM-7: a sequence of SCM-0 whose subgoals lie on the straight line from the tip to its goal.
 
     The tip's heading turns evenly on the way. Where the arm may move straight from subgoal to subgoal, it does.
@@ -83,6 +83,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose) -> Schema:
         world: the world.
         start: where the arm is.
         goal: for the tip.
+        precision: how near the goal counts.
 
     Yields:
         The configuration at every subgoal, with the moves between where they are needed.
@@ -102,7 +103,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose) -> Schema:
         share = k / count
         subgoal = TipPose(position + share * line, None if goal.heading is None else float(heading) + share * turn)
         try:
-            here = yield from _hop(world, here, subgoal, None if k == count else ON_THE_WAY)
+            here = yield from _hop(world, here, subgoal, precision if k == count else ON_THE_WAY)
         except SchemaStopped as stopped:
             reason = f"at subgoal {k} of {count}: {stopped.diagnosis.reason}"
             raise SchemaStopped("SCM-7", stopped.configuration, reason) from stopped

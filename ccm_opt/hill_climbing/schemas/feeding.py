@@ -205,8 +205,14 @@ def begin_feeding(world: World, start: Configuration, track: Track) -> Feeding:
         SchemaStopped: the tip cannot be held.
     """
     holder, length = len(start.segments) - 1, FEED * start.length
-    changed = Feeding(start, track, holder, 0.0).with_length_out(length)
-    return changed.at(hold(world, start, changed.configuration, holder, end_pose(start, holder), "SCM-3"))
+    while True:
+        changed = Feeding(start, track, holder, 0.0).with_length_out(length)
+        try:
+            return changed.at(hold(world, start, changed.configuration, holder, end_pose(start, holder), "SCM-3"))
+        except SchemaStopped:
+            length *= 0.5
+            if length < FINEST * FEED * start.length:
+                raise
 
 
 def end_pose(configuration: Configuration, segment: int) -> TipPose:
