@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import shapely
 
+from ccm_opt import curve_planner
 from ccm_opt.arrays import FloatArray
 from ccm_opt.curve_planner import CurvePlanner
 from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
+from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.certificate import Certificate
@@ -19,11 +21,13 @@ from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.optimisation.optimise import optimise, travel
+from ccm_opt.motion.passages import fitting_margins
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.task import Motion, MotionTask, coarsened
-from ccm_opt.problem import JointPose, TipGoal
+from ccm_opt.problem import JointPose, Problem, TipGoal
 
 from .scenes import (
+    ROOM,
     Scene,
     clutter,
     corridor,
@@ -247,3 +251,33 @@ def test_the_time_limit_ends_the_search() -> None:
     assert "raise planner.time_limit" in caught.value.diagnosis.advice
     with pytest.raises(TimeLimitReached):
         CurvePlanner().plan(clutter(5, 40).problem(time_limit=1e-6))
+
+
+def gap_scene(gap: float, radius: float = 0.03) -> Problem:
+    """A goal behind two walls with a gap between them."""
+    arm = make_arm(24, radius)
+    walls = (
+        Obstacle("upper", shapely.box(0.4, 0.5 * gap, 0.45, 1.3)),
+        Obstacle("lower", shapely.box(0.4, -1.3, 0.45, -0.5 * gap)),
+    )
+    start = np.full(24, 2.0)
+    return Scene(arm, Workspace(ROOM, walls), start, start).problem(TipGoal(np.array([0.7, 0.0])))
+
+
+@pytest.mark.parametrize(
+    ("gap", "expected"),
+    [(0.2, (0.06, 0.024)), (0.0631, (0.024,)), (0.0615, (0.009, 0.024)), (0.0602, (0.004, 0.024))],
+)
+def test_margins_leave_the_narrowest_gap_open(gap: float, expected: tuple[float, ...]) -> None:
+    """Margins that would close the way are left out; when none fits, one of half the room comes first."""
+    margins = fitting_margins(motion_task(gap_scene(gap)), (0.06, 0.024), 24.0)
+    np.testing.assert_allclose(margins, expected, rtol=0.02)
+
+
+def test_a_gap_hardly_wider_than_the_arm_has_a_route() -> None:
+    """Where the usual inflation of the walls closes every way, the least one is used."""
+    problem = gap_scene(0.0604)
+    ends = curve_planner.resolve_ends(problem)
+    margin = curve_planner.route_margin(problem, ends)
+    assert 0.03 < margin < 0.0302
+    assert curve_planner.find_routes(problem, ends, FreeSpace.of(problem.workspace, margin))
