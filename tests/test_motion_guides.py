@@ -14,6 +14,7 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
 from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
+from ccm_opt.motion.hairpin import fold_track
 from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.portfolio import Candidate, first_candidates
@@ -359,3 +360,18 @@ def test_a_motion_without_room_has_no_smooth_path() -> None:
     scene = walled_off()
     keyframes = swept(scene.start, scene.goal, 8)
     assert certified_spline(keyframes, Certificate.of(scene.arm, scene.workspace)) is None
+
+
+@given(st.integers(0, 10_000), st.integers(1, 6), st.sampled_from((-1.0, 1.0)))
+@settings(max_examples=20, deadline=None)
+def test_a_fold_joins_its_route_wherever_that_has_vertices(seed: int, extra: int, side: float) -> None:
+    """Vertices added to a route on its straight legs do not move the track of a fold."""
+    rng = np.random.default_rng(seed)
+    points = np.stack((np.linspace(0.0, 1.0, 25), 0.1 * np.sin(np.linspace(0.0, 3.0, 25))), axis=1)
+    route = np.array([points[6], [0.3, 0.3], [0.1, 0.6], [0.5, 0.9]])
+    at = np.sort(rng.uniform(0.0, 3.0, extra))
+    more = np.stack([np.interp(np.union1d(at, np.arange(4.0)), np.arange(4.0), route[:, k]) for k in (0, 1)], axis=1)
+    plain, divided = (fold_track(points, 6, way, side, 0.03, 0.08, 0.0) for way in (route, more))
+    arcs = np.linspace(0.0, plain[0].length, 50)
+    np.testing.assert_allclose(plain[0].points_at(arcs), divided[0].points_at(arcs), atol=1e-9)
+    np.testing.assert_allclose(plain[1], divided[1])

@@ -8,6 +8,7 @@ insensitive to buckling.
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.link_space import LinkSpace
@@ -129,10 +130,22 @@ def fold_track(
     left = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
     beside = points + side * offset * left
     back = beside[leave:][::-1]
-    path = np.vstack((back, route[1:] if len(back) > 1 else route))
+    path = np.vstack((back, _rest_of(route, back[-1], offset) if len(back) > 1 else route))
     track = Track.along(path, window, last_heading + side * np.pi)
     arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(back, axis=0), axis=1))))
     retraced = np.empty(len(points))
     retraced[leave:] = arcs[::-1]
     retraced[:leave] = arcs[-1]
     return track, retraced
+
+
+def _rest_of(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
+    """The route from a little beyond the point that is nearest to a place, shape (k, 2) [m].
+
+    The strand so joins its route wherever the route's vertices lie.
+    """
+    line = shapely.LineString(route)
+    joined = line.project(shapely.Point(place)) + lead
+    arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(route, axis=0), axis=1))))
+    rest = route[arcs > joined + 1e-9]
+    return np.vstack((line.interpolate(joined).coords[0], rest)) if len(rest) else route[-1:]

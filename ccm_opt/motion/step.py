@@ -19,6 +19,8 @@ KEEP_SHARE = 0.4
 """Share of the planning margin that every accepted pose keeps."""
 RIDGE = 1e-9
 """Keeps the step's Hessian definite where no term reaches."""
+ITERATIONS = 1000
+"""Most iterations of the QP: steps that move take less than 200; where an arm is jammed it would take 10 000."""
 _BACKTRACKS = 6
 
 
@@ -89,7 +91,7 @@ class Stepper:
             pushes.append(Term(own.wanted_rows, own.wanted, PULL))
             matrix, upper, lower, sense = _joined((matrix, upper, lower, sense), own)
         hessian, gradient = normal_equations([*terms, *pushes])
-        delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, sense)
+        delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, sense, iter_limit=ITERATIONS)
         if flag < 1:
             return pose
         return self._accept(pose, np.asarray(delta), contacts, turn)
