@@ -9,54 +9,47 @@ from typing import Any, cast
 from ccm_opt.errors import ProblemError
 from ccm_opt.planner import Planner
 from ccm_opt.problem import Problem
+from ccm_opt.stages import Stages
 
 
 @dataclass(frozen=True)
 class Method:
-    """A planner, and the planner options it runs with.
+    """A way to solve problems: changes of a problem's planner options, or a planner from elsewhere.
 
     Attributes:
         name: in tables and options.
         summary: what it is, for people.
-        make: makes the planner; heavy modules are imported here.
         options: changes of the problem's planner options.
+        make: makes a planner from elsewhere; when None the options name the planner.
     """
 
     name: str
     summary: str
-    make: Callable[[], Planner]
     options: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
+    make: Callable[[], Planner] | None = None
 
     def prepared(self, problem: Problem, time_limit: float | None = None) -> Problem:
         """The problem with this method's options, and a time limit [s] unless that is None."""
         limit = {} if time_limit is None else {"time_limit": time_limit}
         return replace(problem, planner=replace(problem.planner, **self.options, **limit))  # type: ignore[arg-type]
 
+    def planner(self, prepared: Problem) -> Planner:
+        """The planner for a problem that was prepared."""
+        from ccm_opt.verified_plan import default_planner  # noqa: PLC0415 - loads casadi
 
-def _curve_planner() -> Planner:
-    from ccm_opt.curve_planner import CurvePlanner  # noqa: PLC0415 - loads casadi
-
-    return CurvePlanner()
-
-
-def _hill_climbing() -> Planner:
-    module = import_module("ccm_opt.hill_climbing_planner")
-    return cast("Planner", module.HillClimbingPlanner())
+        return default_planner(prepared, Stages()) if self.make is None else self.make()
 
 
 METHODS: Mapping[str, Method] = {
     method.name: method
     for method in (
-        Method("nlp", "the curve planner, its motion optimised", _curve_planner),
-        Method("nlp-as-found", "the curve planner, its motion as found", _curve_planner, {"optimiser": "none"}),
-        Method("nlp-paul", "the curve planner, timed by Paul's transitions", _curve_planner, {"retiming": "paul"}),
-        Method("hill-climbing", "the paper's planner", _hill_climbing),
-        Method(
-            "hill-climbing-paul", "the paper's planner and its timing by transitions", _hill_climbing,
-            {"retiming": "paul"},
-        ),
+        Method("nlp", "the curve planner, its motion optimised", {"method": "nlp"}),
+        Method("nlp-as-found", "the curve planner, its motion as found", {"method": "nlp", "optimiser": "none"}),
+        Method("nlp-paul", "the curve planner, timed by Paul's transitions", {"method": "nlp", "retiming": "paul"}),
+        Method("hill-climbing", "the paper's planner", {"method": "hill-climbing"}),
+        Method("hill-climbing-paul", "the paper's planner and timing", {"method": "hill-climbing", "retiming": "paul"}),
     )
-}  # fmt: skip
+}
 """The methods of this package by name."""
 DEFAULT = ("nlp", "hill-climbing")
 
@@ -74,21 +67,18 @@ def method_named(name: str) -> Method:
         return METHODS[name]
     if ":" not in name:
         raise ProblemError(f"there is no method '{name}'; expected one of {', '.join(METHODS)}, or module:attribute")
-    return Method(name, "a planner from elsewhere", lambda: _loaded(name))
+    return Method(name, "a planner from elsewhere", make=lambda: _loaded(name))
 
 
 def check_methods(names: Sequence[str]) -> tuple[str, ...]:
-    """The names, each once, after making each planner: so that a name that is wrong is told before any work.
+    """The names, each once; a name that is wrong, or a planner that cannot be made, is told before any work.
 
     Raises:
         ProblemError: when a planner cannot be made.
     """
-    for name in names:
-        method = method_named(name)
-        try:
+    for method in map(method_named, names):
+        if method.make is not None:
             method.make()
-        except ImportError as error:
-            raise ProblemError(f"the method '{name}' cannot be loaded: {error}") from error
     return tuple(dict.fromkeys(names))
 
 

@@ -13,7 +13,7 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import Literal
 
-from ccm_opt.comparison.methods import Method, method_named
+from ccm_opt.comparison.methods import method_named
 from ccm_opt.comparison.suites import Case
 from ccm_opt.errors import NoPlanFound, ProblemError, TimeLimitReached, VerificationError
 from ccm_opt.planner import Planner
@@ -146,8 +146,9 @@ def execute(task: Task) -> Run:
         planner = None
         try:
             method = method_named(task.method)
-            planner = ClockedPlanner(method.make())
-            run = _solved(task, method, planner)
+            problem = method.prepared(task.case.problem(), task.time_limit)
+            planner = ClockedPlanner(method.planner(problem))
+            run = _solved(task, problem, planner)
         except Exception as error:  # noqa: BLE001 - a defect of a method must not end the comparison
             run = failed(task, error)
         figures = dict(run.figures)
@@ -158,10 +159,10 @@ def execute(task: Task) -> Run:
         )
 
 
-def _solved(task: Task, method: Method, planner: ClockedPlanner) -> Run:
+def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
     from ccm_opt.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
-    solution = solve(method.prepared(task.case.problem(), task.time_limit), planner=planner, explain=False)
+    solution = solve(problem, planner=planner, explain=False)
     wanted = {quantity.key for quantity in QUANTITIES}
     figures = {key: float(x) for key, x in solution.metrics.items() if key in wanted and math.isfinite(x)}
     return Run(task.key, task.case.name, task.method, "solved", "", figures, tactic=solution.path.candidate)
