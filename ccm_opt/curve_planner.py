@@ -317,6 +317,9 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
     spline = own_path(motion, task)
     if spline is None:
         reason = "the motion leaves no room for a smooth path"
+        if task.terms is not None and task.terms.hard:
+            names = ", ".join(f"'{own.constraint.name}'" for own in task.terms.hard)
+            reason = f"{reason} that keeps the joint limits and the constraints {names}"
         raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))
     control = problem.arm.bends(spline.c)
     curves = tuple(nearest_curve(problem.arm, headings) for headings in motion.headings)

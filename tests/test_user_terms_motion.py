@@ -204,7 +204,7 @@ def test_points_are_moved_onto_equations_by_the_least_change() -> None:
     """The result lies on the equation, and its change is along the equation's slope."""
     terms = compile_terms(arm(), [Constraint("x", lambda q: q.tip[0], lower=0.5, upper=0.5)], [])
     headings = np.linspace(0.3, 1.2, arm().links)
-    moved = moved_onto(terms.motion_rows, headings, 0.0, np.ones(len(headings)))
+    moved = moved_onto(terms.motion_rows, arm(), headings, 0.0, np.ones(len(headings)))
     assert moved is not None
     assert arm().joint_positions(moved)[-1, 0] == pytest.approx(0.5, abs=1e-9)
     slope = terms.motion_rows.at(0.5 * (headings + moved)).equation_slopes[0]

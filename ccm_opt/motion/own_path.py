@@ -15,7 +15,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.optimisation.own_optimise import path_parameters
 from ccm_opt.motion.own_certificate import ALLOWED
-from ccm_opt.motion.own_rows import slope_norms
+from ccm_opt.motion.own_rows import overbent, slope_norms
 from ccm_opt.motion.spline_path import certified_spline
 from ccm_opt.motion.task import Motion, MotionTask
 
@@ -76,7 +76,7 @@ def _on_equations(base: BSpline, rows: "RowSet", task: MotionTask) -> BSpline | 
     for _ in range(ROUNDS):
         for u in knots:
             if float(u) not in values:
-                moved = moved_onto(rows, np.asarray(base(u)), float(u), free)
+                moved = moved_onto(rows, task.arm, np.asarray(base(u)), float(u), free)
                 if moved is None:
                     return None
                 values[float(u)] = moved
@@ -98,11 +98,12 @@ def _first_knots(base: BSpline, breaks: Sequence[float]) -> FloatArray:
     return knots
 
 
-def moved_onto(rows: "RowSet", headings: FloatArray, u: float, free: FloatArray) -> FloatArray | None:
-    """Link headings moved onto the equations, and out of broken gaps, by Newton's method of least change.
+def moved_onto(rows: "RowSet", arm: Arm, headings: FloatArray, u: float, free: FloatArray) -> FloatArray | None:
+    """Link headings moved onto the equations, out of broken gaps and within joint limits, by least change.
 
     Args:
         rows: of the constraints.
+        arm: whose bends are limited.
         headings: shape (links,) [rad].
         u: path parameter.
         free: 1 for links that may turn, 0 for others, shape (links,).
@@ -112,6 +113,8 @@ def moved_onto(rows: "RowSet", headings: FloatArray, u: float, free: FloatArray)
     """
     for _ in range(_NEWTON_STEPS):
         slopes, change = _wanted(rows.at(headings, u))
+        turned, back = overbent(arm, headings)
+        slopes, change = np.vstack((slopes, turned)), np.append(change, back)
         if not np.isfinite(change).all():
             return None
         if np.max(np.abs(change), initial=0.0) <= _MET:

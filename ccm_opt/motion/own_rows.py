@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntcArray
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.link_space import LinkSpace
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ PULL = 30.0
 """Weight on mending gaps inside their margin."""
 URGENCY = 10.0
 """Scale of the rows of broken gaps, beside those inside their margin."""
+WITHIN = 0.995
+"""Share of a joint limit to which bends beyond that are brought back; what splines overshoot stays below the limit."""
 _NEWTON_STEPS = 12
 _RANK = 1e-9
 _TINY = 1e-12
@@ -123,7 +126,7 @@ class OwnRows:
         Args:
             v: shape (p,).
             most: largest turn of a link on the way [rad].
-            gaps: whether to move out of broken gaps too.
+            gaps: whether to move out of broken gaps, and back within joint limits, too.
 
         Returns:
             None when that does not converge within ``most``.
@@ -133,11 +136,13 @@ class OwnRows:
             values = self.values(self.space.headings(v))
             if not np.isfinite(values.miss):
                 return None
-            if np.max(np.abs(values.equations), initial=0.0) <= MET and not (gaps and np.any(values.gaps < 0.0)):
-                return v
             slopes, change = values.equation_slopes @ self.space.matrix, -values.equations
             if gaps:
                 slopes, change = self.missed(self.space.headings(v))
+                turned, back = overbent(self.space.arm, self.space.headings(v))
+                slopes, change = np.vstack((slopes, turned @ self.space.matrix)), np.append(change, back)
+            if np.max(np.abs(change), initial=0.0) <= MET:
+                return v
             v = v + self.correction(slopes, change)
             if np.max(np.abs(self.space.matrix @ (v - start))) > most:
                 return None
@@ -193,6 +198,14 @@ class OwnRows:
         """Whether a step leaves every gap its share of the margin, or no less than it had."""
         floor = np.minimum(KEEP_SHARE * MARGIN * slope_norms(before.gap_slopes), before.gaps)
         return bool(np.isfinite(after.miss) and np.all(after.gaps >= floor - _TINY))
+
+
+def overbent(arm: Arm, headings: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slopes of bends too near their limit by the link headings, shape (k, links), and their way back [rad]."""
+    bends, limits = arm.bends(headings), WITHIN * arm.bend_limits
+    over = np.flatnonzero(np.abs(bends) > limits + MET)
+    slopes = np.diff(np.eye(arm.links), axis=0, prepend=0.0)[over]
+    return slopes, np.sign(bends[over]) * limits[over] - bends[over]
 
 
 def slope_norms(slopes: FloatArray) -> FloatArray:

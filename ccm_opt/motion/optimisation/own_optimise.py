@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.optimisation.keyframes import Failures, decimated, subdivided
 from ccm_opt.motion.optimisation.kinematics import Sweep
 from ccm_opt.motion.optimisation.own_terms import KeyframeTerms
@@ -42,11 +43,17 @@ def optimise_own(motion: Motion, task: MotionTask, program: Program) -> Motion:
         labelled = _thinned(motion, terms, lambda v: failures(space.headings(v[:, :-1])), intervals)
         own = KeyframeTerms(space, terms, labelled[:, -1])
         start = own.returned(labelled[:, :-1].copy())
-        if not own.met(Sweep(space, start)) or len(task.certificate.failures(space.headings(start))):
+        if not (own.met(Sweep(space, start)) and _within_limits(space, start)):
+            continue
+        if len(task.certificate.failures(space.headings(start))):
             continue
         coordinates = sequential_convex(replace(program, own=own), start, ROUNDS)
         return replace(motion, coordinates=coordinates, headings=space.headings(coordinates), u=own.u)
     return motion
+
+
+def _within_limits(space: LinkSpace, coordinates: FloatArray) -> bool:
+    return bool(np.all(np.abs(space.arm.bends(space.headings(coordinates))) <= space.arm.bend_limits))
 
 
 def path_parameters(motion: Motion) -> FloatArray:
