@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from ccm_opt.errors import ProblemFileError
+from ccm_opt.errors import ProblemFileError, UnreachableGoal
 from ccm_opt.jointed.arm import Feed
+from ccm_opt.pipeline import solve
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem_file import parse_problem, problem_from_mapping
 from ccm_opt.problem_file.data import problem_data
@@ -97,3 +98,9 @@ def test_defects_of_feed_and_sequence_are_named(old: str, new: str, key: str, me
     assert old in VIEWS
     found = keys_of(VIEWS.replace(old, new))
     assert message in found[key]
+
+
+def test_a_stop_out_of_reach_is_refused_before_planning() -> None:
+    """The reason says which of the goals it is."""
+    with pytest.raises(UnreachableGoal, match=r"goal 1 of 2: .*too short"):
+        solve(parse_problem(VIEWS.replace("position = [0.3, 0.1]", "position = [0.7, 0.1]")), explain=False)

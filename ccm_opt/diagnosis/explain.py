@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.load import joint_words, overloaded
@@ -46,9 +47,15 @@ def refuse_impossible(problem: Problem) -> None:
     Raises:
         UnreachableGoal: with the findings.
     """
-    findings = ranked(failed(problem, AT_ONCE))
+    for number, stop in enumerate(problem.stops, start=1):
+        single = replace(problem, goal=stop.goal, tolerances=stop.tolerances, stops=())
+        _refuse(ranked(failed(single, AT_ONCE)), f"goal {number} of {len(problem.stops) + 1}: ")
+    _refuse(ranked(failed(problem, AT_ONCE)))
+
+
+def _refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
     if findings:
-        raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", findings=findings))
+        raise UnreachableGoal(Diagnosis(f"{goal}{findings[0].reason}", "necessary checks", findings=findings))
 
 
 def explained(problem: Problem, error: NoPlanFound, trials: Trials) -> NoPlanFound:
