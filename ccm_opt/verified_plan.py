@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt import retiming, verification
 from ccm_opt.curve_planner import CurvePlanner
 from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.errors import ProblemError, VerificationError
+from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, VerificationError
 from ccm_opt.feed_planner import FeedPlanner
 from ccm_opt.hill_climbing_planner import HillClimbingPlanner
 from ccm_opt.jointed.frames import revolute_angles
@@ -51,8 +51,6 @@ def default_planner(problem: Problem, stages: Stages, terms: UserTerms | None = 
         return HillClimbingPlanner(stages)
     if problem.arm.feed is None:
         return CurvePlanner(stages, terms)
-    if terms is not None:
-        raise ProblemError("own constraints and costs are not planned for with a feed axis yet; leave arm.feed out")
     return FeedPlanner(stages)
 
 
@@ -131,9 +129,18 @@ def timed_leg(
             checks = verification.verify(leg.problem, trajectory, joints)
             own = () if terms is None else checks_of(terms, arm, path, trajectory)
         failures = failures_of((*checks, *own))
+        if failures and arm.feed is not None and not failures_of(checks):
+            raise MotionNotFound(_not_kept(failures_of(own)))
         if not failures:
             figures = {} if terms is None else dict(metrics_of(terms, arm, path, trajectory))
             return VerifiedPlan(path, trajectory, joints, checks, own, figures)
+
+
+def _not_kept(failures: list[str]) -> Diagnosis:
+    """Why a motion of a fed arm is none: its planner knows nothing of the constraints that are held against it."""
+    reason = f"the motion along the feed axis does not keep {failures[0]}"
+    advice = ("widen the constraint", "move the goal", "leave arm.feed out: a fixed arm's motion is planned to keep it")
+    return Diagnosis(reason, "constraints", advice, {"failures": failures})
 
 
 def failures_of(checks: Sequence[Check]) -> list[str]:

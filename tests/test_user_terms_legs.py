@@ -1,0 +1,59 @@
+"""Own constraints where the motion has legs, or the arm is fed: held for every leg, and against every motion."""
+
+import pytest
+
+from ccm_opt.errors import MotionNotFound
+from ccm_opt.pipeline import solve
+from ccm_opt.problem_file import parse_problem
+from ccm_opt.user_terms.quantities import Quantities
+from ccm_opt.user_terms.terms import Constraint
+
+from .conftest import SMALL_PROBLEM
+
+SEQUENCE = (
+    SMALL_PROBLEM.split("[goal]", maxsplit=1)[0]
+    + """
+[[goal]]
+position = [0.3, 0.1]
+
+[[goal]]
+position = [0.32, -0.12]
+"""
+)
+FED = SMALL_PROBLEM.replace("links = 4", "links = 4\nfeed = { range = [0.0, 0.3], hole = 0.0 }").replace(
+    "acceleration = 10.0", "acceleration = 10.0\nfeed_velocity = 0.1\nfeed_acceleration = 0.5"
+)
+
+
+def tip_below(height: float) -> Constraint:
+    """The tip stays below a height [m]."""
+    return Constraint("low tip", lambda q: q.tip[1], upper=height, where="motion")
+
+
+def feed_below(place: float) -> Constraint:
+    """The base stays short of a place on its axis [m]."""
+
+    def feed(q: Quantities) -> object:
+        return q.base_feed
+
+    return Constraint("short feed", feed, upper=place, where="motion")
+
+
+def test_a_constraint_holds_on_every_leg() -> None:
+    """Its check is made for each goal, and its residual is the worst of them."""
+    solution = solve(parse_problem(SEQUENCE), constraints=[tip_below(0.15)])
+    names = [check.name for check in solution.checks if "low tip" in check.name]
+    assert names == ["constraint low tip, goal 1", "constraint low tip, goal 2"]
+    assert solution.metrics["residual_low_tip"] <= 1e-6
+    assert solution.joint_positions[:, -1, 1].max() <= 0.15 + 1e-6
+
+
+def test_a_constraint_on_the_feed_is_held_against_the_motion() -> None:
+    """It is reported when it holds, and there is no plan when it does not: it names the constraint."""
+    problem = parse_problem(FED.replace("position = [0.3, 0.1]", "position = [0.5, 0.1]"))
+    solution = solve(problem, constraints=[feed_below(0.31)])
+    assert solution.trajectory.feed is not None
+    assert solution.trajectory.feed.positions[-1] > 0.1
+    assert solution.metrics["residual_short_feed"] == 0.0
+    with pytest.raises(MotionNotFound, match="short feed"):
+        solve(problem, constraints=[feed_below(0.05)], explain=False)
