@@ -138,7 +138,8 @@ class Follower:
         low, high = arm.base_heading - arm.base_limit, arm.base_heading + arm.base_limit
         if self.ends.clamped:
             low = high = self.start.base_heading
-        return World(self.passes, self.tips, self.field.gap, arm.joint_limit / arm.link_length, (low, high))
+        thickness = 2.0 * arm.radius if arm.self_collision else 0.0
+        return World(self.passes, self.tips, self.field.gap, arm.joint_limit / arm.link_length, thickness, (low, high))
 
 
 @dataclass(frozen=True)

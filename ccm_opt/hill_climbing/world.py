@@ -22,6 +22,8 @@ KEPT_OFF = 0.03
 """Points nearer to contact than this share of the arm's length are pushed away."""
 STRAINED = 0.3
 """Share of the curvature's limit from which interpolation points are pushed back."""
+OWN_POINTS = 24
+"""Points on a configuration that push each other."""
 POINTS = 48
 """Points on a configuration that are pushed."""
 
@@ -48,6 +50,7 @@ class World:
         tips: where the tip of the whole arm is: that of the curve, or that of the jointed arm that follows it.
         gap: about how far points are from contact.
         curvature_limit: |C| beyond a share of it counts as crowding [1/m].
+        thickness: distance that the arm must keep from itself [m]; 0 when it need not.
         base_range: least and greatest heading of the base [rad].
     """
 
@@ -55,6 +58,7 @@ class World:
     tips: Tips = field(default=_curve_tips)
     gap: Gap = field(default=_far)
     curvature_limit: float = np.inf
+    thickness: float = 0.0
     base_range: tuple[float, float] = (-np.inf, np.inf)
 
     @property
@@ -78,6 +82,19 @@ class World:
         if self.gap is not _far:
             lack = np.maximum(0.0, 1.0 - self.gap(shapes.points(POINTS)) / (KEPT_OFF * shapes.length[:, None]))
             crowding += np.square(lack).mean(axis=1)
+        if self.thickness > 0.0:
+            crowding += self._crowding_itself(shapes)
+        return crowding
+
+    def _crowding_itself(self, shapes: Shapes) -> FloatArray:
+        """The same for points of the arm that are near each other, but far apart along it, shape (m,)."""
+        points, count = shapes.points(OWN_POINTS), OWN_POINTS + 1
+        one, other = np.triu_indices(count, 1)
+        apart = (other - one) / OWN_POINTS * float(shapes.length[0]) > 4.0 * self.thickness
+        one, other = one[apart], other[apart]
+        gaps = np.hypot(*np.moveaxis(points[:, one] - points[:, other], -1, 0)) - self.thickness
+        lack = np.maximum(0.0, 1.0 - gaps / (KEPT_OFF * shapes.length[:, None]))
+        crowding: FloatArray = np.square(lack).sum(axis=1) / count
         return crowding
 
     def move_allowed(self, here: Configuration, there: Configuration) -> bool:
