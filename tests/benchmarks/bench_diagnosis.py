@@ -1,7 +1,8 @@
 """Diagnose problems that cannot be solved: ``python -m tests.benchmarks.bench_diagnosis --seeds 0 10``.
 
 Every problem of the six families (``tests/diagnosis_families.py``) is solved by the command line in a process of its
-own; what is judged is what it writes and prints. User CPU is of the whole process, start and loading included.
+own; what is judged is what it writes and prints. User CPU is of the whole process, start and loading included. The
+time limit is wall time: raise it on a busy machine.
 """
 
 # ruff: noqa: T201 - a benchmark prints its figures
@@ -51,10 +52,10 @@ class Outcome:
         return self.code == 3 and self.named and self.error <= CLOSE
 
 
-def diagnosed(case: Case, folder: Path) -> Outcome:
-    """Run the command line on a problem and judge its record."""
+def diagnosed(case: Case, folder: Path, time_limit: float) -> Outcome:
+    """Run the command line on a problem, with a time limit [s], and judge its record."""
     path = folder / f"{case.data['name']}.toml"
-    path.write_text(tomlkit.dumps(case.data))
+    path.write_text(tomlkit.dumps({**case.data, "planner": {"time_limit": time_limit}}))
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", PROGRAM, "solve", str(path), "--out", str(folder / "runs")]
     begin = os.times().children_user
@@ -92,13 +93,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", nargs=2, type=int, default=(0, 10), metavar=("FIRST", "END"))
     parser.add_argument("--families", nargs="+", default=FAMILIES, choices=FAMILIES)
+    parser.add_argument("--time-limit", type=float, default=60.0, help="of every problem [s]")
     parser.add_argument("--tell", action="store_true", help="print every reason")
     arguments = parser.parse_args()
     everything: list[Outcome] = []
     print(f"{'family':12s} {'named':>8s} {'within 5 %':>11s} {'error':>22s} {'user CPU [s]':>22s}")
     with tempfile.TemporaryDirectory() as folder:
         for family in arguments.families:
-            outcomes = [diagnosed(make_case(family, seed), Path(folder)) for seed in range(*arguments.seeds)]
+            outcomes = [
+                diagnosed(make_case(family, seed), Path(folder), arguments.time_limit)
+                for seed in range(*arguments.seeds)
+            ]
             print(line(family, outcomes), flush=True)
             everything += outcomes
     print(line("all", everything))
