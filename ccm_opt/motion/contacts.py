@@ -116,15 +116,20 @@ class ContactFinder:
 
     def describe(self, contacts: Contacts) -> str:
         """The contact that is furthest inside its margin, in words."""
-        if len(contacts) == 0:
+        tightest = self.tightest(contacts)
+        if tightest is None:
             return "nothing near"
+        link, other, gap = tightest
+        return f"link {link} and {other}, gap {1e3 * gap:.2f} mm"
+
+    def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
+        """Of the contact that is furthest inside its margin: link from 1, what it is near to, gap [m]; None if none."""
+        if len(contacts) == 0:
+            return None
         k = int(np.argmin(contacts.gap - contacts.margin))
-        other = (
-            f"'{self.walls.names[contacts.wall[k]]}'"
-            if contacts.second[k] == WALL
-            else f"link {contacts.second[k] + 1}"
-        )
-        return f"link {contacts.first[k] + 1} and {other}, gap {1e3 * contacts.gap[k]:.2f} mm"
+        wall = contacts.second[k] == WALL
+        other = f"'{self.walls.names[contacts.wall[k]]}'" if wall else f"link {contacts.second[k] + 1}"
+        return int(contacts.first[k]) + 1, other, float(contacts.gap[k])
 
     def crosses(self, points: FloatArray) -> bool:
         """Whether any link cuts an edge of a wall or a distant link."""

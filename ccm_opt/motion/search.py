@@ -8,11 +8,11 @@ from typing import TypeAlias
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.motion.backward import backward_tasks, pose_at_goal, reversed_motion
 from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import PAUSES, Stalled, follow, settle, without_pauses
+from ccm_opt.motion.failures import Failure, nothing_found
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
@@ -53,7 +53,7 @@ def find_motion(task: MotionTask) -> Motion:
         motion = _found_by(search, task, failures)
         if motion is not None:
             return motion
-    raise _nothing_found(task, failures)
+    raise nothing_found(task, failures)
 
 
 def _found_by(search: "Search", task: MotionTask, failures: "list[Failure]") -> Motion | None:
@@ -76,17 +76,6 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
         return lifted
     lifted = lift(found, task)
     return optimise(lifted, task) if lifted is not None else None
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Why one candidate failed."""
-
-    candidate: str
-    message: str
-    obstacle: str
-    remaining: float
-    own: str = ""
 
 
 Search: TypeAlias = Callable[[MotionTask, list[Failure], float], Motion | None]
@@ -295,10 +284,18 @@ class _Attempt:
 
     def failure(self, name: str, stalled: Stalled) -> Failure:
         """Why a candidate stalled, and what was near."""
-        finder = self.stepper.finder
-        obstacle = finder.describe(finder.find(stalled.poses[-1].points))
-        own = "" if self.goal.own is None else self.goal.own.describe(stalled.poses[-1].headings)
-        return Failure(name, str(stalled), obstacle, self.goal.errors(stalled.poses[-1])[0], own)
+        pose, finder = stalled.poses[-1], self.stepper.finder
+        contacts = finder.find(pose.points)
+        own = "" if self.goal.own is None else self.goal.own.describe(pose.headings)
+        where = finder.tightest(contacts)
+        return Failure(name, str(stalled), finder.describe(contacts), self._remaining(pose), own, where, pose.headings)
+
+    def _remaining(self, pose: Pose) -> float:
+        """How far the tip, or with a goal for the whole arm the farthest joint, still is from the goal [m]."""
+        if self.goal.coordinates is None:
+            return self.goal.errors(pose)[0]
+        apart = self.stepper.space.positions(self.goal.coordinates) - pose.points
+        return float(np.linalg.norm(apart, axis=1).max())
 
 
 def headings_of(poses: list[Pose]) -> FloatArray:
@@ -309,35 +306,3 @@ def headings_of(poses: list[Pose]) -> FloatArray:
 def _coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:
     """Coordinates in the space nearest to given link headings."""
     return space.blended_to(headings)[1][:-1]
-
-
-def _nothing_found(task: MotionTask, failures: list[Failure]) -> MotionNotFound | TimeLimitReached:
-    tried = sorted(failures, key=lambda f: f.remaining)
-    evidence = {"tried": [f"{f.candidate}: {f.message} ({f.obstacle})" for f in tried]}
-    trees = [f.message for f in failures if f.candidate == TREES]
-    if tried:
-        best = tried[0]
-        reason = (
-            f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended "
-            f"{1e3 * best.remaining:.0f} mm from the goal: {best.message}; tightest there: {best.obstacle}"
-        ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
-    else:
-        reason = "no motion found: there is no path of the tip that the arm is long enough for"
-    reason += _own_reason(task, tried)
-    if task.deadline.passed():
-        return TimeLimitReached(
-            Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence)
-        )
-    advice = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "use a longer arm")
-    own = ("relax the constraints, or make them soft",) if task.terms is not None else ()
-    return MotionNotFound(Diagnosis(reason, "motion", (*own, *advice), evidence))
-
-
-def _own_reason(task: MotionTask, tried: list[Failure]) -> str:
-    """The constraint in the way of the candidate that came nearest, or all of them."""
-    if task.terms is None or not task.terms.hard:
-        return ""
-    met = [failure.own for failure in tried if failure.own]
-    if met:
-        return f"; {met[0]} where candidates ended ({len(met)} of {len(tried)} at a constraint)"
-    return "; under " + ", ".join(f"constraint '{c.constraint.name}'" for c in task.terms.hard)

@@ -1,0 +1,97 @@
+"""Why no motion was found: what every candidate ended at, and in words what stood in the way of the best."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
+from ccm_opt.motion.task import MotionTask
+from ccm_opt.motion.tree.growth import TREES
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why one candidate failed.
+
+    Attributes:
+        candidate: its name.
+        message: how far it came.
+        obstacle: the tightest contact there, in words.
+        remaining: distance of the tip, or with a goal for the whole arm of the farthest joint, from the goal [m].
+        own: the user's constraint in the way, or empty.
+        tightest: link, counted from 1, name of what it nearly touches, and the gap [m]; None when nothing is near.
+        headings: of the links where it ended, shape (links,) [rad].
+    """
+
+    candidate: str
+    message: str
+    obstacle: str
+    remaining: float
+    own: str
+    tightest: tuple[int, str, float] | None
+    headings: FloatArray
+
+
+def nothing_found(task: MotionTask, failures: Sequence[Failure]) -> MotionNotFound | TimeLimitReached:
+    """The error that says why no motion was found."""
+    tried = sorted(failures, key=lambda f: f.remaining)
+    trees = [f.message for f in failures if f.candidate == TREES]
+    if tried:
+        best = tried[0]
+        what = "the tip" if task.goal_headings is None else "a joint"
+        reason = (
+            f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended with {what} "
+            f"{1e3 * best.remaining:.0f} mm from the goal: {best.message}; tightest there: {best.obstacle}"
+        ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
+    else:
+        reason = "no motion found: there is no path of the tip that the arm is long enough for"
+    reason += _own_reason(task, tried)
+    if task.deadline.passed():
+        return TimeLimitReached(
+            Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence(tried))
+        )
+    advice = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "use a longer arm")
+    own = ("relax the constraints, or make them soft",) if task.terms is not None else ()
+    return MotionNotFound(Diagnosis(reason, "motion", (*own, *advice), evidence(tried)))
+
+
+def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
+    """The figures behind a reason, all JSON-serialisable; failures come sorted, the best first.
+
+    Returns:
+        ``tried``: a line for each; ``candidates``: the same as tables; ``in_the_way``: how often what was the tightest
+        contact; ``nearest_pose``: link headings where the best ended [rad].
+    """
+    named = Counter(f.tightest[1] for f in tried if f.tightest is not None)
+    return {
+        "tried": [f"{f.candidate}: {f.message} ({f.obstacle})" for f in tried],
+        "candidates": [_table(f) for f in tried],
+        "in_the_way": dict(named.most_common()),
+        "nearest_pose": np.asarray(tried[0].headings).tolist() if tried else [],
+    }
+
+
+def _table(failure: Failure) -> dict[str, object]:
+    table: dict[str, object] = {
+        "name": failure.candidate,
+        "ended": failure.message,
+        "remaining": failure.remaining,
+        "constraint": failure.own,
+    }
+    if failure.tightest is None:
+        return table
+    link, other, gap = failure.tightest
+    return table | {"link": link, "near": other, "gap": gap}
+
+
+def _own_reason(task: MotionTask, tried: list[Failure]) -> str:
+    """The constraint in the way of the candidate that came nearest, or all of them."""
+    if task.terms is None or not task.terms.hard:
+        return ""
+    met = [failure.own for failure in tried if failure.own]
+    if met:
+        return f"; {met[0]} where candidates ended ({len(met)} of {len(tried)} at a constraint)"
+    return "; under " + ", ".join(f"constraint '{c.constraint.name}'" for c in task.terms.hard)
