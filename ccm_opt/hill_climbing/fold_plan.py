@@ -12,6 +12,7 @@ from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import ProblemError
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_4, scm_6, scm_7, scm_8
+from ccm_opt.hill_climbing.schemas.climbing import PUSH
 from ccm_opt.hill_climbing.schemas.feeding import FEED, begin_feeding, pass_length, slide_boundary
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step, run
 from ccm_opt.hill_climbing.track import Track
@@ -140,7 +141,7 @@ def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema
         except (ProblemError, SchemaStopped):
             here, steps = start, ()
     yield from steps
-    return (yield from scm_0(world, here, goal, most_steps=LAST_CLIMB))
+    return (yield from scm_0(world, here, goal, most_steps=LAST_CLIMB, push=PUSH))
 
 
 def staged(schema: Generator[Step, None, _Result], stage: str) -> Generator[Step, None, _Result]:

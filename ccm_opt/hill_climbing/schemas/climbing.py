@@ -18,7 +18,7 @@ SUBGOAL_SPACING = 0.03
 SUBGOAL_TURN = 0.12
 """Most that the tip turns from subgoal to subgoal [rad]."""
 PUSH = 0.01
-"""Weight of the walls beside the distance; none in open space."""
+"""Weight of the world's crowding beside the distance where a plan asks for it."""
 ON_THE_WAY = Precision(2e-3, 2e-2)
 """Precision asked at the subgoals of SCM-7 but the last."""
 
@@ -32,6 +32,7 @@ def scm_0(
     weights: Weights | None = None,
     strategy: Strategy = Strategy.STEEPEST,
     most_steps: int = 600,
+    push: float = 0.0,
 ) -> Schema:
     """SCM-0: pure hill climbing to a goal for the tip's position and, if given, orientation.
 
@@ -45,6 +46,7 @@ def scm_0(
         weights: of the distance function.
         strategy: of the climb.
         most_steps: moves at most.
+        push: weight of the world's crowding; none in the pure climb.
 
     Yields:
         Every move.
@@ -63,7 +65,7 @@ def scm_0(
         return distance.of(positions, headings, shapes.heading)
 
     moves = Moves(tuple(range(len(start.segments))))
-    way = climb(world, start, Climb(objective, distance.threshold, moves, strategy, most_steps, PUSH))
+    way = climb(world, start, Climb(objective, distance.threshold, moves, strategy, most_steps, push))
     while True:
         try:
             here = next(way).configuration(0)
@@ -113,7 +115,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
 def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
     """To the next subgoal by SCM-0, in one step if the world lets it."""
     moves: list[Configuration] = []
-    way = scm_0(world, start, subgoal, precision=precision)
+    way = scm_0(world, start, subgoal, precision=precision, push=PUSH)
     while True:
         try:
             moves.append(next(way).configuration)
