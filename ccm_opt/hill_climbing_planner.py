@@ -16,7 +16,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import merge_segments
-from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached
+from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.hill_climbing.clearance_field import ClearanceField
 from ccm_opt.hill_climbing.distance import TipPose
@@ -191,6 +191,7 @@ def first_plan(follower: Follower) -> tuple[str, tuple[Step, ...]]:
 
     Raises:
         MotionNotFound: none does; the diagnosis names the schema at which each stopped.
+        TimeLimitReached: the time passed first; the diagnosis names the stops until then.
     """
     stops: list[tuple[str, str, str]] = []
     for name, schema in plans(follower):
@@ -201,12 +202,16 @@ def first_plan(follower: Follower) -> tuple[str, tuple[Step, ...]]:
         except SchemaStopped as stopped:
             stops.append((name, stopped.schema, stopped.diagnosis.reason))
             continue
+        except TimeLimitReached as late:
+            schema_name = steps[-1].schema if steps else "SCM-1"
+            stops.append((name, schema_name, f"the time limit passed during {schema_name}"))
+            raise TimeLimitReached(_diagnosis("no plan arrived in time", stops)) from late
         return name, tuple(steps)
-    raise _nothing_arrived(stops)
+    raise MotionNotFound(_diagnosis("no plan arrived", stops))
 
 
 def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
-    """Type selection with every type in turn, then the fold plan with either subgoal."""
+    """Type selection with every type in turn, folds to either side, then the passages of the region plan."""
     world, start = follower.world, follower.start
     goal = TipPose(follower.ends.goal.position, follower.ends.goal.heading)
     for k in range(TYPES_TRIED):
@@ -262,7 +267,7 @@ def joint_path(follower: Follower, name: str, steps: tuple[Step, ...]) -> JointP
     return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), arm.bends(headings), curves, name, spare=spare)
 
 
-def _nothing_arrived(stops: list[tuple[str, str, str]]) -> NoPlanFound:
+def _diagnosis(what: str, stops: list[tuple[str, str, str]]) -> Diagnosis:
     lines = "; ".join(f"{name}: {reason}" for name, _, reason in stops)
     evidence = {"stopped_at": {name: schema for name, schema, _ in stops}}
-    return MotionNotFound(Diagnosis(f"no plan arrived: {lines}", "motion", ("use planner.method nlp",), evidence))
+    return Diagnosis(f"{what}: {lines}", "motion", ("use planner.method nlp",), evidence)

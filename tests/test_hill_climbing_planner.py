@@ -108,8 +108,9 @@ class _Nothing(Certificate):
 
 def test_the_time_limit_is_kept() -> None:
     """A limit that is over before the first move ends the search with its own error."""
-    with pytest.raises(TimeLimitReached):
+    with pytest.raises(TimeLimitReached, match=r"no plan arrived in time: type selection 1") as late:
         HillClimbingPlanner().plan(shared("fold-and-reach", time_limit=1e-6))
+    assert "stopped_at" in late.value.diagnosis.evidence
 
 
 def test_a_feed_axis_is_refused() -> None:
