@@ -114,7 +114,7 @@ def test_bands_keep_off_the_walls_of_a_bent_tube(turn: float, left: bool, gap: f
     walls = Walls.of(Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0), (Obstacle("tube", tube),)))
     way = middle.points[(middle.arc > 0.82) & (middle.arc < 1.38)]
     wanted = RADIUS + 0.01
-    band = ElasticBand(walls, wanted, 0.0, 15.0, LINK / 3.0).smoothed(way, (0.0, None))
+    band = ElasticBand(walls, wanted, 0.0, 15.0, LINK / 3.0, LINK).smoothed(way, (0.0, None))
     assert np.allclose(band[[0, -1]], way[[0, -1]], atol=1e-9)
     kept = shapely.distance(tube, shapely.points(band[2:-2]))
     assert kept.min() > min(wanted, RADIUS + gap) - 1.5e-3

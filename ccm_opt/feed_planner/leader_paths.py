@@ -38,8 +38,10 @@ CURVATURE_SHARE = 0.9
 """Share of the tightest bend that the curve may use."""
 BAND_MARGINS = (0.2, 0.05, 0.01)
 """Room that elastic bands keep beyond radius and clearance where there is so much, in link lengths."""
-BAND_SPACING = 1.0 / 3.0
-"""Distance between the points of a band, in link lengths."""
+BAND_SPACING, LEAST_SPACING = 1.0 / 3.0, 1.0 / 96.0
+"""Distance between the points of a band, in link lengths; but for many links this share of the arm's length."""
+EVENNESS = 1.0 / 16.0
+"""Length over which a band's change of curvature weighs as much as its curvature, as a share of the arm's length."""
 CHORD_SPARE = 1e-2
 """Share of the curve's length by which chords may be shorter than their arcs."""
 
@@ -113,7 +115,8 @@ class LeaderPaths:
             arm.radius + self.problem.workspace.clearance + margin * arm.link_length,
             arm.link_length,
             self._curvature_limit,
-            BAND_SPACING * arm.link_length,
+            max(BAND_SPACING * arm.link_length, LEAST_SPACING * arm.length),
+            EVENNESS * arm.length,
         )
         taut = room.path_of_sleeve(route.sleeve, begin, end)
         points = band.smoothed(taut, (arm.base_heading, self.goal.heading))

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import chain, product
 
 from scipy.interpolate import BSpline
 
@@ -106,14 +106,23 @@ class _Search:
             yield from reshaping_at_once(query)
 
     def _between(self, query: FeedQuery) -> Iterator[Way]:
-        """Ways between ends from which the arm can be drawn back."""
-        paths = []
+        """Ways between ends from which the arm can be drawn back.
+
+        When the first paths cannot be followed all the way, others hardly can: shapes are changed to them first.
+        """
+        aside = list[LeaderPath]()
         for path in self._leaders(query):
-            paths.append(path)
-            yield from following(query, path)
-        self.paths += paths
-        for path in paths[:PATHS_RESHAPED_TO]:
-            yield from reshaping(query, path)
+            self.paths.append(path)
+            ways = list(following(query, path))
+            yield from ways
+            if not ways and query.end_on(path) is not None:
+                aside.append(path)
+                if len(aside) == PATHS_RESHAPED_TO:
+                    yield from chain.from_iterable(reshaping(query, each) for each in aside)
+        if len(aside) < PATHS_RESHAPED_TO:
+            others = [path for path in self.paths if path not in aside]
+            for path in (aside + others)[:PATHS_RESHAPED_TO]:
+                yield from reshaping(query, path)
 
     def _leaders(self, query: FeedQuery) -> Iterator[LeaderPath]:
         """Leaders' paths, most promising first."""

@@ -10,7 +10,7 @@ from ccm_opt.motion.feeding.feed_path import FeedMotions
 from ccm_opt.motion.feeding.gating import travel_between_samples
 from ccm_opt.motion.feeding.leader import LeaderPath
 from ccm_opt.motion.feeding.own_shape import own_path
-from ccm_opt.motion.feeding.slide import STEP
+from ccm_opt.motion.feeding.slide import feed_step
 from ccm_opt.problem import Problem, TipGoal
 
 
@@ -66,7 +66,7 @@ class FeedQuery:
 
         Three control points of the smooth path shape each of its spans, and samples are taken as linear between.
         """
-        return self.feed.hole + 3.0 * STEP * self.arm.link_length + 2.0 * self.motions.travel
+        return self.feed.hole + 3.0 * feed_step(self.arm) + 2.0 * self.motions.travel
 
     @property
     def least_straight(self) -> float:

@@ -1,5 +1,6 @@
 """Ways from the start to the end of a leader's path: by following alone, or with a change of shape on the way."""
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.feed_planner.poses import FedPose
 from ccm_opt.feed_planner.query import FeedQuery
 from ccm_opt.feed_planner.reshaping import Reshaping
+from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.feeding.leader import LeaderPath
 from ccm_opt.motion.feeding.own_shape import own_path
 from ccm_opt.motion.feeding.slide import joined, pose_on, slide
@@ -18,6 +20,8 @@ SAME_POSE = 1e-7
 """Bends that differ by less are the same [rad]."""
 OUT, OUT_SHARE = 0.25, 0.5
 """Where bends are moved on to, in link lengths beyond where joints may bend; share of its limit that a joint takes."""
+RESHAPING_SHARE = 0.25
+"""Share of the time limit that one change of shape may use."""
 SEPARATION = 2
 """Further keyframes where a change of shape ends, so that no span of the smooth path mixes it with moving feed."""
 
@@ -162,7 +166,9 @@ def _to_feed(query: FeedQuery, turn: float) -> FloatArray | None:
 
 
 def _reshaper(query: FeedQuery) -> Reshaping:
-    return Reshaping(query.problem, query.deadline)
+    """Changes of shape, none of which may use up all the time."""
+    until = time.monotonic() + RESHAPING_SHARE * query.problem.planner.time_limit
+    return Reshaping(query.problem, Deadline(min(query.deadline.at, until)))
 
 
 def _pinned(query: FeedQuery, keyframes: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ CPU of planning alone in this process. Set OMP_NUM_THREADS=1 and OPENBLAS_NUM_TH
 # ruff: noqa: T201 - a benchmark prints its figures
 import argparse
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES))
     parser.add_argument("--seeds", nargs=2, type=int, default=[0, 12], metavar=("FIRST", "END"))
+    parser.add_argument("--time-limit", type=float, default=30.0, help="of each plan, on the wall clock [s]")
     options = parser.parse_args()
     head(
         "family", "solved", "planning, median [s]", "longest [s]", "deviation, mean [mm]", "worst [mm]", "straight [mm]"
@@ -40,8 +41,13 @@ def main() -> None:
     for number, family in enumerate(FAMILIES):
         if family in options.families:
             problems = (FAMILIES[family](np.random.default_rng((number, k))) for k in range(*options.seeds))
-            runs = [planned(problem) for problem in problems]
+            runs = [planned(patient(problem, options.time_limit)) for problem in problems]
             row(family, *figures(runs))
+
+
+def patient(problem: Problem, time_limit: float) -> Problem:
+    """A problem with a time limit [s]."""
+    return replace(problem, planner=replace(problem.planner, time_limit=time_limit))
 
 
 def planned(problem: Problem) -> Run:

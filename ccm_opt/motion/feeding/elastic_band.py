@@ -23,7 +23,6 @@ SETTLED = 2e-3
 """Step, in distances between points, below which the band counts as settled."""
 _LARGEST_STEP = 0.3
 _TENSION = 0.02
-_EVENNESS = 10.0
 _TIGHT, _TIGHT_POWER = 30.0, 6
 _RIDGE = 1e-3
 _LEAST_SLANT = 0.3
@@ -40,6 +39,7 @@ class ElasticBand:
         chord: length of the chords that will lie on the band; their sagitta is kept on top of ``least`` [m].
         curvature_limit: bound on |κ| that the band tries to keep [1/m].
         spacing: h, distance between points [m].
+        evenness: length over which a change of curvature weighs as much as the curvature itself [m].
     """
 
     walls: Walls
@@ -47,6 +47,7 @@ class ElasticBand:
     chord: float
     curvature_limit: float
     spacing: float
+    evenness: float
 
     def smoothed(self, way: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
         """A smooth band from a way.
@@ -88,11 +89,12 @@ class ElasticBand:
         rows = np.diag(-2.0 + (curvature / h) ** 2) + np.eye(m, k=1) + np.eye(m, k=-1)
         share = np.minimum(np.abs(curvature) / (self.curvature_limit * h * h), 1.5)
         weight = 1.0 + _TIGHT * share**_TIGHT_POWER
+        even = (self.evenness / h) ** 2
         straight = np.zeros((1, m))  # before and after the band
         change = np.diff(curvature, prepend=0.0, append=0.0)
         changes = np.diff(np.vstack((straight, rows, straight)), axis=0)
-        hessian = rows.T @ (weight[:, None] * rows) + _EVENNESS * changes.T @ changes + _RIDGE * np.eye(m)
-        gradient = rows.T @ (weight * curvature) + _EVENNESS * changes.T @ change - _TENSION * curvature
+        hessian = rows.T @ (weight[:, None] * rows) + even * changes.T @ changes + _RIDGE * np.eye(m)
+        gradient = rows.T @ (weight * curvature) + even * changes.T @ change - _TENSION * curvature
         return hessian, gradient
 
     def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:

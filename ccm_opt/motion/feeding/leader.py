@@ -14,7 +14,7 @@ _ITERATIONS = 40
 _TOLERANCE = 1e-13
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LeaderPath:
     """A path with a continuous heading; arc length is counted from ``Arm.base`` along the feed axis.
 

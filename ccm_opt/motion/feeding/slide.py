@@ -9,8 +9,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.feeding.leader import LeaderPath
 
-STEP = 0.125
-"""Feed between two keyframes, in link lengths."""
+STEP, LEAST_STEP = 1.0 / 8.0, 1.0 / 300.0
+"""Feed between two keyframes, in link lengths; but for arms of many links this share of the arm's length."""
 _NO_BEND = 1e-10
 """Bends below this are rounding of straight chords [rad]."""
 
@@ -29,10 +29,15 @@ def pose_on(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
 
 
 def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
-    """Feeds from one to another, both held, at most a ``STEP`` apart [m]."""
+    """Feeds from one to another, both held, at most a ``feed_step`` apart [m]."""
     if start == end:
         return np.array([start])
-    return np.linspace(start, end, 1 + int(np.ceil(abs(end - start) / (STEP * arm.link_length) - 1e-9)))
+    return np.linspace(start, end, 1 + int(np.ceil(abs(end - start) / feed_step(arm) - 1e-9)))
+
+
+def feed_step(arm: Arm) -> float:
+    """Feed between two keyframes [m]."""
+    return max(STEP * arm.link_length, LEAST_STEP * arm.length)
 
 
 def joined(*pieces: FloatArray) -> FloatArray:
