@@ -8,7 +8,7 @@ the joints' speed and acceleration limits decide the duration.
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -120,11 +120,13 @@ class Objective:
         return block
 
 
+@lru_cache(maxsize=8)
 def _differences(intervals: int, order: int) -> FloatArray:
     """Matrix of differences between keyframes, shape (K + 1 − order, K + 1)."""
     return np.diff(np.eye(intervals + 1), order, axis=0)
 
 
+@lru_cache(maxsize=8)
 def _normal(intervals: int, order: int) -> FloatArray:
     differences = _differences(intervals, order)
     return differences.T @ differences
