@@ -9,6 +9,7 @@ import pytest
 from ccm_opt.motion import search
 from ccm_opt.motion.backward import backward_tasks, reversed_motion
 from ccm_opt.motion.lifting import lift
+from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.task import Motion, MotionTask, coarsened
 from ccm_opt.problem import JointPose
@@ -63,7 +64,8 @@ def test_reversed_motion_is_lifted_exactly(links: int) -> None:
     coarse = coarsened(task, 24)
     (other,) = backward_tasks(coarse, search._Attempt.of(coarse, 0.06, 24.0).stepper)
     assert other is not None
-    lifted = lift(reversed_motion(find_motion(other)), task)
+    found = reversed_motion(find_motion(other))
+    lifted = lift(optimise(found, replace(coarse, optimiser="sequential-convex"), search.LIFT_MARGIN), task)
     assert lifted is not None
     np.testing.assert_allclose(lifted.headings[0], task.start, atol=EXACT)
     np.testing.assert_allclose(lifted.headings[-1], task.goal_headings, atol=EXACT)
