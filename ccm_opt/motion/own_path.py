@@ -111,9 +111,10 @@ def moved_onto(rows: "RowSet", arm: Arm, headings: FloatArray, u: float, free: F
     Returns:
         None when that does not converge.
     """
+    held = np.zeros(arm.links)
     for _ in range(_NEWTON_STEPS):
         slopes, change = _wanted(rows.at(headings, u))
-        turned, back = overbent(arm, headings)
+        turned, back = overbent(arm, headings, held)
         slopes, change = np.vstack((slopes, turned)), np.append(change, back)
         if not np.isfinite(change).all():
             return None

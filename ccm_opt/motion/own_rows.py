@@ -95,7 +95,9 @@ class OwnRows:
         """
         equations, target = self._independent(values, turn)
         scale = slope_norms(values.gap_slopes)
-        rows, gaps = values.gap_slopes @ self.space.matrix / scale[:, None], values.gaps / scale
+        within = ~(values.gaps > (MARGIN + 2.0 * turn * np.sqrt(self.space.arm.links)) * scale)  # others cannot bind
+        scale, gaps = scale[within], values.gaps[within] / scale[within]
+        rows = values.gap_slopes[within] @ self.space.matrix / scale[:, None]
         lower = np.minimum(-0.5 * (gaps - MARGIN), 0.0)
         near = gaps < MARGIN
         urgency = np.where(gaps[near] < 0.0, URGENCY, 1.0)
@@ -131,7 +133,7 @@ class OwnRows:
         Returns:
             None when that does not converge within ``most``.
         """
-        start = v
+        start, held = v, np.zeros(self.space.arm.links)
         for _ in range(_NEWTON_STEPS):
             values = self.values(self.space.headings(v))
             if not np.isfinite(values.miss):
@@ -139,7 +141,7 @@ class OwnRows:
             slopes, change = values.equation_slopes @ self.space.matrix, -values.equations
             if gaps:
                 slopes, change = self.missed(self.space.headings(v))
-                turned, back = overbent(self.space.arm, self.space.headings(v))
+                turned, back = overbent(self.space.arm, self.space.headings(v), held)
                 slopes, change = np.vstack((slopes, turned @ self.space.matrix)), np.append(change, back)
             if np.max(np.abs(change), initial=0.0) <= MET:
                 return v
@@ -200,12 +202,21 @@ class OwnRows:
         return bool(np.isfinite(after.miss) and np.all(after.gaps >= floor - _TINY))
 
 
-def overbent(arm: Arm, headings: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes of bends too near their limit by the link headings, shape (k, links), and their way back [rad]."""
+def overbent(arm: Arm, headings: FloatArray, held: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slopes of bends too near their limit by the link headings, shape (k, links), and their way back [rad].
+
+    Args:
+        arm: whose bends they are.
+        headings: shape (links,) [rad].
+        held: side to which each bend was too large before, or 0; such bends are kept at the limit, so that Newton's
+            method does not go to and fro. What is too large now is added. Shape (links,).
+    """
     bends, limits = arm.bends(headings), WITHIN * arm.bend_limits
-    over = np.flatnonzero(np.abs(bends) > limits + MET)
+    beyond = np.abs(bends) > limits + MET
+    held[beyond] = np.sign(bends[beyond])
+    over = np.flatnonzero(held)
     slopes = np.diff(np.eye(arm.links), axis=0, prepend=0.0)[over]
-    return slopes, np.sign(bends[over]) * limits[over] - bends[over]
+    return slopes, held[over] * limits[over] - bends[over]
 
 
 def slope_norms(slopes: FloatArray) -> FloatArray:

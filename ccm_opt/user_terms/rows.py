@@ -1,6 +1,7 @@
 """Hard constraints as rows: equations h(φ, u) = 0 and gaps g(φ, u) >= 0, with their slopes, for one pose at a time."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -102,11 +103,32 @@ class RowSet:
             u: path parameter.
             feed: position of the base on its axis [m].
         """
-        column, slopes = self.slopes(headings, feed, u)
-        values, jacobian = np.asarray(column)[:, 0], np.asarray(slopes)
+        values, jacobian = self._evaluated(headings, u, feed)
         here = (self.first <= u + _SLACK) & (u <= self.last + _SLACK)
         equations, gaps = here & self.equal, here & ~self.equal
         return RowValues(values[equations], jacobian[equations], values[gaps], jacobian[gaps])
+
+    def _evaluated(self, headings: FloatArray, u: float, feed: float) -> tuple[FloatArray, FloatArray]:
+        """All rows and their slopes, of shapes (rows,) and (rows, links); overwritten by the next call."""
+        if not len(self):
+            return np.zeros(0), np.zeros((0, len(headings)))
+        _, evaluate, arguments, values, slopes = self._buffers
+        arguments[0][:], arguments[1][0], arguments[2][0] = headings, feed, u
+        evaluate()
+        return values, slopes.T
+
+    @cached_property
+    def _buffers(self) -> tuple[Any, Any, tuple[FloatArray, ...], FloatArray, FloatArray]:
+        """Evaluation through arrays of our own, without CasADi's conversions; CasADi stores by columns."""
+        buffer, evaluate = self.slopes.buffer()
+        links = self.slopes.size1_in(0)
+        arguments = np.zeros(links), np.zeros(1), np.zeros(1)
+        values, slopes = np.zeros(len(self)), np.zeros((links, len(self)))
+        for k, array in enumerate(arguments):
+            buffer.set_arg(k, array.data)
+        buffer.set_res(0, values.data)
+        buffer.set_res(1, slopes.data)
+        return buffer, evaluate, arguments, values, slopes
 
     def table(self, headings: FloatArray, u: FloatArray | float = 0.0) -> FloatArray:
         """Values of all rows at many poses, shape (N, rows); NaN where a row does not apply.

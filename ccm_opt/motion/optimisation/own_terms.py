@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 MET = 1e-8
 """By which equations may be missed at a keyframe, in the user's unit."""
+FAR = 2.0
+"""Gaps that the whole arm has to turn by more than this to close make no rows [rad]."""
 MOST_TURN = 0.5
 """A keyframe that needs a larger turn of a link to meet its equations does not meet them [rad]."""
 
@@ -68,8 +70,10 @@ class KeyframeTerms:
         for k in range(1, len(self.u)):
             values = self._rows(k).values(sweep.headings[k])
             scale = slope_norms(values.gap_slopes)
-            rows.append(values.gap_slopes @ self.space.matrix / scale[:, None])
-            least.append(np.minimum(MARGIN - values.gaps / scale, 0.0))
+            near = values.gaps < FAR * scale
+            scale = scale[near]
+            rows.append(values.gap_slopes[near] @ self.space.matrix / scale[:, None])
+            least.append(np.minimum(MARGIN - values.gaps[near] / scale, 0.0))
             keyframes += [k] * len(scale)
         return np.array(keyframes, dtype=np.intp), np.vstack(rows), np.concatenate(least)
 
