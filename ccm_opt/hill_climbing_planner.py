@@ -204,7 +204,7 @@ def first_plan(follower: Follower) -> tuple[str, tuple[Step, ...]]:
             continue
         except TimeLimitReached as late:
             schema_name = steps[-1].schema if steps else "SCM-1"
-            stops.append((name, schema_name, f"the time limit passed during {schema_name}"))
+            stops.append((name, schema_name, f"the time limit passed after {schema_name}"))
             raise TimeLimitReached(_diagnosis("no plan arrived in time", stops)) from late
         return name, tuple(steps)
     raise MotionNotFound(_diagnosis("no plan arrived", stops))
