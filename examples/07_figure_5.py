@@ -1,8 +1,9 @@
 """Figure 5 of the paper: decomposition and schemas fold the arm past an obstacle (section 4.3).
 
-The shared problem *fold-and-reach*: the straight arm must get behind a hanging wall. Panels as in the paper: (1) start and
-goal; (2) change of type; (3) straight to the subgoal, half-way to the wall; (4) the tip segment traces the curve to the
-goal while the base segment holds the subgoal with less and less length; (5) merge and climb; (6) all of it::
+The shared problem *fold-and-reach*: the straight arm must get behind a hanging wall. Panels as in the paper: (1) start
+and goal; (2) change of type; (3) straight to the subgoal, half-way to the wall; (4) the tip segment traces the curve to
+the goal while the base segment keeps the boundary on that curve with less and less length; (5) merge and climb; (6) all
+of it::
 
     python examples/07_figure_5.py docs/images
 """
@@ -11,7 +12,6 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
 from ccm_opt.hill_climbing_planner import Follower, obstacle_ahead
@@ -27,13 +27,14 @@ def main() -> None:
     problem = ccm_opt.load_problem(PROBLEMS / "fold-and-reach.toml")
     follower, goal = Follower.of(problem), TipPose(problem.goal.position, problem.goal.heading)
     subgoal = subgoals(follower.start.base, obstacle_ahead(problem, goal.position))[0]
-    stages: dict[str, list[Configuration]] = {}
-    for step in fold_plan(follower.world, follower.start, subgoal, goal, sliding=True):
-        stages.setdefault(step.stage, []).append(step.configuration)
-    stages["6 all of it"] = [configuration for stage in stages.values() for configuration in stage]
+    steps = list(fold_plan(follower.world, follower.start, subgoal, goal, sliding=True))
+    names = dict.fromkeys(step.stage for step in steps)
+    stages = {name: [step.configuration for step in steps if step.stage == name] for name in names}
+    stages["6 all of it"] = [step.configuration for step in steps]
     hollow = TipGoal(subgoal.position, subgoal.heading)
     panels = [
-        Panel(f"({n[0]}){n[1:]}", tuple(way), problem.goal, problem.workspace, hollow) for n, way in stages.items()
+        Panel(f"({name[0]}){name[1:]}", tuple(way), problem.goal, problem.workspace, hollow)
+        for name, way in stages.items()
     ]
     for name, way in stages.items():
         print(f"{name}: {len(way)} configurations, {len(way[-1].segments)} segment(s) at the end")
