@@ -23,6 +23,10 @@ FOLD_SHARE = 1.18
 """Length of the hairpin that fits a passage, as a share of its width."""
 LONGEST_SHAPE = 1.1
 """A taut way from the base may be this share of the arm's length; it cuts no corner, so the arm itself may fit."""
+STRAIGHT = 0.02
+"""Turn that makes a corner of a path [rad]."""
+FEW_CORNERS = 2
+"""A route with more corners bends the arm so that straight interpolation seldom works."""
 HEADING_WINDOW = 2.0
 """Length over which a track's heading is smoothed, in nominal links."""
 
@@ -54,7 +58,8 @@ def first_candidates(
     Args:
         stepper: of the link space they are to run in.
         start: where the motion begins.
-        goal_coordinates: of goal poses, for interpolation; they are asked for when the first tip path has failed.
+        goal_coordinates: of goal poses, for interpolation; unless the tip can go straight, they are asked for when the
+            first tip path has failed.
         tip_paths: shortest first.
         whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
     """
@@ -62,7 +67,7 @@ def first_candidates(
         Candidate(f"interpolation {k + 1}", partial(Interpolation, stepper.space, start.v, goal))
         for k, goal in enumerate(goal_coordinates)
     )
-    if whole_arm is not None:
+    if whole_arm is not None or goes_straight(tip_paths):
         yield from interpolated
     for path in tip_paths:
         if whole_arm is not None:
@@ -72,6 +77,19 @@ def first_candidates(
             yield from pulled_over(stepper, start, whole_arm, path, FOLD_LINKS[:1])
             yield from interpolated  # after the first path: a pose at the goal has to be found for it
     yield from interpolated
+
+
+def goes_straight(tip_paths: tuple[TipPath, ...]) -> bool:
+    """Whether the tip's first path is straight and its route has few corners, so that interpolation probably works."""
+    return bool(tip_paths) and _corners(tip_paths[0].taut) == 0 and _corners(tip_paths[0].route) <= FEW_CORNERS
+
+
+def _corners(path: FloatArray) -> int:
+    """Number of places where a path (k, 2) turns."""
+    legs = np.diff(path, axis=0)
+    legs = legs[np.hypot(*legs.T) > 0.0]
+    turns = np.diff(np.unwrap(np.arctan2(legs[:, 1], legs[:, 0])))
+    return int(np.count_nonzero(np.abs(turns) > STRAIGHT))
 
 
 def further_candidates(
