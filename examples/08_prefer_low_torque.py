@@ -3,7 +3,8 @@
 The cost is the sum of squared holding torques: at every joint, gravity times the masses beyond it times their
 horizontal distances. It is averaged over the motion and weighed against the length of the joint path; the script
 solves without it and with two weights. The optimisation finds the minimum next to the motion that the search found:
-here the end of the arm curls up near the goal. The peak torque does not fall, for it also pays for acceleration. Run it with the name of a picture, or without one::
+here the end of the arm curls up near the goal. The peak torque does not fall, for it also pays for acceleration.
+Run it with the name of a picture, or without one::
 
     python examples/08_prefer_low_torque.py torque.png
 """
