@@ -40,7 +40,7 @@ class Quantities:
 
     @property
     def symbols(self) -> tuple[Any, Any, Any]:
-        """The symbols that an expression may hold: link headings, feed and path parameter."""
+        """Link headings, feed and path parameter, the symbols that an expression may hold."""
         return self.link_headings, self.base_feed, self.path_parameter
 
     @cached_property
