@@ -20,7 +20,7 @@ KEEP_SHARE = 0.4
 RIDGE = 1e-9
 """Keeps the step's Hessian definite where no term reaches."""
 ITERATIONS = 1000
-"""Most iterations of the QP: steps that move take less than 200; where an arm is jammed it would take 10 000."""
+"""Most iterations of the QP: in runs that arrived steps took less than 200; where an arm is jammed it took 10 000."""
 _BACKTRACKS = 6
 
 
