@@ -18,11 +18,11 @@ from ccm_opt.freespace.corridor import Corridor, Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.polygons import path_length
 from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.motion.constrained.ends import refuse_contradicted
+from ccm_opt.motion.constrained.path import on_equations, own_path
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.link_space import nearest_curve
-from ccm_opt.motion.own_ends import refuse_contradicted
-from ccm_opt.motion.own_path import on_equations, own_path
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.spline_path import spare_kept
 from ccm_opt.motion.task import Motion, MotionTask, Remembered, Slowness

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.constrained.rows import OwnRows
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.own_rows import OwnRows
 from ccm_opt.motion.step import RIDGE, Pose, Term, pose_in
 
 POLISH_TOLERANCE = 1e-9

@@ -10,6 +10,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.backward import backward_tasks, pose_at_goal, reversed_motion
 from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.constrained.continuation import Reference, track
 from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import PAUSES, Stalled, follow, settle, without_pauses
 from ccm_opt.motion.failures import Failure, nothing_found
@@ -18,7 +19,6 @@ from ccm_opt.motion.interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import FINENESS, LinkSpace
 from ccm_opt.motion.optimisation.optimise import optimise
-from ccm_opt.motion.own_continuation import Reference, track
 from ccm_opt.motion.passages import fineness_asked, fitting_margins
 from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
 from ccm_opt.motion.step import Pose, Stepper

@@ -7,9 +7,9 @@ import daqp
 import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray, IntcArray
+from ccm_opt.motion.constrained.rows import PULL, OwnRows, StepRows
 from ccm_opt.motion.contacts import WALL, ContactFinder, Contacts
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
-from ccm_opt.motion.own_rows import PULL, OwnRows, StepRows
 
 LINK_TURN = 0.15
 """Largest turn of a link in one step [rad]."""

@@ -12,12 +12,12 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.certificate import Certificate, allowed_contact
+from ccm_opt.motion.constrained.certificate import OwnCertificate
+from ccm_opt.motion.constrained.rows import OwnRows
 from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.own_certificate import OwnCertificate
-from ccm_opt.motion.own_rows import OwnRows
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.motion.walls import Walls
 from ccm_opt.problem import OptimiserName, Weights

@@ -9,7 +9,8 @@ from scipy.interpolate import BPoly
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import Check, JointPath, JointTrajectory
-from ccm_opt.user_terms.compiled import CompiledConstraint, UserTerms
+from ccm_opt.user_terms.compiled import UserTerms
+from ccm_opt.user_terms.functions import CompiledConstraint
 from ccm_opt.user_terms.terms import Interval, Where
 
 TOLERANCE = 1e-6

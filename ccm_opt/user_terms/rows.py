@@ -12,7 +12,7 @@ from ccm_opt.arrays import BoolArray, FloatArray
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ccm_opt.user_terms.compiled import CompiledConstraint
+    from ccm_opt.user_terms.functions import CompiledConstraint
     from ccm_opt.user_terms.quantities import Quantities
 
 _SLACK = 1e-12

@@ -13,9 +13,9 @@ from scipy.interpolate import BSpline, make_interp_spline
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.certificate import Certificate
+from ccm_opt.motion.constrained.certificate import ALLOWED
+from ccm_opt.motion.constrained.rows import overbent, slope_norms
 from ccm_opt.motion.optimisation.own_optimise import path_parameters
-from ccm_opt.motion.own_certificate import ALLOWED
-from ccm_opt.motion.own_rows import overbent, slope_norms
 from ccm_opt.motion.spline_path import certified_spline
 from ccm_opt.motion.task import Motion, MotionTask
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.constrained.rows import OwnRows
 from ccm_opt.motion.continuation import BENDING, JERK, Deadline, Stalled, settle
 from ccm_opt.motion.goal import OWN_MET, GoalPose
-from ccm_opt.motion.own_rows import OwnRows
 from ccm_opt.motion.step import Pose, Stepper, Term, smoothness_terms
 
 FIRST_ADVANCE, LARGEST_ADVANCE, LEAST_ADVANCE = 1.0 / 80.0, 1.0 / 40.0, 1e-4

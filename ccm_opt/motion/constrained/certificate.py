@@ -11,7 +11,7 @@ import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.motion.certificate import MAX_DEPTH, Certificate
-from ccm_opt.motion.own_rows import KEEP_SHARE, MARGIN, slope_norms
+from ccm_opt.motion.constrained.rows import KEEP_SHARE, MARGIN, slope_norms
 
 if TYPE_CHECKING:
     from ccm_opt.user_terms.rows import RowSet

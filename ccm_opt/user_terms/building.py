@@ -1,0 +1,94 @@
+"""What users wrote to functions: expressions are built and checked, and what is wrong with one is told by its name."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import CcmError, ProblemError
+from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost
+from ccm_opt.user_terms.quantities import Quantities
+from ccm_opt.user_terms.terms import Constraint, Cost
+
+
+def _expression(term: Constraint | Cost, kind: str, quantities: Quantities) -> Any:
+    """The expression as a column, checked."""
+    try:
+        made = term.expression(quantities)
+    except CcmError as error:
+        raise ProblemError(f"{kind} '{term.name}': {error}") from error
+    except Exception as error:
+        raise ProblemError(f"{kind} '{term.name}' fails when it is built: {type(error).__name__}: {error}") from error
+    try:
+        column = ca.vec(ca.SX(made))
+    except (NotImplementedError, RuntimeError, TypeError) as error:
+        what = f"{type(made).__module__}.{type(made).__name__}"
+        raise ProblemError(
+            f"{kind} '{term.name}': expected a CasADi SX expression of the quantities, got {what}"
+        ) from error
+    if column.numel() == 0:
+        raise ProblemError(f"{kind} '{term.name}': the expression is empty, expected at least one entry")
+    free = ca.Function("check", list(quantities.symbols), [column], {"allow_free": True}).get_free()
+    if free:
+        names = ", ".join(str(symbol) for symbol in free[:4])
+        raise ProblemError(
+            f"{kind} '{term.name}': free symbol(s) {names}; use the quantities that the function is given, not symbols "
+            "of its own"
+        )
+    return ca.densify(column)
+
+
+def compiled_constraint(constraint: Constraint, quantities: Quantities) -> CompiledConstraint:
+    """A constraint with its functions.
+
+    Raises:
+        ProblemError: naming the constraint and what is wrong with it.
+    """
+    expression = _expression(constraint, "constraint", quantities)
+    lower, upper = (_bound(constraint, key, getattr(constraint, key), expression.numel()) for key in ("lower", "upper"))
+    if np.any(lower > upper):
+        raise ProblemError(f"constraint '{constraint.name}': a lower bound exceeds its upper bound")
+    if not np.all(np.isfinite(lower) | np.isfinite(upper)):
+        raise ProblemError(f"constraint '{constraint.name}': give each entry a lower or an upper bound")
+    return CompiledConstraint(constraint, expression, lower, upper, quantities)
+
+
+def _bound(constraint: Constraint, key: str, value: Any, count: int) -> FloatArray:
+    try:
+        bound = np.asarray(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError) as error:
+        raise ProblemError(f"constraint '{constraint.name}': {key} must be numbers, got {value!r}") from error
+    if len(bound) not in {1, count}:
+        raise ProblemError(
+            f"constraint '{constraint.name}': the expression has {count} entries, but {key} has {len(bound)}; "
+            "give one number, or one for each entry"
+        )
+    if np.any(np.isnan(bound)):
+        raise ProblemError(f"constraint '{constraint.name}': {key} must not be NaN")
+    return np.broadcast_to(bound, (count,)).copy()
+
+
+def compiled_cost(cost: Cost, quantities: Quantities) -> CompiledCost:
+    """A cost with its functions.
+
+    Raises:
+        ProblemError: naming the cost and what is wrong with it.
+    """
+    expression = _expression(cost, "cost", quantities)
+    if expression.numel() != 1:
+        raise ProblemError(f"cost '{cost.name}': expected a scalar, got {expression.numel()} entries; sum them up")
+    return CompiledCost(cost, expression, quantities)
+
+
+def refuse_double_names(terms: Sequence[Constraint | Cost]) -> None:
+    """Messages and checks tell terms apart by their names.
+
+    Raises:
+        ProblemError: two have the same.
+    """
+    names = [term.name for term in terms]
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise ProblemError(f"names of constraints and costs must differ, got '{double[0]}' twice")

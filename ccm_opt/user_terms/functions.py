@@ -1,0 +1,124 @@
+"""One constraint or cost as CasADi functions of (link headings, feed, path parameter)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.user_terms.quantities import Quantities
+from ccm_opt.user_terms.terms import Constraint, Cost, Interval, Where
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledConstraint:
+    """A constraint with its expression and bounds.
+
+    Attributes:
+        constraint: what the user wrote.
+        expression: column of m entries.
+        lower: shape (m,).
+        upper: shape (m,).
+        quantities: holds the symbols.
+    """
+
+    constraint: Constraint
+    expression: Any
+    lower: FloatArray
+    upper: FloatArray
+    quantities: Quantities
+
+    @cached_property
+    def function(self) -> Any:
+        """(φ, feed, u) to the expression."""
+        return ca.Function("constraint", list(self.quantities.symbols), [self.expression])
+
+    @cached_property
+    def slopes(self) -> Any:
+        """(φ, feed, u) to the derivative of the expression by φ."""
+        symbols = list(self.quantities.symbols)
+        return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(self.expression, symbols[0]))])
+
+    def residuals(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+        """By how much the worst entry misses its bounds, shape (N,); 0 where all hold, NaN where not finite.
+
+        Args:
+            headings: shape (N, links) [rad].
+            u: path parameter, shape (N,).
+            feed: shape (N,) or scalar [m].
+        """
+        values = evaluated(self.function, headings, u, feed)
+        finite = np.all(np.isfinite(values), axis=1, keepdims=True)
+        values = np.where(finite, values, 0.0)
+        miss = np.maximum(np.maximum(self.lower - values, values - self.upper), 0.0)
+        worst: FloatArray = np.where(finite[:, 0], miss.max(axis=1), np.nan)
+        return worst
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledCost:
+    """A cost with its expression.
+
+    Attributes:
+        cost: what the user wrote; soft constraints stand as costs too.
+        expression: scalar.
+        quantities: holds the symbols.
+    """
+
+    cost: Cost
+    expression: Any
+    quantities: Quantities
+
+    @cached_property
+    def function(self) -> Any:
+        """(φ, feed, u) to the cost."""
+        return ca.Function("cost", list(self.quantities.symbols), [self.expression])
+
+    def values(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+        """The cost, unweighted, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
+        return evaluated(self.function, headings, u, feed)[:, 0]
+
+    @cached_property
+    def _derivatives(self) -> Any:
+        symbols = list(self.quantities.symbols)
+        hessian, gradient = ca.hessian(self.expression, symbols[0])
+        return ca.Function("derivatives", symbols, [ca.densify(gradient), ca.densify(hessian)])
+
+    def second_order(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+        """Gradient, shape (links,), and Hessian, shape (links, links), by the link headings at one pose."""
+        gradient, hessian = self._derivatives(headings, 0.0, u)
+        return np.asarray(gradient)[:, 0], np.asarray(hessian)
+
+    def applies(self, u: FloatArray) -> BoolArray:
+        """At which places of the motion, the last of them the goal, the cost counts, shape (N,)."""
+        where = self.cost.where
+        if isinstance(where, Interval):
+            inside: BoolArray = (where.first <= u) & (u <= where.last)
+            return inside
+        last = np.arange(len(u)) == len(u) - 1
+        return last if where == "goal" else np.ones(len(u), dtype=bool)
+
+
+def evaluated(function: Any, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+    """Values of a function of (φ, feed, u) at many poses, shape (N, m); headings of shape (N, links)."""
+    count = len(headings)
+    feeds, places = (np.broadcast_to(np.asarray(x, dtype=np.float64), (count,)) for x in (feed, u))
+    values = function(ca.DM(headings.T), ca.DM(feeds).T, ca.DM(places).T)
+    return np.asarray(values, dtype=np.float64).reshape(-1, count).T
+
+
+def as_cost(compiled: CompiledConstraint) -> CompiledCost:
+    """Half the squared miss of a soft constraint."""
+    low, high = (np.isfinite(bound) for bound in (compiled.lower, compiled.upper))
+    below = [float(compiled.lower[k]) - compiled.expression[k] for k in np.flatnonzero(low)]
+    above = [compiled.expression[k] - float(compiled.upper[k]) for k in np.flatnonzero(high)]
+    miss = ca.vertcat(*below, *above)
+    equal = compiled.lower == compiled.upper
+    miss = compiled.expression - ca.DM(compiled.lower) if equal.all() else ca.fmax(miss, 0.0)
+    term = compiled.constraint
+    where: Where = "motion" if term.where == "keyframes" else term.where
+    return CompiledCost(
+        Cost(term.name, term.expression, term.weight, where), 0.5 * ca.sumsqr(miss), compiled.quantities
+    )
