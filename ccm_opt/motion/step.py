@@ -19,8 +19,8 @@ KEEP_SHARE = 0.4
 """Share of the planning margin that every accepted pose keeps."""
 RIDGE = 1e-9
 """Keeps the step's Hessian definite where no term reaches."""
-ITERATIONS = 1000
-"""Most iterations of the QP: in runs that arrived steps took less than 200; where an arm is jammed it took 10 000."""
+ITERATIONS = 8
+"""Most iterations of the QP to a row; where an arm is jammed it would go on in vain, while 192 links need more than 24."""
 _BACKTRACKS = 6
 
 
@@ -91,7 +91,8 @@ class Stepper:
             pushes.append(Term(own.wanted_rows, own.wanted, PULL))
             matrix, upper, lower, sense = _joined((matrix, upper, lower, sense), own)
         hessian, gradient = normal_equations([*terms, *pushes])
-        delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, sense, iter_limit=ITERATIONS)
+        most = ITERATIONS * len(upper)
+        delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, sense, iter_limit=most)
         if flag < 1:
             return pose
         return self._accept(pose, np.asarray(delta), contacts, turn)
