@@ -20,7 +20,7 @@ KEEP_SHARE = 0.4
 RIDGE = 1e-9
 """Keeps the step's Hessian definite where no term reaches."""
 ITERATIONS = 8
-"""Most iterations of the QP to a row; where an arm is jammed it would go on in vain, while 192 links need more than 24."""
+"""Most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need more than 24."""
 _BACKTRACKS = 6
 
 
