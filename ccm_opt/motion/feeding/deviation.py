@@ -57,7 +57,8 @@ def deviation(arm: Arm, bends: FloatArray, feeds: FloatArray, leaders: Sequence[
     points = np.asarray(shapely.points(places[pose, link, share]))
     each = [_distances(points, leader, arm.link_length) for leader in leaders]
     nearest = np.argmin([distance for distance, _ in each], axis=0)
-    distance, straight = (np.choose(nearest, values) for values in zip(*each, strict=True))
+    every = np.arange(len(points))
+    distance, straight = (np.stack(values)[nearest, every] for values in zip(*each, strict=True))
     k = int(np.argmax(distance))
     where = f"link {link[k] + 1} at a feed of {feeds[chosen][pose[k]]:.3f} m"
     inside = distance[straight] if straight.any() else np.zeros(1)
