@@ -6,7 +6,7 @@ what the start's own mapping adds, so the first keyframe is the start itself. Ti
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,7 +20,7 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitRea
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.hill_climbing.clearance_field import ClearanceField
 from ccm_opt.hill_climbing.distance import TipPose
-from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
+from ccm_opt.hill_climbing.fold_plan import Folds, fold_plan, subgoals
 from ccm_opt.hill_climbing.region_plan import passages, region_plan
 from ccm_opt.hill_climbing.schemas.climbing import scm_0
 from ccm_opt.hill_climbing.schemas.interpolation import scm_2
@@ -38,6 +38,8 @@ from ccm_opt.stages import Stages
 
 PLANNING_SHARE = 0.9
 """Share of the time limit that planning may use."""
+PLAN_SHARE = 0.4
+"""Share of the time that is left that one plan may use, so that the others have their turn."""
 LIMIT_SHARE = 0.99
 """Share of the joint limits that planning uses."""
 SPARE = 1e-4
@@ -107,8 +109,7 @@ class Follower:
         Raises:
             TimeLimitReached: the time is up.
         """
-        if time.monotonic() > self.deadline:
-            raise TimeLimitReached(Diagnosis("the time limit passed", "hill climbing", ("raise planner.time_limit",)))
+        _look_at_clock(self.deadline)
         arm = self.problem.arm
         headings = self.headings(there)
         allowed: BoolArray = np.all(np.abs(arm.bends(headings)) <= LIMIT_SHARE * arm.bend_limits, axis=1)
@@ -130,6 +131,18 @@ class Follower:
         """Free space of the arm's axis."""
         arm, clearance = self.problem.arm, self.problem.workspace.clearance
         return FreeSpace.of(self.problem.workspace, arm.radius + clearance + ROUTE_MARGIN * arm.length)
+
+    @property
+    def hurried_world(self) -> World:
+        """The world of the schemas for one plan, whose share of the time that is left begins now."""
+        now = time.monotonic()
+        until = now + PLAN_SHARE * (self.deadline - now)
+
+        def passes(here: Shapes, there: Shapes) -> BoolArray:
+            _look_at_clock(until)
+            return self.passes(here, there)
+
+        return replace(self.world, passes=passes)
 
     @property
     def world(self) -> World:
@@ -168,6 +181,11 @@ class HillClimbingPlanner:
             return joint_path(follower, name, steps)
 
 
+def _look_at_clock(deadline: float) -> None:
+    if time.monotonic() > deadline:
+        raise TimeLimitReached(Diagnosis("the time limit passed", "hill climbing", ("raise planner.time_limit",)))
+
+
 def certificate_of(problem: Problem, ends: Ends) -> Certificate:
     """A little more than contact where the start has it."""
     spare = Certificate(problem.arm, problem.workspace, SPARE * problem.arm.length)
@@ -191,9 +209,10 @@ def first_plan(follower: Follower) -> tuple[str, tuple[Step, ...]]:
 
     Raises:
         MotionNotFound: none does; the diagnosis names the schema at which each stopped.
-        TimeLimitReached: the time passed first; the diagnosis names the stops until then.
+        TimeLimitReached: the time passed first, or some plan spent its share and no other arrives; with the stops.
     """
     stops: list[tuple[str, str, str]] = []
+    cut = False
     for name, schema in plans(follower):
         steps: list[Step] = []
         try:
@@ -204,25 +223,34 @@ def first_plan(follower: Follower) -> tuple[str, tuple[Step, ...]]:
             continue
         except TimeLimitReached as late:
             schema_name = steps[-1].schema if steps else "SCM-1"
-            stops.append((name, schema_name, f"the time limit passed after {schema_name}"))
-            raise TimeLimitReached(_diagnosis("no plan arrived in time", stops)) from late
+            if time.monotonic() > follower.deadline:
+                stops.append((name, schema_name, f"the time limit passed after {schema_name}"))
+                raise TimeLimitReached(_diagnosis("no plan arrived in time", stops)) from late
+            stops.append((name, schema_name, f"its share of the time passed after {schema_name}"))
+            cut = True
+            continue
         return name, tuple(steps)
+    if cut:
+        raise TimeLimitReached(_diagnosis("no plan arrived in its share of the time", stops))
     raise MotionNotFound(_diagnosis("no plan arrived", stops))
 
 
 def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
     """Type selection with every type in turn, folds to either side, then the passages of the region plan."""
-    world, start = follower.world, follower.start
+    start, folds = follower.start, Folds()
     goal = TipPose(follower.ends.goal.position, follower.ends.goal.heading)
     for k in range(TYPES_TRIED):
-        yield f"type selection {k + 1}", by_type(world, start, goal, k)
+        yield f"type selection {k + 1}", by_type(follower.hurried_world, start, goal, k)
     obstacle = obstacle_ahead(follower.problem, goal.position)
     if obstacle is not None:
         for subgoal, side in zip(subgoals(start.base, obstacle), ("right", "left"), strict=True):
-            yield f"fold to the {side}", fold_plan(world, start, subgoal, goal, sliding=True)
+            yield (
+                f"fold to the {side}",
+                fold_plan(follower.hurried_world, start, subgoal, goal, sliding=True, folds=folds),
+            )
     count = follower.problem.planner.routes
-    for k, passage in enumerate(passages(world, start, follower.room, goal, obstacle, count), start=1):
-        yield f"passage {k}", region_plan(world, start, passage, goal)
+    for k, passage in enumerate(passages(follower.world, start, follower.room, goal, obstacle, count), start=1):
+        yield f"passage {k}", region_plan(follower.hurried_world, start, passage, goal, folds)
 
 
 def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Schema:

@@ -141,6 +141,40 @@ def test_a_goal_out_of_reach_ends_in_a_local_minimum() -> None:
     assert end.tip[0][0] > 0.99
 
 
+def test_a_climb_without_headway_loses_patience() -> None:
+    """A goal just out of reach is crept up to; with patience the climb ends sooner, after moves of little worth."""
+    distance = Distance(TipPose(np.array([1.01, 0.3])), 1.0)
+    ways = [
+        list(climb(World(), arc(1.0, -0.4), Climb(distance, distance.threshold, most_steps=2000, patience=patience)))
+        for patience in (np.inf, 10)
+    ]
+    assert len(ways[1]) < len(ways[0])
+    patient = Climb(distance, distance.threshold, most_steps=2000, patience=10)
+    assert end_of(World(), arc(1.0, -0.4), patient)[1] is Ending.STALLED
+    values = [float(distance(shapes)[0]) for shapes in ways[1]]
+    assert values[-1] >= 0.8 * values[-11]
+    np.testing.assert_allclose(ways[0][len(ways[1]) - 1].curvature, ways[1][-1].curvature)
+
+
+def test_every_improving_move_is_asked_for_until_one_may_be_made() -> None:
+    """A world that allows only the last of the improving moves is asked for all, in ever larger batches, best first."""
+    position, heading = arc(1.6, 0.5).tip
+    distance = Distance(TipPose(position, heading), 1.0)
+    asked: list[float] = []
+    sizes: list[int] = []
+
+    def only_small(here: Shapes, there: Shapes) -> BoolArray:
+        del here
+        asked.extend(distance(there))
+        sizes.append(len(there))
+        return distance(there) > 0.99 * float(distance(Shapes.of([arc(0.8, 0.1)]))[0])
+
+    first = next(climb(World(only_small), arc(0.8, 0.1), Climb(distance, distance.threshold)))
+    assert distance(first)[0] > 0.99 * distance(Shapes.of([arc(0.8, 0.1)]))[0]
+    assert np.all(np.diff(asked) >= 0.0)
+    assert np.all(np.diff(sizes[:-1]) > 0)
+
+
 def test_walls_push_a_climb_away() -> None:
     """With crowding beside the distance, the arm ends farther from a wall than without, and still at its goal."""
 

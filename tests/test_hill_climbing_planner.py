@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
+from ccm_opt import hill_climbing_planner as planner
 from ccm_opt import load_problem, solve
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.errors import MotionNotFound, ProblemError, TimeLimitReached
@@ -111,6 +112,25 @@ def test_the_time_limit_is_kept() -> None:
     with pytest.raises(TimeLimitReached, match=r"no plan arrived in time: type selection 1") as late:
         HillClimbingPlanner().plan(shared("fold-and-reach", time_limit=1e-6))
     assert "stopped_at" in late.value.diagnosis.evidence
+
+
+def test_a_plan_has_only_its_share_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plan that has used up its share makes room for the next; the error tells that more time might have helped."""
+    monkeypatch.setattr(planner, "PLAN_SHARE", 0.0)
+    with pytest.raises(TimeLimitReached, match="in its share of the time") as late:
+        first_plan(Follower.of(shared("fold-and-reach", time_limit=1e9)))
+    stops = late.value.diagnosis.evidence["stopped_at"]
+    assert isinstance(stops, dict)
+    assert len(stops) >= 6
+    assert "fold to the right: its share of the time passed" in str(late.value)
+
+
+@pytest.mark.slow
+def test_the_region_plan_solves_a_shared_problem() -> None:
+    """Between the posts a fold near the base and a passage along a route arrive, timed and verified (section 4.1)."""
+    solution = solve(shared("slalom", time_limit=300.0))
+    assert all(check.passed for check in solution.checks)
+    assert solution.path.candidate.startswith("passage")
 
 
 def test_a_feed_axis_is_refused() -> None:

@@ -79,6 +79,19 @@ def test_passages_lead_to_the_goal_and_touch_nothing() -> None:
         assert shapely.distance(line, wall.core) > 0.97 * problem.arm.radius
 
 
+def test_passages_longer_than_the_arm_are_left_out() -> None:
+    """A short arm is offered no passage that it cannot follow; a long one in the same room is."""
+    problem = load_problem(PROBLEMS / "u-turn.toml")
+    follower = Follower.of(problem)
+    goal = TipPose(np.array([0.35, 0.17]), np.pi)
+    offered = [
+        list(passages(follower.world, start, follower.room, goal, None, 2))
+        for start in (follower.start, Configuration.chain(np.zeros(2), 0.0, [0.7], [np.zeros(5)]))
+    ]
+    assert all(passage.track.length <= follower.start.length for passage in offered[0])
+    assert [len(found) > 0 for found in offered] == [True, False]
+
+
 def test_the_clearance_field_is_near_the_true_distance() -> None:
     """Interpolated gaps err by no more than a cell."""
     problem = load_problem(PROBLEMS / "fold-and-reach.toml")

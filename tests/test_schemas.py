@@ -13,6 +13,7 @@ from ccm_opt.continuum.decomposition import add_segment, start_of
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.continuum.segment_types import SegmentType, classify, wrap
 from ccm_opt.hill_climbing.distance import TipPose
+from ccm_opt.hill_climbing.fold_plan import Folds, merge_and_climb
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_3, scm_4, scm_5, scm_6, scm_7, scm_8
 from ccm_opt.hill_climbing.schemas.feeding import begin_feeding, pass_length, slide_boundary
 from ccm_opt.hill_climbing.shapes import Shapes
@@ -238,3 +239,43 @@ def test_a_schema_that_cannot_hold_the_tip_names_itself() -> None:
             run(schema)
         assert stopped.value.diagnosis.stage == stopped.value.schema
         assert stopped.value.diagnosis.evidence["schema"] in {"SCM-3", "SCM-6"}
+
+
+def test_a_fold_is_made_once_for_all_plans() -> None:
+    """The second plan that asks for a fold gets the same steps, or the same stop, without asking the world again."""
+    calls: list[int] = []
+
+    def counted(here: Shapes, there: Shapes) -> BoolArray:
+        del here
+        calls.append(len(there))
+        return np.ones(len(there), dtype=np.bool_)
+
+    goal = pose(0.5, 0.4, 0.3)
+    folds, world = Folds(), replace(OPEN, passes=counted)
+    first = run(folds.to(world, arc(0.5), goal))
+    made = len(calls)
+    assert made > 0
+    assert run(folds.to(world, arc(0.5), goal)) == first
+    assert len(calls) == made
+    reasons = set()
+    blocked = Folds()
+    for _ in range(2):
+        with pytest.raises(SchemaStopped) as stopped:
+            run(blocked.to(replace(OPEN, passes=nothing_allowed), arc(0.5), goal))
+        reasons.add((stopped.value.schema, stopped.value.reason))
+    assert len(reasons) == 1
+
+
+def test_the_last_climb_goes_on_without_a_merge_that_is_in_the_way() -> None:
+    """Where the world forbids the way to the merged segment, the arm climbs to the goal with both segments."""
+    start = Configuration.chain(np.zeros(2), 0.0, [0.5, 0.5], [np.full(5, 0.9), np.linspace(0.9, 1.1, 5)])
+    goal = TipPose(start.tip[0] + [0.01, -0.01], start.tip[1])
+
+    def two_segments_only(here: Shapes, there: Shapes) -> BoolArray:
+        del here
+        return np.full(len(there), there.lengths.shape[1] == 2)
+
+    (*steps,), end = run(merge_and_climb(replace(OPEN, passes=two_segments_only), start, goal))
+    assert {step.schema for step in steps} == {"SCM-0"}
+    assert len(end.segments) == 2
+    assert np.hypot(*(end.tip[0] - goal.position)) <= 4e-4 * 1.001

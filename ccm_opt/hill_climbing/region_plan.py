@@ -16,7 +16,7 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.hill_climbing.distance import Precision, TipPose
-from ccm_opt.hill_climbing.fold_plan import REACH, fold, staged, subgoals, trace
+from ccm_opt.hill_climbing.fold_plan import REACH, Folds, staged, subgoals, trace
 from ccm_opt.hill_climbing.schemas import scm_6, scm_7
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step, run
 from ccm_opt.hill_climbing.track import Track, track_through, without_near
@@ -26,8 +26,9 @@ RUNS = (0.08, 0.05, 0.03, 0.015)
 """Straight runs out of the first subgoal and into the goal that are tried, as shares of the arm's length."""
 CORNER_DISTANCE = 0.04
 """Distance kept from corners where there is room, as a share of the arm's length."""
-FIRST = (0.08, 0.15)
-"""Places of the first subgoal on the route, as shares of the arm's length from the base."""
+FIRST = (0.15, 0.08)
+"""Places of the first subgoal on the route, as shares of the arm's length from the base; the nearer, the tighter the
+fold, so the farther is tried first."""
 NEAR_SUBGOAL = Precision(1.2e-3, 4e-3)
 """How near the first subgoal counts, for an arm of many segments."""
 SPACING = 0.7
@@ -51,7 +52,9 @@ class Passage:
     track: Track
 
 
-def region_plan(world: World, start: Configuration, passage: Passage, goal: TipPose) -> Schema:
+def region_plan(
+    world: World, start: Configuration, passage: Passage, goal: TipPose, folds: Folds | None = None
+) -> Schema:
     """Fold to the first subgoal of a passage, then feed along it to the goal.
 
     Args:
@@ -59,6 +62,7 @@ def region_plan(world: World, start: Configuration, passage: Passage, goal: TipP
         start: where the arm is.
         passage: through the regions.
         goal: for the tip.
+        folds: remembers folds for other plans.
 
     Yields:
         Steps.
@@ -71,7 +75,7 @@ def region_plan(world: World, start: Configuration, passage: Passage, goal: TipP
     """
     yield Step("start", start, "1 start")
     if len(start.segments) == 1:
-        here = yield from fold(world, start, passage.subgoal)
+        here = yield from (folds or Folds()).to(world, start, passage.subgoal)
     else:
         nearer = scm_7(world.of_curve, start, passage.subgoal, NEAR_SUBGOAL)
         here = yield from staged(nearer, "3 proceed to the subgoal")
@@ -94,6 +98,8 @@ def passages(
 ) -> Iterator[Passage]:
     """Passages from near the base to the goal: beside the obstacle ahead, then along the routes from the base.
 
+    Those longer than the arm are left out, for it cannot follow them.
+
     Args:
         world: the world; its curvature limit counts.
         start: the arm.
@@ -114,13 +120,16 @@ def passages(
                 track = _track(world, room, first, way, goal, share * start.length, shrink)
             except (ProblemError, UnreachableGoal):
                 continue  # no way, or one too sharp for the arm
-            if bool(np.all(world.gap(track.from_pose(first.position).positions_at(_samples(track))) > 0.0)):
-                yield Passage(first, track)
+            if _is_open(world, first, track):
+                if track.length <= start.length:
+                    yield Passage(first, track)
                 break
 
 
-def _samples(track: Track) -> FloatArray:
-    return np.linspace(0.0, track.length, SAMPLES)
+def _is_open(world: World, first: TipPose, track: Track) -> bool:
+    """Whether a track touches no wall."""
+    places = track.from_pose(first.position).positions_at(np.linspace(0.0, track.length, SAMPLES))
+    return bool(np.all(world.gap(places) > 0.0))
 
 
 def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:

@@ -24,9 +24,13 @@ EASING = 0.3
 LEAST_PUSH = 1e-6
 """Weights of crowding below it are dropped."""
 TRIED_AT_ONCE = 4
-"""Candidates asked of the world in one go, best first."""
+"""Candidates asked of the world in the first go, best first; as long as all are refused, ever more at once."""
+GROWTH = 3
+"""Factor from go to go: asking for one costs nearly as much as asking for ten."""
 MOST_TRIED = 96
 """Improving candidates asked in all before the climb counts as blocked."""
+HEADWAY = 0.2
+"""A climb makes headway when it has taken away this share of the distance, which is a square."""
 
 
 class Strategy(StrEnum):
@@ -42,6 +46,7 @@ class Ending(StrEnum):
     ARRIVED = "arrived"
     LOCAL_MINIMUM = "local minimum"
     BLOCKED = "blocked"
+    STALLED = "no headway"
     STEPS = "out of steps"
 
 
@@ -56,6 +61,7 @@ class Climb:
         strategy: which improving move is taken.
         most_steps: moves at most.
         push: weight of the world's crowding beside the distance. Where both balance, the climb goes on without it.
+        patience: moves without headway after which the climb ends; by default it never loses patience.
     """
 
     objective: Objective
@@ -64,6 +70,7 @@ class Climb:
     strategy: Strategy = Strategy.STEEPEST
     most_steps: int = 600
     push: float = 0.0
+    patience: float = np.inf
 
 
 def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, None, Ending]:
@@ -85,33 +92,31 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
     """
     here, push, last = Shapes.of([start]), task.push, 0
     left = float(task.objective(here)[0])
-    for _ in range(task.most_steps):
+    crowded = float(world.crowding(here)[0]) if push > 0.0 else 0.0
+    mark, marked = left, 0
+    for count in range(task.most_steps):
         if left <= task.threshold:
             return Ending.ARRIVED
+        if left < (1.0 - HEADWAY) * mark:
+            mark, marked = left, count
+        if count - marked > task.patience:
+            return Ending.STALLED
         candidates = task.moves.candidates(here)
         distances = task.objective(candidates)
+        crowding = world.crowding(candidates) if push > 0.0 else np.zeros(len(candidates))
         while True:
-            values, value = _pushed(world, push, candidates, distances, here, left)
-            gain = WORTH_PUSHING if push > 0.0 else LEAST_GAIN
-            order = _order(values, (1.0 - gain) * value, task.strategy, last)
+            values, gain = distances + push * crowding, WORTH_PUSHING if push > 0.0 else LEAST_GAIN
+            order = _order(values, (1.0 - gain) * (left + push * crowded), task.strategy, last)
             chosen = _first_allowed(world, here, candidates, order)
             if chosen is not None or push == 0.0:
                 break
             push = EASING * push if push > LEAST_PUSH else 0.0
         if chosen is None:
             return Ending.BLOCKED if len(order) else Ending.LOCAL_MINIMUM
-        here, left, last = candidates.take(np.array([chosen])), float(distances[chosen]), chosen
+        left, crowded, last = float(distances[chosen]), float(crowding[chosen]), chosen
+        here = candidates.take(np.array([chosen]))
         yield here
     return Ending.ARRIVED if left <= task.threshold else Ending.STEPS
-
-
-def _pushed(
-    world: World, push: float, candidates: Shapes, distances: FloatArray, here: Shapes, left: float
-) -> tuple[FloatArray, float]:
-    """Distances with crowding added, of the candidates and of the configuration they are compared with."""
-    if push == 0.0:
-        return distances, left
-    return distances + push * world.crowding(candidates), left + push * float(world.crowding(here)[0])
 
 
 def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configuration, Ending]:
@@ -135,8 +140,10 @@ def _order(values: FloatArray, below: float, strategy: Strategy, last: int) -> I
 
 
 def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:
-    for k in range(0, len(order), TRIED_AT_ONCE):
-        some = order[k : k + TRIED_AT_ONCE]
+    count = TRIED_AT_ONCE
+    while len(order) > 0:
+        some, order = order[:count], order[count:]
+        count *= GROWTH
         passing = world.passes(here, candidates.take(some))
         if passing.any():
             return int(some[np.argmax(passing)])

@@ -34,10 +34,11 @@ class SchemaStopped(MotionNotFound):
     Attributes:
         schema: its name.
         configuration: how far the arm came.
+        reason: why, in words.
     """
 
     def __init__(self, schema: str, configuration: Configuration, reason: str) -> None:
-        self.schema, self.configuration = schema, configuration
+        self.schema, self.configuration, self.reason = schema, configuration, reason
         advice = ("use planner.method nlp", "give the arm more room near its base")
         super().__init__(Diagnosis(f"{schema} stopped: {reason}", schema, advice, {"schema": schema}))
 

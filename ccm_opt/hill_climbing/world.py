@@ -22,10 +22,10 @@ KEPT_OFF = 0.03
 """Points nearer to contact than this share of the arm's length are pushed away."""
 STRAINED = 0.3
 """Share of the curvature's limit from which interpolation points are pushed back."""
-OWN_POINTS = 24
-"""Points on a configuration that push each other."""
 POINTS = 48
 """Points on a configuration that are pushed."""
+OWN_POINTS = POINTS // 2
+"""Points on a configuration that push each other: every other one of these."""
 
 
 def _far(points: FloatArray) -> FloatArray:
@@ -79,22 +79,28 @@ class World:
         """
         strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - STRAINED)
         crowding: FloatArray = np.square(strain).mean(axis=(1, 2))
+        if self.gap is _far and self.thickness == 0.0:
+            return crowding
+        points = shapes.points(POINTS)
         if self.gap is not _far:
-            lack = np.maximum(0.0, 1.0 - self.gap(shapes.points(POINTS)) / (KEPT_OFF * shapes.length[:, None]))
+            lack = np.maximum(0.0, 1.0 - self.gap(points) / (KEPT_OFF * shapes.length[:, None]))
             crowding += np.square(lack).mean(axis=1)
         if self.thickness > 0.0:
-            crowding += self._crowding_itself(shapes)
+            crowding += self._crowding_itself(shapes, points[:, :: POINTS // OWN_POINTS])
         return crowding
 
-    def _crowding_itself(self, shapes: Shapes) -> FloatArray:
+    def _crowding_itself(self, shapes: Shapes, points: FloatArray) -> FloatArray:
         """The same for points of the arm that are near each other, but far apart along it, shape (m,)."""
-        points, count = shapes.points(OWN_POINTS), OWN_POINTS + 1
+        count = OWN_POINTS + 1
         one, other = np.triu_indices(count, 1)
         apart = (other - one) / OWN_POINTS * float(shapes.length[0]) > 4.0 * self.thickness
         one, other = one[apart], other[apart]
-        gaps = np.hypot(*np.moveaxis(points[:, one] - points[:, other], -1, 0)) - self.thickness
-        lack = np.maximum(0.0, 1.0 - gaps / (KEPT_OFF * shapes.length[:, None]))
-        crowding: FloatArray = np.square(lack).sum(axis=1) / count
+        x, y = points[..., 0], points[..., 1]
+        squares = np.square(x[:, one] - x[:, other]) + np.square(y[:, one] - y[:, other])
+        kept = KEPT_OFF * shapes.length
+        shape, pair = np.nonzero(squares < np.square(self.thickness + kept)[:, None])
+        lack = 1.0 - (np.sqrt(squares[shape, pair]) - self.thickness) / kept[shape]
+        crowding: FloatArray = np.bincount(shape, np.square(lack), minlength=len(shapes)) / count
         return crowding
 
     def move_allowed(self, here: Configuration, there: Configuration) -> bool:

@@ -19,6 +19,8 @@ SUBGOAL_TURN = 0.12
 """Most that the tip turns from subgoal to subgoal [rad]."""
 PUSH = 0.01
 """Weight of the world's crowding beside the distance where a plan asks for it."""
+PATIENCE = 15
+"""Moves without headway after which a climb on the way of a plan ends: such climbs arrive soon or hardly ever."""
 ON_THE_WAY = Precision(2e-3, 2e-2)
 """Precision asked at the subgoals of SCM-7 but the last."""
 
@@ -33,6 +35,7 @@ def scm_0(
     strategy: Strategy = Strategy.STEEPEST,
     most_steps: int = 600,
     push: float = 0.0,
+    patience: float = np.inf,
 ) -> Schema:
     """SCM-0: pure hill climbing to a goal for the tip's position and, if given, orientation.
 
@@ -47,6 +50,7 @@ def scm_0(
         strategy: of the climb.
         most_steps: moves at most.
         push: weight of the world's crowding; none in the pure climb.
+        patience: moves without headway after which it ends; the pure climb has no end of it.
 
     Yields:
         Every move.
@@ -65,7 +69,7 @@ def scm_0(
         return distance.of(positions, headings, shapes.heading)
 
     moves = Moves(tuple(range(len(start.segments))))
-    way = climb(world, start, Climb(objective, distance.threshold, moves, strategy, most_steps, push))
+    way = climb(world, start, Climb(objective, distance.threshold, moves, strategy, most_steps, push, patience))
     while True:
         try:
             here = next(way).configuration(0)
@@ -115,7 +119,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
 def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
     """To the next subgoal by SCM-0, in one step if the world lets it."""
     moves: list[Configuration] = []
-    way = scm_0(world, start, subgoal, precision=precision, push=PUSH)
+    way = scm_0(world, start, subgoal, precision=precision, push=PUSH, patience=PATIENCE)
     while True:
         try:
             moves.append(next(way).configuration)

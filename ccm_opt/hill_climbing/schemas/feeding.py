@@ -38,6 +38,11 @@ class Feeding:
     holder: int
     out: float
 
+    @property
+    def left(self) -> float:
+        """Length of the track that is not covered yet [m]."""
+        return self.track.length - self.out
+
     def at(self, configuration: Configuration) -> "Feeding":
         """The same with the arm elsewhere."""
         return replace(self, configuration=configuration)

@@ -23,6 +23,8 @@ HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
 """How exactly a pose is preserved."""
 PUSH = 0.03
 """Weight of the walls while a pose is held."""
+PATIENCE = 20
+"""Moves without headway after which the end of a segment counts as not to be held."""
 RELAXING = 6
 """Moves by which a shape is relaxed before its end is brought back."""
 TURN = 0.3
@@ -89,7 +91,7 @@ def hold(
     relaxed, _ = end_of(anywhere, changed, Climb(objective, -np.inf, moves, most_steps=RELAXING, push=PUSH))
     tries = [(anywhere, begin, 0.0) for begin in (*_reselected(changed, segment, held), relaxed, changed)]
     for guard, begin, push in (*tries, (watched, changed, PUSH)):
-        here, ending = end_of(guard, begin, Climb(objective, distance.threshold, moves, push=push))
+        here, ending = end_of(guard, begin, Climb(objective, distance.threshold, moves, push=push, patience=PATIENCE))
         if ending is Ending.ARRIVED and world.move_allowed(before, here):
             return here
     reason = "contact" if ending is Ending.ARRIVED else str(ending)
