@@ -38,7 +38,7 @@ from ccm_opt.stages import Stages
 
 PLANNING_SHARE = 0.9
 """Share of the time limit that planning may use."""
-PLAN_SHARE = 0.4
+PLAN_SHARE = 0.6
 """Share of the time that is left that one plan may use, so that the others have their turn."""
 LIMIT_SHARE = 0.99
 """Share of the joint limits that planning uses."""

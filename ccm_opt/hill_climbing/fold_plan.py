@@ -33,6 +33,8 @@ BACK = (0.0, 0.25, 0.5, 0.75)
 """Shares of the steps of SCM-8 that are taken back where SCM-7 cannot go on from its end."""
 FED = 1e-6
 """What is left of the curve counts as nothing below this share of the arm's length."""
+AT_ONCE = 0.5
+"""SCM-7 that gets farther than this share of its way does not begin earlier when it gets stuck."""
 LAST_CLIMB = 300
 """Moves of SCM-0 at most after a merge."""
 MERGE_TOLERANCE = 0.1
@@ -94,11 +96,19 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
             ahead, here = run(scm_7(world.of_curve, kept[-1].configuration, subgoal))
         except SchemaStopped as stopped:
             failure = stopped
+            if _share_of_way(kept[-1].configuration, stopped.configuration, subgoal) > AT_ONCE:
+                break
             continue
         yield from (replace(step, stage="2 change the type") for step in kept)
         yield from (replace(step, stage="3 proceed to the subgoal") for step in ahead)
         return here
     raise failure
+
+
+def _share_of_way(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
+    """How much of the way of the tip to a subgoal is made."""
+    before, after = (float(np.hypot(*(c.tip[0] - subgoal.position))) for c in (start, end))
+    return 1.0 - after / before
 
 
 @dataclass(frozen=True)

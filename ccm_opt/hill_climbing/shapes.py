@@ -168,12 +168,14 @@ class Shapes:
 
     def _heading_integral(self, arc: FloatArray) -> FloatArray:
         """Integral of the heading from the base to arc lengths (m, k), of that shape [rad m]."""
-        piece = (arc[:, :, None] > self._breaks[:, None, 1:]).sum(axis=2)
+        piece = np.zeros(arc.shape, dtype=np.intp)
+        for k in range(1, self._breaks.shape[1]):
+            piece += arc > self._breaks[:, k, None]
         row = np.arange(len(self))[:, None]
         t = arc - self._breaks[row, piece]
-        c = self._coefficients[row, piece] / (_POWERS * (_POWERS + 1))
+        c0, c1, c2, c3 = (c[row, piece] for c in np.moveaxis(self._coefficients / (_POWERS * (_POWERS + 1)), 2, 0))
         start = self._turned[row, piece] + self.heading[:, None]
-        bends = t * (c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3])))
+        bends = t * (c0 + t * (c1 + t * (c2 + t * c3)))
         integral: FloatArray = self._integrals[row, piece] + t * (start + bends)
         return integral
 
