@@ -104,11 +104,7 @@ class Follower:
         return self.problem.arm.joint_positions(headings)[:, -1], headings[:, -1]
 
     def passes(self, here: Shapes, there: Shapes) -> BoolArray:
-        """Which moves keep the joint limits and touch nothing on the way, shape (m,).
-
-        Raises:
-            TimeLimitReached: the time is up.
-        """
+        """Which moves keep the joint limits and touch nothing on the way, shape (m,); or ``TimeLimitReached``."""
         _look_at_clock(self.deadline)
         arm = self.problem.arm
         headings = self.headings(there)
