@@ -93,7 +93,8 @@ class Relaxation:
     Attributes:
         words: the change in words, for example "arm.radius ≤ 20.9 mm".
         key: the key of the problem file that changes.
-        value: what it was solved with: SI units, radians; the name of an obstacle left out; None for a key left out.
+        value: what it was solved with: SI units, radians; a factor where ``words`` say "times"; the name of an obstacle
+            left out; None for a key left out.
         bound: the value that it must reach at least as far as is known, or None.
         change: relative size of the change; 1 for something left out.
     """

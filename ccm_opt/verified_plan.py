@@ -14,6 +14,7 @@ from ccm_opt.feed_planner import FeedPlanner
 from ccm_opt.hill_climbing_planner import HillClimbingPlanner
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.legs import Leg, plan_legs, whole_path
+from ccm_opt.motion.feeding.gating import feed_limits
 from ccm_opt.planner import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory
@@ -138,7 +139,7 @@ def timed_leg(
 
 def _not_kept(failures: list[str]) -> Diagnosis:
     """Why a motion of a fed arm is none: its planner knows nothing of the constraints that are held against it."""
-    reason = f"the motion along the feed axis does not keep {failures[0]}"
+    reason = f"the motion along the feed axis does not keep every constraint; by its miss: {failures[0]}"
     advice = ("widen the constraint", "move the goal", "leave arm.feed out: a fixed arm's motion is planned to keep it")
     return Diagnosis(reason, "constraints", advice, {"failures": failures})
 
@@ -156,6 +157,5 @@ def timings_of(leg: Leg, inverse_dynamics: InverseDynamics, retimer: Retimer | N
         return
     revolutes, method = partial(revolute_angles, problem.arm), problem.planner.retiming
     length = problem.arm.link_length
-    yield from retiming.timings(
-        path, problem.limits, inverse_dynamics, revolutes=revolutes, method=method, link_length=length
-    )
+    limits = feed_limits(problem.arm, problem.limits)
+    yield from retiming.timings(path, limits, inverse_dynamics, revolutes=revolutes, method=method, link_length=length)

@@ -104,7 +104,7 @@ def test_a_simulated_arm_that_touches_is_told(solved: Path) -> None:
     ("option", "value", "code", "words"),
     [
         ("--controller", "pid", 2, "simulation.controller must be one of"),
-        ("--payload", "-1", 2, "--payload must not be negative"),
+        ("--payload", "-1", 2, "--payload must be at least 0"),
         ("--bandwidth", "2000", 3, "unstable"),
     ],
 )

@@ -1,6 +1,7 @@
 """Feeding: every joint on the leader's path, joints straight in the guide, whole problems from start to check."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from ccm_opt.motion.feeding.carried_arm import CarriedArm
 from ccm_opt.motion.feeding.deviation import deviation
 from ccm_opt.motion.feeding.elastic_band import ElasticBand
 from ccm_opt.motion.feeding.feed_path import FeedMotions
-from ccm_opt.motion.feeding.gating import straight_while_held
+from ccm_opt.motion.feeding.gating import LINKS_A_SAMPLE, SAMPLE_STEP, straight_while_held
 from ccm_opt.motion.feeding.own_shape import own_path
 from ccm_opt.motion.feeding.slide import pose_on, slide
 from ccm_opt.motion.spline_path import clamped_spline
@@ -264,3 +265,13 @@ def _bent(bend: float, first: int = 10) -> JointPose:
 def _plate(at: float) -> tuple[Obstacle, ...]:
     """A plate across the way beyond the hole, its upper edge at y = 0.1."""
     return (Obstacle("plate", shapely.box(at, -0.6, at + 0.03, 0.1)),)
+
+
+def test_a_fast_feed_is_held_back_where_joints_leave_the_guide() -> None:
+    """A feed limit that no arm needs makes no problem unsolvable: the base passes a part of a link between samples."""
+    problem = load_problem(PROBLEMS / "feed-s-duct.toml")
+    fast = replace(problem, limits=replace(problem.limits, feed_velocity=300.0, feed_acceleration=300.0))
+    solution = solve(fast)
+    assert solution.trajectory.feed is not None
+    most = LINKS_A_SAMPLE * problem.arm.link_length / SAMPLE_STEP
+    assert np.max(np.abs(solution.trajectory.feed.velocities)) <= most

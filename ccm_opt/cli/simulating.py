@@ -40,8 +40,9 @@ class Overrides:
         given = {name: value for name, value in self.options.items() if value is not None}
         changed = {name: value for name, value in self.disturbances.items() if value is not None}
         for name, value in changed.items():
-            if value < (-1.0 if name == "mass_error" else 0.0):
-                raise ProblemError(f"--{name.replace('_', '-')} must not be negative, got {value:g}")
+            least = -1.0 if name == "mass_error" else 0.0
+            if value < least:
+                raise ProblemError(f"--{name.replace('_', '-')} must be at least {least:g}, got {value:g}")
         disturbances = replace(problem.simulation.disturbances, **changed)
         return replace(problem, simulation=replace(problem.simulation, **given, disturbances=disturbances))
 

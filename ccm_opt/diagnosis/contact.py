@@ -62,7 +62,7 @@ def _walls_touched(problem: Problem, pose: WholePose) -> Iterator[Finding]:
     need = arm.radius + workspace.clearance
     whole = shapely.MultiLineString(links)
     for wall in workspace.walls:
-        if axis_gap(wall, whole, workspace.boundary) - need > ROUNDING:
+        if axis_gap(wall, whole, workspace.boundary) - need >= -ROUNDING:
             continue
         gaps = [axis_gap(wall, link, workspace.boundary) for link in links]
         k = int(np.argmin(gaps))

@@ -26,6 +26,7 @@ class Parameter:
         words: a value with its unit, in a problem.
         scale: what a value is multiplied by to be told in the unit of ``words``.
         fits: whether it can be changed in a problem.
+        unit: what a value is multiplied by to be in SI units; 1 but for shares.
     """
 
     key: str
@@ -35,6 +36,7 @@ class Parameter:
     words: Callable[[Problem, float], str]
     scale: Callable[[Problem], float] = lambda _: 1.0
     fits: Callable[[Problem], bool] = lambda _: True
+    unit: Callable[[Problem], float] = lambda _: 1.0
 
     def rounded(self, problem: Problem, value: float) -> float:
         """A value rounded, as it is told, to the easier side."""
@@ -50,7 +52,9 @@ class Parameter:
         """What is told when a problem was solved with a value."""
         given, sign = self.read(problem), "≥" if self.easier > 0 else "≤"
         change = abs(value - given) / max(abs(given), 1e-300)
-        return Relaxation(f"{self.words(problem, value)}".replace("?", sign, 1), self.key, value, bound, change)
+        words = self.words(problem, value).replace("?", sign, 1)
+        unit = self.unit(problem)
+        return Relaxation(words, self.key, unit * value, None if bound is None else unit * bound, change)
 
 
 def _with_radius(problem: Problem, radius: float) -> Problem:
@@ -186,9 +190,17 @@ TORQUE = Parameter(
     _torque_words,
     _uniform_torque,
     lambda p: p.limits.torque is not None,
+    _uniform_torque,
 )
 MASS = Parameter(
-    "arm.link_mass", -1, lambda _: 1.0, _with_mass, _mass_words, _uniform_mass, lambda p: p.limits.torque is not None
+    "arm.link_mass",
+    -1,
+    lambda _: 1.0,
+    _with_mass,
+    _mass_words,
+    _uniform_mass,
+    lambda p: p.limits.torque is not None,
+    _uniform_mass,
 )
 PARAMETERS = (RADIUS, CLEARANCE, LENGTH, JOINT_LIMIT, BASE_LIMIT, TORQUE, MASS)
 """All of them, in the order in which they are tried where nothing else decides."""

@@ -118,10 +118,15 @@ def candidates(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[Para
     mends = {key for key in keys if not proved or all(key in finding.bounds for finding in proved)}
     fitting = [each for each in PARAMETERS if each.key in mends and each.fits(problem)]
     yield from sorted(fitting, key=lambda each: keys.index(each.key))
-    if any(finding.kind in {"too stiff", "contact", "curve"} for finding in relevant):
+    if relevant and all(_heading_may_mend(finding) for finding in relevant):
         heading = without_heading(problem)
         yield from () if heading is None else (heading,)
     yield from (without_obstacle(name) for name in _removable(proved, findings)[:MOST_OMITTED])
+
+
+def _heading_may_mend(finding: Finding) -> bool:
+    """Whether a finding may be due to the heading asked for at the goal."""
+    return finding.kind in {"too stiff", "contact", "curve"} and not finding.key.startswith("start")
 
 
 def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...]) -> list[str]:

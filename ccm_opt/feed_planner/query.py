@@ -41,7 +41,7 @@ class FeedQuery:
         Raises:
             UnreachableGoal: the start or the goal cannot be.
         """
-        motions = FeedMotions(problem.arm, problem.workspace, travel_between_samples(problem.limits))
+        motions = FeedMotions(problem.arm, problem.workspace, travel_between_samples(problem.arm, problem.limits))
         start, goal = fed_pose(problem, problem.start, "start"), None
         gap = refuse_bad_pose(motions, start, "start")
         if isinstance(problem.goal, TipGoal):

@@ -17,6 +17,12 @@ from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 
 TOLERANCE_SHARE = 0.5
 """Share of the goal's tolerances that planning uses where the goal cannot be met exactly."""
+AIM_SHARE = 0.9
+"""Share of the position tolerance by which planning may aim beside a goal that the tip cannot take."""
+STRETCH = 2e-3
+"""Share of its length by which an arm is kept from full stretch where a goal out of reach is aimed at."""
+ROOM_SHARE = 0.05
+"""Share of the tolerance that is left as room beside a wall that is too near to the goal."""
 FLUSH = 1e-5
 """A mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands flush on it."""
 UPRIGHT = 0.1
@@ -55,12 +61,35 @@ def resolve_ends(problem: Problem) -> Ends:
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
         near_enough = (TOLERANCE_SHARE * problem.tolerances.position, TOLERANCE_SHARE * problem.tolerances.heading)
-        goal = GoalPose(problem.goal.position, problem.goal.heading, near_enough=near_enough)
+        goal = GoalPose(aim(problem, problem.goal), problem.goal.heading, near_enough=near_enough)
         return Ends(start, goal, None, clamped)
     headings = _headings(problem, problem.goal)
     _refuse_bad_pose(problem, problem.arm if headings[0] != start[0] else arm, headings, "goal")
     tip = arm.joint_positions(headings)[-1]
     return Ends(start, GoalPose(tip, float(headings[-1])), headings, clamped)
+
+
+def aim(problem: Problem, goal: TipGoal) -> FloatArray:
+    """Where planning leads the tip, shape (2,) [m]: to the goal, or where that cannot be, to a place near enough.
+
+    A goal out of reach is drawn towards the base, one too near to a wall to the nearest place with room.
+    """
+    arm, slack = problem.arm, AIM_SHARE * problem.tolerances.position
+    offset = goal.position - arm.base
+    beyond = float(np.hypot(*offset)) - (1.0 - STRETCH) * arm.length
+    if beyond > STRETCH * arm.length:
+        return np.asarray(goal.position - min(beyond, slack) * offset / np.hypot(*offset))
+    need, place = arm.radius + problem.workspace.clearance, shapely.Point(goal.position)
+    if all(shapely.distance(place, wall.core) - wall.rounding >= need for wall in problem.workspace.walls):
+        return goal.position
+    need += ROOM_SHARE * slack
+    room = problem.workspace.boundary.buffer(-need)
+    bodies = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
+    free = shapely.difference(room, shapely.union_all(bodies))
+    nearest = shapely.get_coordinates(shapely.shortest_line(place, free))
+    if len(nearest) == 0 or float(np.hypot(*(nearest[1] - goal.position))) > slack:
+        return goal.position
+    return np.asarray(nearest[1])
 
 
 def stands_flush(problem: Problem, headings: FloatArray) -> bool:

@@ -1,5 +1,6 @@
 """The goal as the continuation sees it: tip position, tip heading if any, or a whole-arm pose."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,9 +98,13 @@ def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
 
 
 def _solved(matrix: FloatArray, error: FloatArray, goal: GoalPose) -> FloatArray:
-    """The solution of the polish's equations; those that a user adds may follow from the others."""
+    """The solution of the polish's equations; those that a user adds may follow from the others.
+
+    At full stretch the tip cannot move along the arm: then, too, it is the solution of least squares.
+    """
     if goal.own is None:
-        return np.asarray(np.linalg.solve(matrix, error), dtype=np.float64)
+        with suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.solve(matrix, error), dtype=np.float64)
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-24))
     scaled: FloatArray = np.linalg.lstsq(matrix / np.outer(scale, scale), error / scale, rcond=1e-10)[0]
     return scaled / scale

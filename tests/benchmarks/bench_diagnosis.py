@@ -83,8 +83,7 @@ def relaxation_error(case: Case, diagnosis: dict[str, Any]) -> float:
         return 0.0 if case.threshold in values else np.inf
     if not values:
         return np.inf
-    scale = case.data["limits"]["torque"] if case.key == "limits.torque" else 1.0
-    beyond = case.sign * (values[0] * scale - case.threshold) / case.threshold
+    beyond = case.sign * (values[0] - case.threshold) / case.threshold
     return beyond if beyond > -2e-3 else np.inf
 
 

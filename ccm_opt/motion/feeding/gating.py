@@ -1,5 +1,7 @@
 """Whether joints are straight for as long as the guide holds them."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.interpolate import BSpline
 
@@ -9,12 +11,25 @@ from ccm_opt.problem import Limits
 
 SAMPLE_STEP = 5e-3
 """Longest time between two samples of a trajectory, between which all joints move linearly [s]."""
+LINKS_A_SAMPLE = 0.25
+"""Part of a link that the base passes at most between two samples."""
 _SAMPLES_A_SPAN = 12
 
 
-def travel_between_samples(limits: Limits) -> float:
-    """How far the base can move between two samples of a trajectory [m]."""
-    return SAMPLE_STEP * (limits.feed_velocity or 0.0)
+def travel_between_samples(arm: Arm, limits: Limits) -> float:
+    """How far the base can move between two samples of a trajectory [m], given that it is timed by ``feed_limits``."""
+    return SAMPLE_STEP * (feed_limits(arm, limits).feed_velocity or 0.0)
+
+
+def feed_limits(arm: Arm, limits: Limits) -> Limits:
+    """Limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
+
+    Joints may bend only once they are out of the guide by what the base can travel from one sample to the next, so a
+    base that is allowed to be very fast is held back rather than its joints.
+    """
+    if arm.feed is None or limits.feed_velocity is None:
+        return limits
+    return replace(limits, feed_velocity=min(limits.feed_velocity, LINKS_A_SAMPLE * arm.link_length / SAMPLE_STEP))
 
 
 def straight_while_held(arm: Arm, spline: BSpline, travel: float) -> bool:
