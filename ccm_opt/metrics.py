@@ -20,8 +20,8 @@ def metrics(
     """The figures of merit of a plan, named with their units."""
     arm = problem.arm
     headings = arm.headings(trajectory.bend_angles)
-    feeds = 0.0 if trajectory.feed is None else trajectory.feed.positions
-    tip = arm.joint_positions(headings, feeds)[-1, -1]
+    feed = 0.0 if trajectory.feed is None else trajectory.feed.positions[-1]
+    tip = arm.joint_positions(headings[-1], feed)[-1]
     figures = {
         "duration_s": trajectory.duration,
         "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),

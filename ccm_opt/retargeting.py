@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from ccm_opt import retiming, verification
+from ccm_opt import retiming
 from ccm_opt.closed_loop import simulate_and_check
 from ccm_opt.dynamics.braking import braked
 from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.errors import ProblemError, VerificationError
+from ccm_opt.errors import ProblemError
 from ccm_opt.legs import Leg, whole_path
 from ccm_opt.metrics import metrics
 from ccm_opt.pipeline import solve, versions
@@ -18,6 +18,7 @@ from ccm_opt.planner import Planner
 from ccm_opt.problem import Goal, JointPose, Problem, Stop, Tolerances
 from ccm_opt.solution import JointPath, JointTrajectory, Solution
 from ccm_opt.stages import Stages
+from ccm_opt.verified_plan import verified
 
 REST = Tolerances()
 """How near the stop on the way is held by the verifier."""
@@ -104,12 +105,7 @@ def _verified(
     stages = Stages(progress)
     joints = joint_states(problem.arm, trajectory, dynamics)
     with stages("verification"):
-        checks = verification.verify(problem, trajectory, joints)
-    failures = [
-        f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed
-    ]
-    if failures:
-        raise VerificationError(failures)
+        checks = verified(problem, trajectory, joints)
     with stages("simulation"):
         simulated, of_simulation = simulate_and_check(problem, trajectory, joints)
     figures = {**metrics(problem, path, trajectory, joints, simulated, checks), **of_simulation}

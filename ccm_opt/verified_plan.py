@@ -92,9 +92,7 @@ def _put_together(
         trajectory = retiming.joined([leg.trajectory for leg in timed], [stop.pause for stop in problem.stops])
         joints = joint_states(problem.arm, trajectory, inverse_dynamics)
     with stages("verification"):
-        checks = verification.verify(problem, trajectory, joints)
-    if failures := failures_of(checks):
-        raise VerificationError(failures)
+        checks = verified(problem, trajectory, joints)
     own = {name: [leg.figures[name] for leg in timed] for name in timed[0].figures}
     figures = {name: float(np.max(np.abs(values))) for name, values in own.items()}
     held = tuple(
@@ -142,6 +140,18 @@ def _not_kept(failures: list[str]) -> Diagnosis:
     reason = f"the motion along the feed axis does not keep every constraint; by its miss: {failures[0]}"
     advice = ("widen the constraint", "move the goal", "leave arm.feed out: a fixed arm's motion is planned to keep it")
     return Diagnosis(reason, "constraints", advice, {"failures": failures})
+
+
+def verified(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> tuple[Check, ...]:
+    """The verifier's checks of a motion, all of which hold.
+
+    Raises:
+        VerificationError: naming those that do not.
+    """
+    checks = verification.verify(problem, trajectory, joints)
+    if failures := failures_of(checks):
+        raise VerificationError(failures)
+    return checks
 
 
 def failures_of(checks: Sequence[Check]) -> list[str]:

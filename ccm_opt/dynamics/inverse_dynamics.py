@@ -45,8 +45,7 @@ class InverseDynamics:
                 return self._one(angles, velocities, accelerations)
         except MISFIT:
             pass  # many states, or not contiguous
-        feed = 0.0 if feed_accelerations is None else feed_accelerations
-        return self._rnea.with_feed(angles, velocities, accelerations, feed)[0]
+        return self.efforts(angles, velocities, accelerations, feed_accelerations)[0]
 
     def feed_forces(
         self,
@@ -59,8 +58,18 @@ class InverseDynamics:
 
         It is the component along the base heading of what the base must bear to move the whole arm, gravity included.
         """
+        return self.efforts(angles, velocities, accelerations, feed_accelerations)[1]
+
+    def efforts(
+        self,
+        angles: FloatArray,
+        velocities: FloatArray,
+        accelerations: FloatArray,
+        feed_accelerations: FloatArray | float | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Torques and the force on the feed axis by one recursion; arguments as for the torques."""
         feed = 0.0 if feed_accelerations is None else feed_accelerations
-        return self._rnea.with_feed(angles, velocities, accelerations, feed)[1]
+        return self._rnea.with_feed(angles, velocities, accelerations, feed)
 
 
 def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
@@ -70,5 +79,5 @@ def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: Invers
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)
     feed = None if trajectory.feed is None else trajectory.feed.accelerations
     motion = (angles, velocities, accelerations)
-    forces = None if feed is None else inverse_dynamics.feed_forces(*motion, feed)
-    return JointStates(joint_names(arm), *motion, inverse_dynamics(*motion, feed), forces)
+    torques, forces = inverse_dynamics.efforts(*motion, feed)
+    return JointStates(joint_names(arm), *motion, torques, None if feed is None else forces)

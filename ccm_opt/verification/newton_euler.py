@@ -38,8 +38,7 @@ def joint_torques(
     headings = link_headings(arm, bends)
     along, across = _directions(headings)
     rate, growth = np.cumsum(velocities, axis=1), np.cumsum(accelerations, axis=1)
-    own = _own_forces(arm, gravity, along, across, rate, growth, feed_accelerations)
-    carried = _payload_force(arm, gravity, along, across, rate, growth, feed_accelerations)
+    own, carried = _forces(arm, gravity, along, across, rate, growth, feed_accelerations)
     moments = _joint_moments(arm, along, own, carried, growth)
     before = np.concatenate((np.full((len(headings), 1), arm.base_heading), headings[:, :-1]), axis=1)
     last = along if arm.axes == "zyx" else across
@@ -71,8 +70,7 @@ def feed_forces(
     """Force along the feed axis that moves and carries the whole arm, shape (T,) [N]; arguments as above."""
     along, across = _directions(link_headings(arm, bends))
     rate, growth = np.cumsum(velocities, axis=1), np.cumsum(accelerations, axis=1)
-    own = _own_forces(arm, gravity, along, across, rate, growth, feed_accelerations)
-    carried = _payload_force(arm, gravity, along, across, rate, growth, feed_accelerations)
+    own, carried = _forces(arm, gravity, along, across, rate, growth, feed_accelerations)
     return np.asarray((np.sum(own, axis=1) + carried[:, 0]) @ _axis(arm))
 
 
@@ -81,7 +79,7 @@ def _axis(arm: Arm) -> FloatArray:
     return np.array([x, 0.0, z])
 
 
-def _own_forces(
+def _forces(
     arm: Arm,
     gravity: FloatArray,
     along: FloatArray,
@@ -89,29 +87,14 @@ def _own_forces(
     rate: FloatArray,
     growth: FloatArray,
     feed_accelerations: FloatArray | None,
-) -> FloatArray:
-    """Force that each link's mass needs to move as it does, shape (T, links, 3) [N]."""
+) -> tuple[FloatArray, FloatArray]:
+    """Forces that the links' masses, (T, links, 3), and the payload at the tip, (T, 1, 3), need to move so [N]."""
     step = arm.link_length * (growth[..., None] * across - (rate**2)[..., None] * along)
-    centre = np.cumsum(step, axis=1) - 0.5 * step
+    ends = np.cumsum(step, axis=1)
     if feed_accelerations is not None:
-        centre += feed_accelerations[:, None, None] * _axis(arm)
-    return np.asarray(arm.masses[:, None] * (centre - gravity))
-
-
-def _payload_force(
-    arm: Arm,
-    gravity: FloatArray,
-    along: FloatArray,
-    across: FloatArray,
-    rate: FloatArray,
-    growth: FloatArray,
-    feed_accelerations: FloatArray | None,
-) -> FloatArray:
-    """Force that the payload at the tip needs, shape (T, 1, 3) [N]."""
-    tip = arm.link_length * np.sum(growth[..., None] * across - (rate**2)[..., None] * along, axis=1, keepdims=True)
-    if feed_accelerations is not None:
-        tip += feed_accelerations[:, None, None] * _axis(arm)
-    return np.asarray(arm.payload * (tip - gravity))
+        ends += feed_accelerations[:, None, None] * _axis(arm)
+    own = arm.masses[:, None] * (ends - 0.5 * step - gravity)
+    return own, np.asarray(arm.payload * (ends[:, -1:] - gravity))
 
 
 def _joint_moments(arm: Arm, along: FloatArray, own: FloatArray, carried: FloatArray, growth: FloatArray) -> FloatArray:
