@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ccm_opt import errors
-    from ccm_opt.pipeline import solve
+    from ccm_opt.driver.pipeline import solve
+    from ccm_opt.driver.retargeting import retarget
+    from ccm_opt.files.problem_file import load_problem
     from ccm_opt.problem import Problem
-    from ccm_opt.problem_file import load_problem
-    from ccm_opt.retargeting import retarget
     from ccm_opt.solution import Solution
     from ccm_opt.user_terms.quantities import Quantities
     from ccm_opt.user_terms.terms import Constraint, Cost, Interval, constraint, cost
@@ -50,9 +50,9 @@ _HOMES = {
     "Problem": ("ccm_opt.problem", "Problem"),
     "Solution": ("ccm_opt.solution", "Solution"),
     "check": ("ccm_opt.verification", "verify"),
-    "load_problem": ("ccm_opt.problem_file", "load_problem"),
-    "retarget": ("ccm_opt.retargeting", "retarget"),
-    "solve": ("ccm_opt.pipeline", "solve"),
+    "load_problem": ("ccm_opt.files.problem_file", "load_problem"),
+    "retarget": ("ccm_opt.driver.retargeting", "retarget"),
+    "solve": ("ccm_opt.driver.pipeline", "solve"),
 }
 """Module and name of each public object."""
 

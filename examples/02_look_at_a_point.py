@@ -75,7 +75,7 @@ def main() -> None:
 
 def draw(solution: ccm_opt.Solution, file: Path) -> None:
     """The plan with lines of sight."""
-    from ccm_opt.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
     figure = plan_figure(solution)
     points = solution.joint_positions

@@ -54,7 +54,7 @@ def main() -> None:
 
 def draw(solution: ccm_opt.Solution, file: Path) -> None:
     """The plan with the line, and the middle third at the goal."""
-    from ccm_opt.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
     figure, third = plan_figure(solution), solution.problem.arm.links // 3
     axes = figure.axes[0]

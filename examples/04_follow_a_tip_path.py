@@ -70,7 +70,7 @@ def main() -> None:
 
 def draw(solution: ccm_opt.Solution, file: Path) -> None:
     """The plan with the given path below that of the tip."""
-    from ccm_opt.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
     figure = plan_figure(solution)
     figure.axes[0].plot(*seam(np.linspace(0.0, 1.0, 200), np.sin), color="tab:red", linewidth=4.0, alpha=0.4, zorder=4)

@@ -12,11 +12,11 @@ import sys
 from pathlib import Path
 
 import ccm_opt
+from ccm_opt.files.plotting.schemas import Panel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0
 from ccm_opt.hill_climbing.steps import SchemaStopped
-from ccm_opt.hill_climbing_planner import Follower
-from ccm_opt.plotting.schemas import Panel, schemas_png
+from ccm_opt.planners.baseline import Follower
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
 

@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 import ccm_opt
+from ccm_opt.files.plotting.schemas import Panel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
-from ccm_opt.hill_climbing_planner import Follower, obstacle_ahead
-from ccm_opt.plotting.schemas import Panel, schemas_png
+from ccm_opt.planners.baseline import Follower, obstacle_ahead
 from ccm_opt.problem import TipGoal
 
 PROBLEMS = Path(__file__).parent.parent / "problems"

@@ -58,7 +58,7 @@ def main() -> None:
             f"peak torque {figures['peak_torque_Nm']:.2f} N m, {solution.trajectory.duration:.2f} s"
         )
     if solution is not None and len(sys.argv) > 1:
-        from ccm_opt.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
         plan_figure(solution).savefig(Path(sys.argv[1]))
 

@@ -8,9 +8,9 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import Problem
-from ccm_opt.problem_file import parse_problem
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
 
 PROBLEMS = Path(__file__).parent.parent / "problems"

@@ -7,7 +7,7 @@ import shapely
 
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm, Feed
-from ccm_opt.motion.feeding.leader import LeaderPath
+from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem
 
 if TYPE_CHECKING:

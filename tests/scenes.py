@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt import curve_planner
 from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.collision.contacts import ContactFinder
+from ccm_opt.collision.walls import Walls
 from ccm_opt.comparison.scenes import (
     ROOM,  # noqa: F401 - tests take the generator from here
     Scene,
@@ -22,12 +23,11 @@ from ccm_opt.comparison.scenes import (
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.motion_task import MotionTask
 from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.task import MotionTask
-from ccm_opt.motion.walls import Walls
+from ccm_opt.planners import curve as curve_planner
 from ccm_opt.problem import Problem
 
 MARGIN = 2.5e-3

@@ -10,7 +10,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.closed_loop import WALLS
+from ccm_opt.driver.closed_loop import WALLS
 
 PROBLEM = """
 schema = 1

@@ -16,11 +16,11 @@ import pytest
 import shapely
 
 from ccm_opt.cli.comparing import Wanted, compare_methods
-from ccm_opt.comparison.comparing import Comparison, compare
 from ccm_opt.comparison.executors import LocalWorkers
 from ccm_opt.comparison.files import comparison_json, runs_csv
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import METHODS, check_methods, method_named
+from ccm_opt.comparison.running import Comparison, compare
 from ccm_opt.comparison.runs import Run, Task, execute, failed
 from ccm_opt.comparison.scenes import links_apart
 from ccm_opt.comparison.suites import (

@@ -25,10 +25,10 @@ from ccm_opt.diagnosis.recall import Recalling
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
 from ccm_opt.errors import Diagnosis, Finding, MotionNotFound, ProblemError, RetimingError, UnreachableGoal
+from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
-from ccm_opt.problem_file import problem_from_mapping
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
 from tests.benchmarks.bench_diagnosis import named_rightly, relaxation_error

@@ -13,16 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics import compiled
-from ccm_opt.dynamics.aba import build_aba
-from ccm_opt.dynamics.forward_dynamics import ForwardDynamics
-from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.mass_matrix import MassMatrix, build_mass_matrix
-from ccm_opt.dynamics.model import Structure, arm_model, arm_structure
-from ccm_opt.dynamics.rnea import build_rnea
+from ccm_opt.dynamics.algorithms.aba import build_aba
+from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix, build_mass_matrix
+from ccm_opt.dynamics.algorithms.model import Structure, arm_model, arm_structure
+from ccm_opt.dynamics.algorithms.rnea import build_rnea
+from ccm_opt.dynamics.runtime import compilation as compiled
+from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import ProblemError
-from ccm_opt.export.mjcf import mjcf_text
-from ccm_opt.export.urdf import urdf_text
+from ccm_opt.files.export.mjcf import mjcf_text
+from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.jacobian import tip_jacobian
 from tests.dynamics_arms import loose_limits, make_arm, random_states, smooth_trajectory

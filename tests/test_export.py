@@ -14,11 +14,11 @@ import pytest
 
 from ccm_opt.cli.checking import check_folders
 from ccm_opt.errors import Diagnosis, ProblemError, VerificationError
-from ccm_opt.export import folder as folder_module
-from ccm_opt.export.folder import check_target, write_failure, write_folder, write_solution
-from ccm_opt.export.load import SHAPES, load_motion, load_problem_data
+from ccm_opt.files.export import folder as folder_module
+from ccm_opt.files.export.folder import check_target, write_failure, write_folder, write_solution
+from ccm_opt.files.export.reading_back import SHAPES, load_motion, load_problem_data
+from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.problem_file import problem_from_mapping
 from ccm_opt.solution import Solution
 
 FILES = {"solution.json", "solution.npz", "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml"}

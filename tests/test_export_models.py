@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.mass_matrix import MassMatrix
-from ccm_opt.export.mjcf import mjcf_text
-from ccm_opt.export.urdf import UNLIMITED_EFFORT, urdf_text
+from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.files.export.mjcf import mjcf_text
+from ccm_opt.files.export.urdf import UNLIMITED_EFFORT, urdf_text
 from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.frames import joint_names, joint_positions_3d, revolute_angles
 from ccm_opt.solution import FeedMotion

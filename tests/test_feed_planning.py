@@ -11,25 +11,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.collision.walls import Walls
+from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import ProblemError, UnreachableGoal
-from ccm_opt.feed_planner import FeedPlanner
-from ccm_opt.feed_planner.poses import FedPose
-from ccm_opt.feed_planner.reshaping import Reshaping
+from ccm_opt.files.problem_file import load_problem
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.motion.continuation import Deadline
-from ccm_opt.motion.feeding.carried_arm import CarriedArm
-from ccm_opt.motion.feeding.deviation import deviation
-from ccm_opt.motion.feeding.elastic_band import ElasticBand
-from ccm_opt.motion.feeding.feed_path import FeedMotions
-from ccm_opt.motion.feeding.gating import LINKS_A_SAMPLE, SAMPLE_STEP, straight_while_held
-from ccm_opt.motion.feeding.own_shape import own_path
-from ccm_opt.motion.feeding.slide import pose_on, slide
 from ccm_opt.motion.spline_path import clamped_spline
-from ccm_opt.motion.walls import Walls
-from ccm_opt.pipeline import solve
+from ccm_opt.planners.feed import FeedPlanner
+from ccm_opt.planners.feed.fed_poses import FedPose
+from ccm_opt.planners.feed.reshaping import Reshaping
+from ccm_opt.planners.following.carried_arm import CarriedArm
+from ccm_opt.planners.following.deviation import deviation
+from ccm_opt.planners.following.elastic_band import ElasticBand
+from ccm_opt.planners.following.feed_path import FeedMotions
+from ccm_opt.planners.following.gating import LINKS_A_SAMPLE, SAMPLE_STEP, straight_while_held
+from ccm_opt.planners.following.path_of_shape import own_path
+from ccm_opt.planners.following.slide import pose_on, slide
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.problem_file import load_problem
 from tests.feed_scenes import LINK, LINKS, RADIUS, bow, make_arm, make_problem, make_room
 
 PROBLEMS = Path(__file__).parents[1] / "problems"

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose, Weights
+from ccm_opt.hill_climbing.hill_climb import Climb, Ending, Strategy, climb, end_of
 from ccm_opt.hill_climbing.operators import ALL, LEAST_SPACING, Moves, Operator, StepSizes
-from ccm_opt.hill_climbing.search import Climb, Ending, Strategy, climb, end_of
-from ccm_opt.hill_climbing.shapes import Shapes
 from ccm_opt.hill_climbing.world import World
 from ccm_opt.jointed.mapping import mean_headings
 

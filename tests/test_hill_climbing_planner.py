@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt import hill_climbing_planner as planner
 from ccm_opt import load_problem, solve
 from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import MotionNotFound, ProblemError, TimeLimitReached
 from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0
-from ccm_opt.hill_climbing.shapes import Shapes
 from ccm_opt.hill_climbing.steps import SchemaStopped, run
-from ccm_opt.hill_climbing_planner import Follower, HillClimbingPlanner, first_plan, obstacle_ahead
 from ccm_opt.jointed.arm import Feed
-from ccm_opt.motion.certificate import Certificate
+from ccm_opt.planners import baseline as planner
+from ccm_opt.planners.baseline import Follower, HillClimbingPlanner, first_plan, obstacle_ahead
 from ccm_opt.problem import Problem, TipGoal
 
 from .conftest import PROBLEMS

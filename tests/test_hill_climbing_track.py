@@ -14,10 +14,10 @@ from ccm_opt.continuum.cubic_spiral import CubicSpiral
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.hill_climbing.clearance_field import ClearanceField
+from ccm_opt.hill_climbing.curve_track import track_through
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.region_plan import passages
-from ccm_opt.hill_climbing.track import track_through
-from ccm_opt.hill_climbing_planner import Follower
+from ccm_opt.planners.baseline import Follower
 
 from .conftest import PROBLEMS
 

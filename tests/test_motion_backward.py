@@ -9,9 +9,9 @@ import pytest
 from ccm_opt.motion import search
 from ccm_opt.motion.backward import backward_tasks, reversed_motion
 from ccm_opt.motion.lifting import lift
+from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.task import Motion, MotionTask, coarsened
 from ccm_opt.problem import JointPose
 from tests.scenes import clutter, motion_task
 

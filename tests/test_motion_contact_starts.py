@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import shapely
 
+from ccm_opt.collision.certificate import CONTACT
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.motion.certificate import CONTACT
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.problem import JointPose, Problem
 from tests.benchmarks.planned_runs import run

@@ -10,19 +10,19 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.collision.certificate import Certificate
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
 from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
-from ccm_opt.motion.hairpin import fold_track
-from ccm_opt.motion.interpolation import Interpolation
+from ccm_opt.motion.guides.hairpin import fold_track
+from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.guides.tip_led import TipLed
+from ccm_opt.motion.guides.track import Track
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.portfolio import Candidate, first_candidates
 from ccm_opt.motion.spline_path import certified_spline, clamped_spline
 from ccm_opt.motion.step import LIMIT_SHARE, Pose, Stepper
-from ccm_opt.motion.tip_led import TipLed
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, round_base
-from ccm_opt.motion.track import Track
 
 from .scenes import (
     ROOM,

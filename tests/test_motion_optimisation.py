@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.optimisation.clearance_rows import Rows, join, motion_rows, representatives
 from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
-from ccm_opt.motion.optimisation.kinematics import Sweep
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.optimise import optimise, thinned, travel
 from ccm_opt.motion.optimisation.quadratic_step import Curvature, StepProblem
-from ccm_opt.motion.optimisation.rows import Rows, join, motion_rows, representatives
 from ccm_opt.motion.optimisation.sweep_regions import WallSegments, sweep_regions
+from ccm_opt.motion.optimisation.swept_motion import Sweep
 from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.task import Motion, MotionTask
 from ccm_opt.problem import JointPose, OptimiserName
 from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, sweep_gaps, swept
 

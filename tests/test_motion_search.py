@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt import curve_planner
 from ccm_opt.arrays import FloatArray
-from ccm_opt.curve_planner import CurvePlanner
+from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise, travel
-from ccm_opt.motion.passages import fitting_margins
+from ccm_opt.motion.passage_widths import fitting_margins
 from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.task import Motion, MotionTask, coarsened
+from ccm_opt.planners import curve as curve_planner
+from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, TipGoal
 
 from .scenes import (

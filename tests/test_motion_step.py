@@ -7,8 +7,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.collision.contacts import WALL, ContactFinder
+from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.motion.contacts import WALL, ContactFinder
 from ccm_opt.motion.step import (
     KEEP_SHARE,
     LIMIT_SHARE,
@@ -22,7 +23,6 @@ from ccm_opt.motion.step import (
     normal_equations,
     smoothness_terms,
 )
-from ccm_opt.motion.walls import Walls
 
 from .scenes import MARGIN, Scene, clutter, corridor, make_arm, make_stepper, open_scene, self_gap, wall_gaps
 

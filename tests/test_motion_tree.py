@@ -9,15 +9,15 @@ import pytest
 import shapely
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion import search
-from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.continuation import Deadline, Stalled
 from ccm_opt.motion.goal import POLISH_TOLERANCE
 from ccm_opt.motion.link_space import FINENESS
+from ccm_opt.motion.motion_task import MotionTask, Remembered
 from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.task import MotionTask, Remembered
 from ccm_opt.motion.tree.growth import DISPERSION, TREES, Growth, Question, search_by_trees
 from ccm_opt.motion.tree.nodes import Tree
 from ccm_opt.problem import JointPose, TipGoal

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt import curve_planner
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion import search
+from ccm_opt.motion.motion_task import Motion, MotionTask, Slowness
 from ccm_opt.motion.optimisation import interior_point
-from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.optimisation.clearance_rows import motion_rows
 from ccm_opt.motion.optimisation.nearness import Nearness
 from ccm_opt.motion.optimisation.optimise import optimise, thinned
-from ccm_opt.motion.optimisation.rows import motion_rows
 from ccm_opt.motion.optimisation.sweep_regions import WallSegments
-from ccm_opt.motion.task import Motion, MotionTask, Slowness
-from ccm_opt.nlp.configuration import find_configuration
+from ccm_opt.motion.optimisation.swept_motion import Sweep
+from ccm_opt.nlp.find_configuration import find_configuration
+from ccm_opt.planners import curve as curve_planner
 from ccm_opt.problem import TipGoal, Weights
 from tests.scenes import ROOM, Scene, clutter, later, make_arm, motion_task, sweep_gaps, wall_gaps
 

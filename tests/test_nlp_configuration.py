@@ -14,12 +14,12 @@ from ccm_opt.errors import ConfigurationNotFound, ProblemError
 from ccm_opt.freespace.corridor import Corridor
 from ccm_opt.nlp import solver as solver_module
 from ccm_opt.nlp.check import shortfalls
-from ccm_opt.nlp.configuration import attempts, find_configuration, winding_profiles
+from ccm_opt.nlp.configuration_task import ConfigurationTask
+from ccm_opt.nlp.find_configuration import attempts, find_configuration, winding_profiles
 from ccm_opt.nlp.initial_guess import initial_guess
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, build_configuration_nlp, pack, unpack
 from ccm_opt.nlp.polish import heading_basis, polished_configuration
 from ccm_opt.nlp.solver import built_solver, solve_nlp
-from ccm_opt.nlp.task import ConfigurationTask
 from tests.conftest import PROBLEMS
 from tests.nlp_corridors import ANY_HEADING, box, corridor, open_task, random_pose, s_bend
 

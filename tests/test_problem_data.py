@@ -10,6 +10,8 @@ import shapely
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError
+from ccm_opt.files.problem_file import load_problem, problem_from_mapping
+from ccm_opt.files.problem_file.data import problem_data, recorded_data
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import (
@@ -22,8 +24,6 @@ from ccm_opt.problem import (
     TipGoal,
     Tolerances,
 )
-from ccm_opt.problem_file import load_problem, problem_from_mapping
-from ccm_opt.problem_file.data import problem_data, recorded_data
 
 from .conftest import PROBLEMS
 

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.curve_planner import CurvePlanner
+from ccm_opt.collision.certificate import Certificate
+from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.workspace import Obstacle
-from ccm_opt.motion.certificate import Certificate
-from ccm_opt.motion.passages import passage_widths
+from ccm_opt.motion.passage_widths import passage_widths
 from ccm_opt.motion.tip_paths import find_tip_paths, turning_by
-from ccm_opt.motion.walls import Walls
+from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from tests.benchmarks.crossings import CrossingCheck, densely
 from tests.benchmarks.ompl_scenes import LARGEST_CORRIDOR, SCENES, corridor, horn

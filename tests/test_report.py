@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ccm_opt.plotting.animation import motion_gif
-from ccm_opt.report.page import report_html
+from ccm_opt.files.plotting.animation import motion_gif
+from ccm_opt.files.report.page import report_html
 from ccm_opt.solution import Solution
 
 

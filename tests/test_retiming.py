@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from ccm_opt.errors import RetimingError
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.grid import path_grid
+from ccm_opt.retiming.path_rows import path_rows
 from ccm_opt.retiming.profile import SpeedProfile
 from ccm_opt.retiming.reachability import reachable_profile
-from ccm_opt.retiming.rows import path_rows
 from ccm_opt.retiming.speed_optimizer import fastest_profile
 from tests.retiming_paths import (
     GRAVITY,

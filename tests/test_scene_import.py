@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from ccm_opt.errors import ProblemError, ProblemFileError
+from ccm_opt.files.problem_file import load_problem, parse_problem, problem_from_mapping
+from ccm_opt.files.problem_file.data import recorded_data
+from ccm_opt.files.scene_import import ImportOptions, import_scene
+from ccm_opt.files.scene_import.chains import Piece, joined
+from ccm_opt.files.scene_import.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
 from ccm_opt.freespace.workspace import Obstacle
-from ccm_opt.problem_file import load_problem, parse_problem, problem_from_mapping
-from ccm_opt.problem_file.data import recorded_data
-from ccm_opt.scene_import import ImportOptions, import_scene
-from ccm_opt.scene_import.chains import Piece, joined
-from ccm_opt.scene_import.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
 
 from .conftest import SMALL_PROBLEM
 
@@ -499,10 +499,10 @@ def test_readers_are_loaded_only_for_their_own_files() -> None:
 import sys
 from pathlib import Path
 import ccm_opt
-from ccm_opt.problem_file import parse_problem
+from ccm_opt.files.problem_file import parse_problem
 parse_problem({SMALL_PROBLEM!r})
 assert not {{"ezdxf", "svgelements"}} & set(sys.modules)
-from ccm_opt.scene_import import ImportOptions, import_scene
+from ccm_opt.files.scene_import import ImportOptions, import_scene
 import_scene(Path({str(DATA / "scene.wkt")!r}), ImportOptions())
 assert not {{"ezdxf", "svgelements"}} & set(sys.modules)
 """

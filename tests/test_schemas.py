@@ -12,13 +12,13 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import add_segment, start_of
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.continuum.segment_types import SegmentType, classify, wrap
+from ccm_opt.hill_climbing.candidate_moves import Shapes
+from ccm_opt.hill_climbing.curve_track import Track
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import Folds, merge_and_climb
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_3, scm_4, scm_5, scm_6, scm_7, scm_8
 from ccm_opt.hill_climbing.schemas.feeding import begin_feeding, pass_length, slide_boundary
-from ccm_opt.hill_climbing.shapes import Shapes
 from ccm_opt.hill_climbing.steps import SchemaStopped, Step, run
-from ccm_opt.hill_climbing.track import Track
 from ccm_opt.hill_climbing.world import World
 
 OPEN = World()

@@ -10,14 +10,15 @@ from hypothesis import strategies as st
 from scipy.linalg import eigvals
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics import compiled, simulation
-from ccm_opt.dynamics.controller import check_stability, fastest_mode, gains
-from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.mass_matrix import MassMatrix
-from ccm_opt.dynamics.reference import hermite, step_reference
-from ccm_opt.dynamics.simulation import simulate
+from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
+from ccm_opt.dynamics.runtime import compilation as compiled
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.simulation.closed_loop_run import closed_loop_run as simulation
+from ccm_opt.dynamics.simulation.closed_loop_run import simulate
+from ccm_opt.dynamics.simulation.controller import check_stability, fastest_mode, gains
+from ccm_opt.dynamics.simulation.reference import hermite, step_reference
 from ccm_opt.errors import SimulationError
-from ccm_opt.export.mjcf import mjcf_text
+from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions

@@ -17,7 +17,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.cli.solving import OwnTerms, solve_files
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.user_terms.compiled import compile_terms
+from ccm_opt.user_terms.compiled_terms import compile_terms
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.references import load_terms
 from ccm_opt.user_terms.terms import Constraint, Cost, Interval

@@ -2,9 +2,9 @@
 
 import pytest
 
+from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import MotionNotFound
-from ccm_opt.pipeline import solve
-from ccm_opt.problem_file import parse_problem
+from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.terms import Constraint
 

@@ -15,12 +15,12 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.constrained.path import moved_onto
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.optimisation.kinematics import Sweep
 from ccm_opt.motion.optimisation.own_optimise import even_parameters
 from ccm_opt.motion.optimisation.own_terms import KeyframeTerms
+from ccm_opt.motion.optimisation.swept_motion import Sweep
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Check, JointPath, JointTrajectory, Solution
-from ccm_opt.user_terms.compiled import compile_terms
+from ccm_opt.user_terms.compiled_terms import compile_terms
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.terms import Constraint, Cost, Interval
 

@@ -21,11 +21,11 @@ from ccm_opt.problem import CurvePose, JointPose, Limits, Problem, SimulationOpt
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification import verify
 from ccm_opt.verification.bisection import CONTACT_TOLERANCE
-from ccm_opt.verification.kinematics import ChainMotion
+from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant
-from ccm_opt.verification.walls import check_free_side, check_walls
+from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 
 ROOM = shapely.box(-3.0, -3.0, 3.0, 3.0)
 

@@ -13,9 +13,9 @@ from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.solution import Check, FeedMotion, JointStates, JointTrajectory
 from ccm_opt.verification import verify
-from ccm_opt.verification.kinematics import ChainMotion
+from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import feed_forces, joint_torques
-from ccm_opt.verification.walls import check_walls
+from ccm_opt.verification.wall_clearance import check_walls
 
 LINKS = 6
 ROOM = shapely.box(-3.0, -3.0, 3.0, 3.0)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, report, run_all
 from ccm_opt.cli.tables import checks_table, report_console
-from ccm_opt.export.load import load_motion, load_problem_data
-from ccm_opt.problem_file import problem_from_mapping
+from ccm_opt.files.export.reading_back import load_motion, load_problem_data
+from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.verification import verify
 
 

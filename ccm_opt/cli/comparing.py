@@ -13,11 +13,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from ccm_opt.cli.comparison_tables import print_comparison
 from ccm_opt.cli.outcome import BUG, CANCELLED, SOLVED, complain, report, run_all
-from ccm_opt.comparison.comparing import Comparison, compare
 from ccm_opt.comparison.executors import DaskWorkers, LocalWorkers, Workers
 from ccm_opt.comparison.files import JOURNAL, write_comparison
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import DEFAULT, check_methods
+from ccm_opt.comparison.running import Comparison, compare
 from ccm_opt.comparison.runs import QUANTITIES, Run
 from ccm_opt.comparison.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
 
@@ -106,7 +106,7 @@ def _display(count: int) -> Iterator[Callable[[Run], None]]:
 
 
 def _pictures(comparison: Comparison) -> Mapping[str, bytes]:
-    from ccm_opt.plotting.comparison import MethodRuns, Panel, paired_png, success_png  # noqa: PLC0415 - matplotlib
+    from ccm_opt.files.plotting.comparison import MethodRuns, Panel, paired_png, success_png  # noqa: PLC0415 - matplotlib
 
     def drawn(name: str) -> MethodRuns:
         runs, interval = comparison.of(name), comparison.solved(name)[1]

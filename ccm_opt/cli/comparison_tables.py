@@ -9,8 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.tables import report_console
-from ccm_opt.comparison.comparing import Comparison, Pair
 from ccm_opt.comparison.files import TABLE, medians
+from ccm_opt.comparison.running import Comparison, Pair
 from ccm_opt.comparison.runs import QUANTITIES, Run
 from ccm_opt.comparison.statistics import FigurePair, Interval
 

@@ -9,10 +9,10 @@ from rich.table import Table
 
 from ccm_opt.cli.outcome import SOLVED, report, run_all
 from ccm_opt.cli.tables import report_console
+from ccm_opt.files.problem_file import load_problem
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import dh_table, joint_names
 from ccm_opt.problem import Limits, Problem
-from ccm_opt.problem_file import load_problem
 
 
 def describe_files(files: Sequence[Path]) -> int:

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from ccm_opt.cli.outcome import SOLVED, report, run_all
 from ccm_opt.errors import ProblemError
-from ccm_opt.export.load import load_motion, load_problem_data
-from ccm_opt.export.mjcf import mjcf_text
-from ccm_opt.export.trajectory_text import trajectory_texts
-from ccm_opt.export.urdf import urdf_text
-from ccm_opt.problem_file import problem_from_mapping
+from ccm_opt.files.export.mjcf import mjcf_text
+from ccm_opt.files.export.reading_back import load_motion, load_problem_data
+from ccm_opt.files.export.trajectory_text import trajectory_texts
+from ccm_opt.files.export.urdf import urdf_text
+from ccm_opt.files.problem_file import problem_from_mapping
 
 FORMATS = ("urdf", "mjcf", "yaml", "csv")
 

@@ -11,9 +11,9 @@ from rich.markup import escape
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, report, run_all, warn
 from ccm_opt.cli.tables import report_console, value_table
 from ccm_opt.errors import ProblemError
-from ccm_opt.export.load import SavedMotion, load_motion, load_problem_data
+from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_problem_data
+from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.problem import Problem
-from ccm_opt.problem_file import problem_from_mapping
 from ccm_opt.solution import SimulatedMotion
 
 PICTURE = "simulation.png"
@@ -64,7 +64,7 @@ def simulate_folders(folders: Sequence[Path], overrides: Overrides, *, pictures:
 def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
     recorded = problem_from_mapping(load_problem_data(folder), f"{folder}/solution.json")
     problem, motion = overrides.applied(recorded), load_motion(folder, recorded.arm)
-    from ccm_opt.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
+    from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
 
     simulated, figures = simulate_and_check(problem, motion.trajectory, motion.joints)
     if pictures:
@@ -76,7 +76,7 @@ def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
 
 
 def _draw(folder: Path, problem: Problem, motion: SavedMotion, simulated: SimulatedMotion) -> None:
-    from ccm_opt.plotting.simulation import simulation_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.simulated_motion import simulation_png  # noqa: PLC0415 - loads matplotlib
 
     picture = simulation_png(problem, motion.trajectory, motion.joints, simulated)
     try:

@@ -10,9 +10,9 @@ from ccm_opt.cli.outcome import SOLVED, report, run_all, warn
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import print_solution
 from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, VerificationError
-from ccm_opt.export.folder import check_target, write_failure, write_solution
+from ccm_opt.files.export.folder import check_target, write_failure, write_solution
+from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import MethodName, Problem
-from ccm_opt.problem_file import load_problem
 from ccm_opt.solution import Solution
 from ccm_opt.user_terms.references import load_terms
 from ccm_opt.user_terms.terms import Constraint, Cost
@@ -111,7 +111,7 @@ def _warn_of_tracking(solution: Solution) -> None:
 def _plan(problem: Problem, out: Path, clock: StageClock, own: OwnTerms, *, explain: bool) -> Solution:
     """Run the pipeline; a problem without a plan leaves the record of why in the output folder."""
     clock("loading")
-    from ccm_opt.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
+    from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
     if own != NO_TERMS:
         constraints, costs = load_terms(own.constraints, Constraint), load_terms(own.costs, Cost)
@@ -132,9 +132,9 @@ def _plan(problem: Problem, out: Path, clock: StageClock, own: OwnTerms, *, expl
 
 
 def _pictures(solution: Solution) -> Mapping[str, bytes]:
-    from ccm_opt.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.plotting.plan import plan_png  # noqa: PLC0415
-    from ccm_opt.report.page import report_html  # noqa: PLC0415
+    from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.plan import plan_png  # noqa: PLC0415
+    from ccm_opt.files.report.page import report_html  # noqa: PLC0415
 
     return {
         "plan.png": plan_png(solution),

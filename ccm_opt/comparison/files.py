@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ccm_opt.comparison.comparing import Comparison, Pair
 from ccm_opt.comparison.methods import method_named
+from ccm_opt.comparison.running import Comparison, Pair
 from ccm_opt.comparison.runs import QUANTITIES, Run
 from ccm_opt.comparison.statistics import LEVEL, FigurePair, Interval
 from ccm_opt.errors import ProblemError

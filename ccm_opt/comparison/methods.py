@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.planner import Planner
+from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Problem
 from ccm_opt.stages import Stages
 
@@ -35,7 +35,7 @@ class Method:
 
     def planner(self, prepared: Problem) -> Planner:
         """The planner for a problem that was prepared."""
-        from ccm_opt.verified_plan import default_planner  # noqa: PLC0415 - loads casadi
+        from ccm_opt.driver.verified_plan import default_planner  # noqa: PLC0415 - loads casadi
 
         return default_planner(prepared, Stages()) if self.make is None else self.make()
 

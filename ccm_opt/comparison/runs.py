@@ -16,7 +16,7 @@ from typing import Literal
 from ccm_opt.comparison.methods import method_named
 from ccm_opt.comparison.suites import Case
 from ccm_opt.errors import NoPlanFound, ProblemError, TimeLimitReached, VerificationError
-from ccm_opt.planner import Planner
+from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 
@@ -160,7 +160,7 @@ def execute(task: Task) -> Run:
 
 
 def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
-    from ccm_opt.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
+    from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
     solution = solve(problem, planner=planner, explain=False)
     wanted = {quantity.key for quantity in QUANTITIES}
@@ -190,7 +190,7 @@ def _told(error: BaseException) -> tuple[Outcome, str]:
 @cache
 def _load_libraries() -> None:
     """Load what is loaded when first used, so that no run pays for it."""
-    for name in ("ccm_opt.pipeline", "casadi", "toppra.algorithm"):
+    for name in ("ccm_opt.driver.pipeline", "casadi", "toppra.algorithm"):
         import_module(name)
 
 

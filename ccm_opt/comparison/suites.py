@@ -9,8 +9,8 @@ from pathlib import Path
 
 from ccm_opt.comparison.scenes import Scene, clutter, corridor, open_space
 from ccm_opt.errors import ProblemError
+from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import Problem
-from ccm_opt.problem_file import load_problem
 
 SHARED = "shared"
 ON_AXIS = "feed-"

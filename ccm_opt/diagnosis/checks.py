@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from ccm_opt.diagnosis.contact import contact_at_ends
-from ccm_opt.diagnosis.load import strong_enough
+from ccm_opt.diagnosis.holding_torque import strong_enough
 from ccm_opt.diagnosis.passages import wide_and_short_enough
 from ccm_opt.diagnosis.reach import supple_enough, within_joint_limits, within_reach
 from ccm_opt.errors import Finding

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.diagnosis.ends import TipPlace, WholePose, tip_places, whole_poses
+from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
 from ccm_opt.diagnosis.words import millimetres, point
 from ccm_opt.errors import Finding
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
-from ccm_opt.diagnosis.load import joint_words, overloaded
+from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
 from ccm_opt.diagnosis.parameters import Omission
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.relaxation import Solve, Trials, candidates, hardest_bound, relaxations

@@ -9,7 +9,7 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.diagnosis.contact import tip_has_room
-from ccm_opt.diagnosis.ends import tip_places
+from ccm_opt.diagnosis.keyed_poses import tip_places
 from ccm_opt.diagnosis.room import THIN, WideSpace, wide_space
 from ccm_opt.diagnosis.words import at, listed, metres, millimetres, point
 from ccm_opt.errors import Finding

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from scipy.optimize import brentq
 
-from ccm_opt.diagnosis.ends import TipPlace, tip_places, whole_poses
+from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
 from ccm_opt.diagnosis.words import degrees, metres, point
 from ccm_opt.errors import Finding
 from ccm_opt.jointed.arm import Arm

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from ccm_opt.planner import Planner
+from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 

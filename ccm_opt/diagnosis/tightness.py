@@ -6,7 +6,6 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.curve_planner import configuration_task, find_routes, route_margin
 from ccm_opt.diagnosis.words import at, degrees, listed, metres, millimetres, point
 from ccm_opt.errors import ConfigurationNotFound, Finding, NoPlanFound
 from ccm_opt.freespace.bottleneck import narrowest_passage, nearest_walls
@@ -14,7 +13,8 @@ from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.polygons import cross
 from ccm_opt.motion.ends import Ends, resolve_ends
-from ccm_opt.nlp.configuration import find_configuration
+from ccm_opt.nlp.find_configuration import find_configuration
+from ccm_opt.planners.curve import configuration_task, find_routes, route_margin
 from ccm_opt.problem import Problem
 
 NARROW = 1.5

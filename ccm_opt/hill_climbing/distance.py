@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.hill_climbing.shapes import Shapes
+from ccm_opt.hill_climbing.candidate_moves import Shapes
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import ProblemError
+from ccm_opt.hill_climbing.curve_track import Track
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_4, scm_6, scm_7, scm_8
 from ccm_opt.hill_climbing.schemas.climbing import PATIENCE, PUSH
 from ccm_opt.hill_climbing.schemas.feeding import FEED, Feeding, begin_feeding, pass_length, slide_boundary
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step, run
-from ccm_opt.hill_climbing.track import Track
 from ccm_opt.hill_climbing.world import World
 
 _Result = TypeVar("_Result")

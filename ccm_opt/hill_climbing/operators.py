@@ -6,7 +6,7 @@ from enum import StrEnum
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.hill_climbing.shapes import Shapes
+from ccm_opt.hill_climbing.candidate_moves import Shapes
 
 
 class Operator(StrEnum):

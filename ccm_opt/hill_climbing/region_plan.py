@@ -15,11 +15,11 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.hill_climbing.curve_track import Track, track_through, without_near
 from ccm_opt.hill_climbing.distance import Precision, TipPose
 from ccm_opt.hill_climbing.fold_plan import REACH, Folds, staged, subgoals, trace
 from ccm_opt.hill_climbing.schemas import scm_6, scm_7
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step, run
-from ccm_opt.hill_climbing.track import Track, track_through, without_near
 from ccm_opt.hill_climbing.world import World
 
 RUNS = (0.08, 0.05, 0.03, 0.015)

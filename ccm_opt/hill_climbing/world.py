@@ -8,7 +8,7 @@ import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.hill_climbing.shapes import Shapes
+from ccm_opt.hill_climbing.candidate_moves import Shapes
 
 Passes: TypeAlias = Callable[[Shapes, Shapes], BoolArray]
 """Whether the arm may move from one configuration, a batch of one, straight to each of a batch, shape (m,)."""

@@ -8,8 +8,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.continuation import Stalled, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import fit_coordinates
+from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.task import Motion, MotionTask
 from ccm_opt.motion.tip_paths import tip_paths_in, turning_by
 
 

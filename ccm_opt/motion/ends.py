@@ -6,13 +6,13 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.collision.certificate import TOUCH, Certificate, allowed_contact
+from ccm_opt.collision.contacts import WALL, ContactFinder
+from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.motion.certificate import TOUCH, Certificate, allowed_contact
-from ccm_opt.motion.contacts import WALL, ContactFinder
 from ccm_opt.motion.goal import GoalPose
-from ccm_opt.motion.walls import Walls
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 
 TOLERANCE_SHARE = 0.5

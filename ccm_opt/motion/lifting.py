@@ -3,12 +3,12 @@
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.contacts import ContactFinder
+from ccm_opt.collision.contacts import ContactFinder
+from ccm_opt.collision.walls import Walls
 from ccm_opt.motion.goal import POLISH_TOLERANCE, polish
 from ccm_opt.motion.link_space import LinkSpace, mean_heading_matrix
+from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.step import Stepper, Term, pose_in
-from ccm_opt.motion.task import Motion, MotionTask
-from ccm_opt.motion.walls import Walls
 
 REPAIRS = 6
 MARGIN = 1.5e-3

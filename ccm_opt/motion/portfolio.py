@@ -9,13 +9,13 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polygons import path_length
 from ccm_opt.motion.continuation import Guide
-from ccm_opt.motion.hairpin import Hairpin, fold_track
-from ccm_opt.motion.interpolation import Interpolation
-from ccm_opt.motion.passages import passage_widths
+from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
+from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.guides.tip_led import TipLed
+from ccm_opt.motion.guides.track import Track
+from ccm_opt.motion.passage_widths import passage_widths
 from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.tip_led import TipLed
 from ccm_opt.motion.tip_paths import TipPath
-from ccm_opt.motion.track import Track
 
 FOLD_LINKS = (5.0, 7.0, 4.0, 9.0)
 """Lengths of the hairpin that are tried, in nominal links (24 to the arm)."""

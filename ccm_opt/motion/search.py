@@ -8,23 +8,23 @@ from typing import TypeAlias
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.collision.certificate import Certificate
+from ccm_opt.collision.contacts import ContactFinder
+from ccm_opt.collision.walls import Walls
 from ccm_opt.motion.backward import backward_tasks, pose_at_goal, reversed_motion
-from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.constrained.continuation import Reference, track
-from ccm_opt.motion.contacts import ContactFinder
 from ccm_opt.motion.continuation import PAUSES, Stalled, follow, settle, without_pauses
 from ccm_opt.motion.failures import Failure, nothing_found
 from ccm_opt.motion.goal import GoalPose
-from ccm_opt.motion.interpolation import Interpolation
+from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import FINENESS, LinkSpace
+from ccm_opt.motion.motion_task import Motion, MotionTask, Remembered, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise
-from ccm_opt.motion.passages import fineness_asked, fitting_margins
+from ccm_opt.motion.passage_widths import fineness_asked, fitting_margins
 from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
 from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.task import Motion, MotionTask, Remembered, coarsened
 from ccm_opt.motion.tree.growth import TREES, Question, search_by_trees
-from ccm_opt.motion.walls import Walls
 
 MARGINS = (0.06, 0.024)
 """Planning margins that are tried, in units of the link space."""

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.motion.certificate import Certificate
+from ccm_opt.collision.certificate import Certificate
 
 LEAST_SAMPLES, MOST_SAMPLES = 4, 96
 """Samples of a span between which the certificate takes the headings to be linear."""

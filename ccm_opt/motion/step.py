@@ -7,8 +7,8 @@ import daqp
 import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray, IntcArray
+from ccm_opt.collision.contacts import WALL, ContactFinder, Contacts
 from ccm_opt.motion.constrained.rows import PULL, OwnRows, StepRows
-from ccm_opt.motion.contacts import WALL, ContactFinder, Contacts
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
 
 LINK_TURN = 0.15

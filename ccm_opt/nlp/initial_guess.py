@@ -16,10 +16,10 @@ from scipy.special import struve
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.segment_types import SegmentType, end_angle
 from ccm_opt.freespace.corridor import ConvexRegion
+from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.curve_ode import PIECES
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, pack
 from ccm_opt.nlp.path_profile import PathProfile, region_crossings
-from ccm_opt.nlp.task import ConfigurationTask
 
 _SAMPLES = 401
 _SMOOTHING = 0.06

@@ -9,9 +9,9 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.nlp import constraints
+from ccm_opt.nlp.configuration_task import END_TOLERANCE, ConfigurationTask
 from ccm_opt.nlp.costs import configuration_cost, nearness
 from ccm_opt.nlp.curve_ode import CONTROLS, PIECES, STATES, SegmentFlow, segment_function
-from ccm_opt.nlp.task import END_TOLERANCE, ConfigurationTask
 
 STAGE = STATES + CONTROLS
 LEAST_PIECE = 4e-3

@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.segment_types import wrap
-from ccm_opt.nlp.task import ConfigurationTask
+from ccm_opt.nlp.configuration_task import ConfigurationTask
 
 _SAMPLES = 401
 

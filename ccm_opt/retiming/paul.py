@@ -14,9 +14,9 @@ from scipy.interpolate import BSpline
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.problem import Limits
-from ccm_opt.retiming.diagnosis import check_static_load
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
-from ccm_opt.retiming.rows import path_rows
+from ccm_opt.retiming.path_rows import path_rows
+from ccm_opt.retiming.static_load import check_static_load
 from ccm_opt.retiming.transitions import Legs
 from ccm_opt.solution import FeedMotion, JointPath, JointTrajectory
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.retiming.rows import PathRows
+from ccm_opt.retiming.path_rows import PathRows
 
 _LEAST_ROOM = 1e-9
 """Room above the static part that is reckoned with where there is none."""

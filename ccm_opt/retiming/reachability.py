@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.retiming.rows import PathRows
+from ccm_opt.retiming.path_rows import PathRows
 
 _NEWTON = 60
 """Most steps of Newton's method; a handful is usual."""

@@ -18,8 +18,8 @@ from scipy.interpolate import BSpline, PPoly
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.retiming.axes import Axes
+from ccm_opt.retiming.path_rows import BESIDE
 from ccm_opt.retiming.profile import SpeedProfile
-from ccm_opt.retiming.rows import BESIDE
 
 WINDOWS = 0.5 ** np.arange(1.0, 11.0)
 """Windows that are tried, as shares of the time of the fastest motion."""

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.reachability import reachable_profile
-from ccm_opt.retiming.rows import PathRows
 
 SPEED_CAP = 1e6
 """Bound on the scaled ṡ² where no limit bounds it, on stretches of the path where nothing moves."""

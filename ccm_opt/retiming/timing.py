@@ -10,15 +10,15 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.axes import Axes
-from ccm_opt.retiming.diagnosis import check_static_load
 from ccm_opt.retiming.efforts import Efforts, InverseDynamics, Revolutes
 from ccm_opt.retiming.finite_differences import needed_stretch
 from ccm_opt.retiming.grid import SUBSTEPS, path_grid, refine, span_lengths
+from ccm_opt.retiming.path_rows import PathRows, path_rows
 from ccm_opt.retiming.profile import SpeedProfile, check_profile
-from ccm_opt.retiming.rows import PathRows, path_rows
 from ccm_opt.retiming.sampling import Chords, Samples, sample_motion
 from ccm_opt.retiming.smoothing import SmoothProfile, jerk_limited
 from ccm_opt.retiming.speed_optimizer import fastest_profile
+from ccm_opt.retiming.static_load import check_static_load
 from ccm_opt.solution import JointPath, JointTrajectory
 
 GRID_SHARE = 0.99

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.verification.kinematics import ChainMotion, Nodes
+from ccm_opt.verification.link_motion import ChainMotion, Nodes
 
 CONTACT_TOLERANCE = 1e-6
 """Gap [m] that may be missing before the verifier refuses a motion."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.verification.kinematics import axis_direction, link_headings
+from ccm_opt.verification.link_motion import axis_direction, link_headings
 
 _OUT = np.array([0.0, 1.0, 0.0])
 

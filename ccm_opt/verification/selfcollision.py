@@ -6,7 +6,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import Check
 from ccm_opt.verification.bisection import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
-from ccm_opt.verification.kinematics import ChainMotion, Nodes
+from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.segments import segment_distances
 
 PROBES = 24

@@ -4,13 +4,13 @@ from ccm_opt.jointed.frames import joint_names
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.consistency import check_consistency
-from ccm_opt.verification.ends import check_ends
 from ccm_opt.verification.feed import check_feed
 from ccm_opt.verification.form import check_form
-from ccm_opt.verification.kinematics import ChainMotion
 from ccm_opt.verification.limits import check_limits
+from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.selfcollision import check_self_collision
-from ccm_opt.verification.walls import check_free_side, check_walls
+from ccm_opt.verification.start_and_goal import check_ends
+from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 
 
 def verify(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> tuple[Check, ...]:

@@ -15,10 +15,10 @@ from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.polygons import path_length
-from ccm_opt.nlp.configuration import find_configuration
+from ccm_opt.nlp.configuration_task import ConfigurationTask
+from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.nlp.multiple_shooting import build_configuration_nlp
 from ccm_opt.nlp.solver import built_solver
-from ccm_opt.nlp.task import ConfigurationTask
 from tests.freespace_scenes import clutter
 from tests.nlp_corridors import ANY_HEADING, open_task, random_pose, s_bend
 

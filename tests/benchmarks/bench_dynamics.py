@@ -22,18 +22,19 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from ccm_opt import load_problem, solve
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics import compiled, simulation
-from ccm_opt.dynamics.batch import BatchedDynamics
-from ccm_opt.dynamics.forward_dynamics import ForwardDynamics
-from ccm_opt.dynamics.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.mass_matrix import MassMatrix
-from ccm_opt.dynamics.simulation import simulate, simulated_states
-from ccm_opt.export.mjcf import mjcf_text
-from ccm_opt.export.urdf import urdf_text
+from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
+from ccm_opt.dynamics.runtime import compilation as compiled
+from ccm_opt.dynamics.runtime.batch import BatchedDynamics
+from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.dynamics.simulation.closed_loop_run import closed_loop_run as simulation
+from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_states
+from ccm_opt.files.export.mjcf import mjcf_text
+from ccm_opt.files.export.urdf import urdf_text
+from ccm_opt.files.plotting.arm_3d import ArmView
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
 from ccm_opt.jointed.inverse_kinematics import ball_angles
-from ccm_opt.plotting.arm_3d import ArmView
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.solution import Solution
 from tests.dynamics_arms import loose_limits, make_arm, random_states, smooth_trajectory

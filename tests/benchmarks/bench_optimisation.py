@@ -16,15 +16,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from ccm_opt.curve_planner import CurvePlanner, joint_path
-from ccm_opt.dynamics.inverse_dynamics import InverseDynamics
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import NoPlanFound
+from ccm_opt.files.problem_file import load_problem
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.motion import search
+from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.optimise import optimise
-from ccm_opt.motion.task import Motion, MotionTask
+from ccm_opt.planners.curve import CurvePlanner, joint_path
 from ccm_opt.problem import OptimiserName, Problem
-from ccm_opt.problem_file import load_problem
 from ccm_opt.retiming import retime
 from tests.scenes import clutter, later
 

@@ -12,8 +12,8 @@ import shapely
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.feeding.leader import LeaderPath
-from ccm_opt.motion.feeding.slide import pose_on
+from ccm_opt.planners.following.leader import LeaderPath
+from ccm_opt.planners.following.slide import pose_on
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from tests.feed_scenes import LINK, RADIUS, make_arm, make_problem, make_room
 from tests.scenes import random_polygon

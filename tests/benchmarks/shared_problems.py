@@ -5,8 +5,8 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.problem import Problem
-from ccm_opt.problem_file import problem_from_mapping
 
 FOLDER = Path(__file__).parents[2] / "problems"
 NAMES = tuple(sorted(path.stem for path in FOLDER.glob("*.toml") if not path.stem.startswith("feed-")))

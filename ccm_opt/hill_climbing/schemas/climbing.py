@@ -6,10 +6,10 @@ import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment_types import wrap
+from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose, Weights
+from ccm_opt.hill_climbing.hill_climb import Climb, Ending, Strategy, climb
 from ccm_opt.hill_climbing.operators import Moves
-from ccm_opt.hill_climbing.search import Climb, Ending, Strategy, climb
-from ccm_opt.hill_climbing.shapes import Shapes
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
 from ccm_opt.hill_climbing.world import World
 

@@ -9,11 +9,11 @@ import numpy as np
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import add_segment, delete_segment, start_of
 from ccm_opt.continuum.segment import CurvatureSegment
+from ccm_opt.hill_climbing.candidate_moves import Shapes
+from ccm_opt.hill_climbing.curve_track import Track
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas.interface import hold
-from ccm_opt.hill_climbing.shapes import Shapes
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
-from ccm_opt.hill_climbing.track import Track
 from ccm_opt.hill_climbing.world import World
 
 FEED = 0.02

@@ -5,7 +5,7 @@ import numpy as np
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import interpolate
 from ccm_opt.continuum.segment_types import wrap
-from ccm_opt.hill_climbing.shapes import Shapes
+from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
 from ccm_opt.hill_climbing.world import World
 

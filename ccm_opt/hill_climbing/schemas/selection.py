@@ -10,10 +10,10 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.continuum.segment_types import SegmentType, end_angle, natural_segment, select_segment_type, wrap
 from ccm_opt.errors import ProblemError
+from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose
+from ccm_opt.hill_climbing.hill_climb import Climb, Ending, end_of
 from ccm_opt.hill_climbing.operators import Moves, Operator
-from ccm_opt.hill_climbing.search import Climb, Ending, end_of
-from ccm_opt.hill_climbing.shapes import Shapes
 from ccm_opt.hill_climbing.steps import SchemaStopped
 from ccm_opt.hill_climbing.world import POINTS, World
 

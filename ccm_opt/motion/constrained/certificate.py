@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.motion.certificate import MAX_DEPTH, Certificate
+from ccm_opt.collision.certificate import MAX_DEPTH, Certificate
 from ccm_opt.motion.constrained.rows import KEEP_SHARE, MARGIN, slope_norms
 
 if TYPE_CHECKING:
-    from ccm_opt.user_terms.rows import RowSet
+    from ccm_opt.user_terms.row_set import RowSet
 
 RESERVE = 0.02
 """Share of the margin that a gap keeps between keyframes, for what lies between samples."""

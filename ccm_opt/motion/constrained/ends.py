@@ -10,7 +10,7 @@ from ccm_opt.user_terms.terms import Interval
 
 if TYPE_CHECKING:
     from ccm_opt.arrays import FloatArray
-    from ccm_opt.user_terms.compiled import UserTerms
+    from ccm_opt.user_terms.compiled_terms import UserTerms
     from ccm_opt.user_terms.functions import CompiledConstraint
 
 TOLERANCE = 1e-6

@@ -11,16 +11,16 @@ import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.collision.certificate import Certificate
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.certificate import Certificate
 from ccm_opt.motion.constrained.certificate import ALLOWED
 from ccm_opt.motion.constrained.rows import overbent, slope_norms
+from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.own_optimise import path_parameters
 from ccm_opt.motion.spline_path import certified_spline
-from ccm_opt.motion.task import Motion, MotionTask
 
 if TYPE_CHECKING:
-    from ccm_opt.user_terms.rows import RowSet, RowValues
+    from ccm_opt.user_terms.row_set import RowSet, RowValues
 
 MISSED = 0.2 * ALLOWED
 """By which the path may miss a row between its knots."""

@@ -15,7 +15,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.link_space import LinkSpace
 
 if TYPE_CHECKING:
-    from ccm_opt.user_terms.rows import RowSet, RowValues
+    from ccm_opt.user_terms.row_set import RowSet, RowValues
 
 MARGIN = 2e-3
 """Margin of a gap, as a turn of the whole arm [rad]."""

@@ -10,11 +10,11 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.ipopt_call import ipopt_call
-from ccm_opt.motion.optimisation.kinematics import Sweep, mount_end
+from ccm_opt.motion.optimisation.clearance_rows import Rows
 from ccm_opt.motion.optimisation.nearness import Nearness
 from ccm_opt.motion.optimisation.objective import Objective
-from ccm_opt.motion.optimisation.rows import Rows
 from ccm_opt.motion.optimisation.sequential_convex import PRICE, Program, active_rows
+from ccm_opt.motion.optimisation.swept_motion import Sweep, mount_end
 from ccm_opt.motion.step import LIMIT_SHARE, pose_in
 
 ROUNDS = 2

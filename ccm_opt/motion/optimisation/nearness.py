@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.optimisation.kinematics import Sweep
-from ccm_opt.motion.optimisation.rows import Rows
+from ccm_opt.motion.optimisation.clearance_rows import Rows
+from ccm_opt.motion.optimisation.swept_motion import Sweep
 
 DISTANCE = 0.03
 """Walls farther than this beyond the planning margin cost nothing, as a share of the arm's length."""

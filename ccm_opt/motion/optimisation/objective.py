@@ -14,7 +14,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
-from ccm_opt.motion.task import Slowness
+from ccm_opt.motion.motion_task import Slowness
 from ccm_opt.problem import Weights
 
 HEADING = 1e-3

@@ -6,14 +6,14 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.certificate import Certificate
+from ccm_opt.collision.certificate import Certificate
+from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.optimisation.clearance_rows import motion_rows
 from ccm_opt.motion.optimisation.interior_point import interior_point
 from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
 from ccm_opt.motion.optimisation.own_optimise import optimise_own
-from ccm_opt.motion.optimisation.rows import motion_rows
 from ccm_opt.motion.optimisation.sequential_convex import Program, sequential_convex
 from ccm_opt.motion.optimisation.sweep_regions import WallSegments
-from ccm_opt.motion.task import Motion, MotionTask
 from ccm_opt.problem import Weights
 
 INTERVALS = 20

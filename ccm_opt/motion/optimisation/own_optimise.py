@@ -8,14 +8,14 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.keyframes import Failures, decimated, subdivided
-from ccm_opt.motion.optimisation.kinematics import Sweep
 from ccm_opt.motion.optimisation.own_terms import KeyframeTerms
 from ccm_opt.motion.optimisation.sequential_convex import Program, sequential_convex
-from ccm_opt.motion.task import Motion, MotionTask
+from ccm_opt.motion.optimisation.swept_motion import Sweep
 
 if TYPE_CHECKING:
-    from ccm_opt.user_terms.compiled import UserTerms
+    from ccm_opt.user_terms.compiled_terms import UserTerms
 
 INTERVALS = (24, 48, 96)
 """Numbers of intervals that are tried, until the motion is certified with its keyframes on the equations."""

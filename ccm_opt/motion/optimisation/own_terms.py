@@ -13,11 +13,11 @@ import numpy as np
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.constrained.rows import MARGIN, OwnRows, slope_norms
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.optimisation.kinematics import Sweep
 from ccm_opt.motion.optimisation.nearness import Quadratic, SweepCost
+from ccm_opt.motion.optimisation.swept_motion import Sweep
 
 if TYPE_CHECKING:
-    from ccm_opt.user_terms.compiled import UserTerms
+    from ccm_opt.user_terms.compiled_terms import UserTerms
     from ccm_opt.user_terms.functions import CompiledCost
 
 MET = 1e-8

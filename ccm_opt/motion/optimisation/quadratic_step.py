@@ -15,11 +15,11 @@ import scipy.sparse as sp
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.goal import GoalPose
-from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.optimisation.clearance_rows import Rows
 from ccm_opt.motion.optimisation.nearness import Quadratic, SweepCost
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.own_terms import KeyframeTerms
-from ccm_opt.motion.optimisation.rows import Rows
+from ccm_opt.motion.optimisation.swept_motion import Sweep
 from ccm_opt.motion.step import LIMIT_SHARE
 
 _FREE = 1e30

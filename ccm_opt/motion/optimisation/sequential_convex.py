@@ -13,14 +13,14 @@ from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.optimisation.kinematics import Sweep
+from ccm_opt.motion.motion_task import Slowness
+from ccm_opt.motion.optimisation.clearance_rows import Rows, representatives
 from ccm_opt.motion.optimisation.nearness import DISTANCE, Nearness, SweepCost
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.own_terms import CostSum, KeyframeTerms
 from ccm_opt.motion.optimisation.quadratic_step import Curvature, Step, StepProblem
-from ccm_opt.motion.optimisation.rows import Rows, representatives
+from ccm_opt.motion.optimisation.swept_motion import Sweep
 from ccm_opt.motion.step import LIMIT_SHARE, pose_in
-from ccm_opt.motion.task import Slowness
 from ccm_opt.problem import Weights
 
 PRICE, RISE = 30.0, 4.0

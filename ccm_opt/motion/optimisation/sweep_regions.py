@@ -13,9 +13,9 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.motion.optimisation.kinematics import Sweep
-from ccm_opt.motion.walls import Walls
+from ccm_opt.motion.optimisation.swept_motion import Sweep
 
 _TOUCHING = 1e-6
 """Hulls nearer to a wall than this have no shortest line to speak of [m]."""

@@ -10,13 +10,13 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.motion.continuation import Guide
-from ccm_opt.motion.interpolation import Interpolation
+from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.guides.tip_led import TipLed
+from ccm_opt.motion.guides.track import Track
 from ccm_opt.motion.link_space import fit_coordinates
 from ccm_opt.motion.portfolio import FOLD_LINKS, HEADING_WINDOW, pulled_over
 from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.tip_led import TipLed
 from ccm_opt.motion.tip_paths import TipPath, taut_way
-from ccm_opt.motion.track import Track
 from ccm_opt.motion.tree.nodes import Tree
 
 WEIGHTS = (0.25, 0.15, 0.15, 0.1, 0.15, 0.2)

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.certificate import Certificate
+from ccm_opt.collision.certificate import Certificate
 from ccm_opt.motion.continuation import Deadline, Guide, Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose
-from ccm_opt.motion.interpolation import Interpolation
+from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.guides.tip_led import LEASH
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.step import Pose, Stepper, Term
-from ccm_opt.motion.tip_led import LEASH
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.motion.tree.extensions import Extension, Sampler
 from ccm_opt.motion.tree.nodes import Tree

@@ -1,0 +1,60 @@
+"""Whether every joint can hold the arm still at its start and at a goal that says where all links are."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ccm_opt.diagnosis.keyed_poses import WholePose, whole_poses
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
+from ccm_opt.errors import Finding
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import joint_names, revolute_angles
+from ccm_opt.problem import Problem
+
+FULL = 1.0
+"""Share of its limit up to which a torque is allowed."""
+
+
+def strong_enough(problem: Problem) -> Iterator[Finding]:
+    """Poses that some joint cannot hold; only for a base that stands still."""
+    torque = problem.limits.torque
+    if torque is None or problem.arm.feed is not None:
+        return
+    model = InverseDynamics(problem.arm, problem.simulation.gravity)
+    for pose in whole_poses(problem):
+        angles = revolute_angles(problem.arm, problem.arm.bends(pose.headings))
+        load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
+        number = int(np.argmax(load / torque))
+        if load[number] > FULL * torque[number]:
+            where = f"{pose.key}: at the {pose.name} {joint_words(problem.arm, number)}"
+            yield overloaded(problem, where, number, float(load[number]), pose)
+
+
+def overloaded(problem: Problem, where: str, number: int, load: float, pose: WholePose | None = None) -> Finding:
+    """A joint that cannot hold the arm: its torque against its limit.
+
+    Args:
+        problem: what was asked.
+        where: the beginning of the reason, up to the joint.
+        number: of the revolute.
+        load: torque that it needs [N m].
+        pose: where, when that is an end of the motion and so proves that there is no plan.
+    """
+    limits = problem.limits.torque
+    limit = np.inf if limits is None else float(limits[number])
+    share = load / limit
+    return Finding(
+        "torque",
+        f"{where} needs {load:.4g} N m to hold the arm still, its torque limit is {limit:.4g} N m",
+        proved=pose is not None,
+        key="limits.torque",
+        measured=load,
+        allowed=limit,
+        unit="N m",
+        bounds={"limits.torque": share, "arm.link_mass": 1.0 / share},
+    )
+
+
+def joint_words(arm: Arm, number: int) -> str:
+    """A revolute in words: its ball, counted from 1, and its name."""
+    return f"joint {number // 3 + 1} ({joint_names(arm)[number]})"

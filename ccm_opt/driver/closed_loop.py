@@ -1,0 +1,58 @@
+"""The simulated motion held against the obstacles: what the arm does is checked as strictly as what was planned."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ccm_opt.dynamics.simulation.closed_loop_run import simulate
+from ccm_opt.jointed.frames import bends_from_revolutes
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Check, JointStates, JointTrajectory, SimulatedMotion
+from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.selfcollision import check_self_collision
+from ccm_opt.verification.wall_clearance import check_walls
+
+WALLS, ITSELF = "simulated_least_wall_clearance_m", "simulated_least_self_clearance_m"
+OUT_OF_PLANE = 1e-9
+"""Angle of a yaw or roll from which on the arm has left its plane [rad]; obstacles are known in the plane alone."""
+
+
+def simulate_and_check(
+    problem: Problem, trajectory: JointTrajectory, joints: JointStates
+) -> tuple[SimulatedMotion, Mapping[str, float]]:
+    """Simulate a planned motion.
+
+    Args:
+        problem: arm, limits, obstacles, simulation options.
+        trajectory: the plan.
+        joints: the same for all revolutes.
+
+    Returns:
+        What the arm does, and its figures of merit, named with their units.
+
+    Raises:
+        SimulationError: the simulation cannot run.
+    """
+    simulated = simulate(problem.arm, trajectory, joints, problem.simulation, problem.limits)
+    return simulated, simulated_figures(problem, trajectory, simulated)
+
+
+def simulated_figures(problem: Problem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> Mapping[str, float]:
+    """Tracking errors, and least clearances of the simulated motion at all times."""
+    figures = {"tracking_error_rad": simulated.tracking_error}
+    if trajectory.feed is not None and simulated.base_feed is not None:
+        error = np.abs(simulated.base_feed - trajectory.feed.positions)
+        figures["feed_tracking_error_m"] = float(np.max(error))
+    names = {"wall clearance": WALLS, "self-collision": ITSELF}
+    checks = simulated_checks(problem, trajectory, simulated)
+    return figures | {names[check.name]: check.worst for check in checks if check.name in names}
+
+
+def simulated_checks(problem: Problem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> tuple[Check, ...]:
+    """Clearance of the simulated arm from walls and itself, linear between samples; nothing once it left its plane."""
+    angles = simulated.angles
+    if len(angles) < 2 or max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > OUT_OF_PLANE:
+        return ()
+    motion = ChainMotion(problem.arm, trajectory.time, bends_from_revolutes(angles), simulated.base_feed)
+    walls = check_walls(motion, problem.workspace)
+    return (walls, check_self_collision(motion)) if problem.arm.self_collision else (walls,)

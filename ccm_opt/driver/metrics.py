@@ -1,0 +1,56 @@
+"""The figures of merit of a plan, named with their units."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ccm_opt.planners.following.deviation import Deviation, deviation
+from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
+
+
+def metrics(
+    problem: Problem,
+    path: JointPath,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    simulated: SimulatedMotion,
+    checks: tuple[Check, ...],
+) -> Mapping[str, float]:
+    """The figures of merit of a plan, named with their units."""
+    arm = problem.arm
+    headings = arm.headings(trajectory.bend_angles)
+    feed = 0.0 if trajectory.feed is None else trajectory.feed.positions[-1]
+    tip = arm.joint_positions(headings[-1], feed)[-1]
+    figures = {
+        "duration_s": trajectory.duration,
+        "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),
+        "joint_path_length_rad": float(np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1).sum()),
+        "largest_curvature_per_m": float(np.max(np.abs(trajectory.bend_angles[:, 1:]), initial=0.0) / arm.link_length),
+        "keyframes": float(len(path.keyframes)),
+        "tracking_error_rad": simulated.tracking_error,
+    }
+    if isinstance(problem.goal, TipGoal):
+        figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.position)))
+        if problem.goal.heading is not None:
+            turn = (headings[-1, -1] - problem.goal.heading + np.pi) % (2.0 * np.pi) - np.pi
+            figures["heading_error_rad"] = abs(float(turn))
+    if path.leaders and trajectory.feed is not None:
+        figures.update(leader_figures(deviation(arm, trajectory.bend_angles, trajectory.feed.positions, path.leaders)))
+    figures.update(
+        {
+            f"least_{check.name.replace(' ', '_')}_m": check.worst
+            for check in checks
+            if check.unit == "m" and "clearance" in check.name
+        }
+    )
+    return figures
+
+
+def leader_figures(found: Deviation) -> Mapping[str, float]:
+    """How well the arm follows its leader, as figures of merit."""
+    return {
+        "leader_deviation_mean_m": found.mean,
+        "leader_deviation_worst_m": found.worst,
+        "leader_deviation_straight_mean_m": found.straight_mean,
+    }

@@ -1,0 +1,83 @@
+"""Joint torques of a motion (section 5.4)."""
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics.algorithms.model import arm_model
+from ccm_opt.dynamics.algorithms.rnea import build_rnea
+from ccm_opt.dynamics.runtime.batch import MISFIT, BatchedDynamics
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import joint_names, revolute_angles
+from ccm_opt.solution import JointStates, JointTrajectory
+
+
+class InverseDynamics:
+    """Torques that a motion needs, by compiled Newton–Euler recursion.
+
+    Args:
+        arm: the arm.
+        gravity: in the world, shape (3,) [m/s²].
+    """
+
+    def __init__(self, arm: Arm, gravity: FloatArray) -> None:
+        self._rnea = BatchedDynamics("inverse_dynamics", build_rnea, arm_model(arm, gravity))
+        self._one = self._rnea.one
+
+    def __call__(
+        self,
+        angles: FloatArray,
+        velocities: FloatArray,
+        accelerations: FloatArray,
+        feed_accelerations: FloatArray | float | None = None,
+    ) -> FloatArray:
+        """Torques [N m], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
+
+        Args:
+            angles: [rad].
+            velocities: [rad/s].
+            accelerations: [rad/s²].
+            feed_accelerations: of the base along the base heading, shape (N,) or () [m/s²]; None: the base rests or
+                moves evenly.
+
+        Raises:
+            ProblemError: when the shapes do not fit the arm.
+        """
+        try:
+            if feed_accelerations is None:
+                return self._one(angles, velocities, accelerations)
+        except MISFIT:
+            pass  # many states, or not contiguous
+        return self.efforts(angles, velocities, accelerations, feed_accelerations)[0]
+
+    def feed_forces(
+        self,
+        angles: FloatArray,
+        velocities: FloatArray,
+        accelerations: FloatArray,
+        feed_accelerations: FloatArray | float | None = None,
+    ) -> FloatArray:
+        """Force on the feed axis [N], shape (N,), or () for one state; arguments as for the torques.
+
+        It is the component along the base heading of what the base must bear to move the whole arm, gravity included.
+        """
+        return self.efforts(angles, velocities, accelerations, feed_accelerations)[1]
+
+    def efforts(
+        self,
+        angles: FloatArray,
+        velocities: FloatArray,
+        accelerations: FloatArray,
+        feed_accelerations: FloatArray | float | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Torques and the force on the feed axis by one recursion; arguments as for the torques."""
+        feed = 0.0 if feed_accelerations is None else feed_accelerations
+        return self._rnea.with_feed(angles, velocities, accelerations, feed)
+
+
+def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
+    """A planar trajectory as motion and torques of all revolutes, and forces on the feed axis when there is one."""
+    angles = revolute_angles(arm, trajectory.bend_angles)
+    velocities = revolute_angles(arm, trajectory.bend_velocities)
+    accelerations = revolute_angles(arm, trajectory.bend_accelerations)
+    feed = None if trajectory.feed is None else trajectory.feed.accelerations
+    motion = (angles, velocities, accelerations)
+    torques, forces = inverse_dynamics.efforts(*motion, feed)
+    return JointStates(joint_names(arm), *motion, torques, None if feed is None else forces)

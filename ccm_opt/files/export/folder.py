@@ -1,0 +1,148 @@
+"""Writes the output folder whole or not at all: beside its place first, then renamed into it."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from ccm_opt.errors import Diagnosis, ProblemError
+from ccm_opt.files.export.arrays_npz import arrays_npz, solution_arrays
+from ccm_opt.files.export.mjcf import mjcf_text
+from ccm_opt.files.export.solution_json import failure_json, solution_json
+from ccm_opt.files.export.trajectory_text import trajectory_texts
+from ccm_opt.files.export.urdf import urdf_text
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Solution
+
+RECORD = "solution.json"
+ARRAYS = "solution.npz"
+TEXTS = (RECORD, "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml")
+PICTURES = ("plan.png", "motion.gif", "report.html", "simulation.png")
+OWN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES))
+"""Files that a run writes; anything else in an old folder is the user's and is kept."""
+
+
+def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
+    """Write the folder of a solved problem.
+
+    Args:
+        solution: the verified plan.
+        out: the directory that holds the folder; it is made when it is not there.
+        pictures: content of pictures by file name.
+
+    Returns:
+        The folder, ``out / <problem's name>``.
+
+    Raises:
+        ProblemError: when the folder cannot be written, or another folder is in its place.
+    """
+    texts = solution_texts(solution)
+    files = {name: text.encode() for name, text in texts.items()}
+    files[ARRAYS] = arrays_npz(solution_arrays(solution))
+    return write_folder(out / solution.problem.name, {**files, **(pictures or {})})
+
+
+def write_failure(
+    problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float] | None = None
+) -> Path:
+    """Write the folder of a problem without a plan: ``solution.json`` alone.
+
+    Args:
+        problem: what was asked.
+        status: how the search ended.
+        diagnosis: why there is no plan.
+        out: the directory that holds the folder.
+        timings: of the stages that ran [s].
+
+    Returns:
+        The folder.
+
+    Raises:
+        ProblemError: when the folder cannot be written, or another folder is in its place.
+    """
+    return write_folder(out / problem.name, {RECORD: failure_json(problem, status, diagnosis, timings or {}).encode()})
+
+
+def solution_texts(solution: Solution) -> dict[str, str]:
+    """Text of every text file of a solved problem, by file name."""
+    problem = solution.problem
+    csv, yaml = trajectory_texts(solution.trajectory, solution.joints)
+    return {
+        RECORD: solution_json(solution),
+        "trajectory.csv": csv,
+        "trajectory.yaml": yaml,
+        "arm.urdf": urdf_text(problem.arm, problem.name, problem.limits),
+        "arm.mjcf.xml": mjcf_text(problem.arm, problem.name, problem.simulation.gravity),
+    }
+
+
+def check_target(target: Path) -> None:
+    """Refuse a place where a folder could not be written, before any work is done for it; writes nothing.
+
+    Raises:
+        ProblemError: when something else is in the place, or nothing can be written there.
+    """
+    if target.is_symlink() or (target.exists() and not target.is_dir()):
+        raise ProblemError(f"cannot write {target}: something that is not a folder has that name; choose another --out")
+    if target.is_dir() and any(target.iterdir()) and not (target / RECORD).is_file():
+        raise ProblemError(f"cannot write {target}: it is a folder of something else; choose another --out or clear it")
+    nearest = next((parent for parent in target.absolute().parents if parent.exists()), Path("/"))
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
+        raise ProblemError(f"cannot write {target}: {nearest} is not a writable folder; choose another --out")
+
+
+def write_folder(target: Path, files: Mapping[str, bytes]) -> Path:
+    """Put a folder with these files in its place; an old one of ours gives way, the user's own files in it stay.
+
+    Args:
+        target: the folder.
+        files: content by file name.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ProblemError: when it cannot be written; then the old folder, if any, is as it was.
+    """
+    try:
+        check_target(target)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as workshop:
+            _assemble(Path(workshop), files)
+            _swap(Path(workshop), target)
+    except OSError as error:
+        raise ProblemError(f"cannot write {target}: {error.strerror or error}; choose another --out") from error
+    return target
+
+
+def _assemble(workshop: Path, files: Mapping[str, bytes]) -> None:
+    new = workshop / "new"
+    new.mkdir()
+    for name, content in files.items():
+        (new / name).write_bytes(content)
+
+
+def _swap(workshop: Path, target: Path) -> None:
+    """Rename the new folder into its place; put the old one back when that fails."""
+    new, old = workshop / "new", workshop / "old"
+    if not target.is_dir():
+        new.rename(target)
+        return
+    for entry in target.iterdir():
+        if entry.name not in OWN_FILES:
+            _copy(entry, new / entry.name)
+    try:
+        target.rename(old)
+        new.rename(target)
+    except BaseException:
+        if old.exists() and not target.exists():
+            old.rename(target)
+        raise
+
+
+def _copy(entry: Path, place: Path) -> None:
+    if entry.is_dir() and not entry.is_symlink():
+        shutil.copytree(entry, place, symlinks=True)
+    else:
+        shutil.copy2(entry, place, follow_symlinks=False)

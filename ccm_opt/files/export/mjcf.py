@@ -1,0 +1,81 @@
+"""The arm as MJCF: three hinges a body, world frame (FORMATS: arm.mjcf.xml)."""
+
+from itertools import groupby
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.files.export.arm_description import FEED, Revolute, number, numbers, revolutes, visual_radius
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import base_position
+
+
+def mjcf_text(arm: Arm, name: str, gravity: FloatArray) -> str:
+    """MJCF of the arm, with a motor at every revolute.
+
+    Links collide with whatever a scene adds, not with each other. Zero angles are the straight arm along the base
+    heading. A feed axis is the slide joint ``feed`` before all others, a payload a body of its own.
+
+    Args:
+        arm: the arm.
+        name: of the model.
+        gravity: in the world, shape (3,) [m/s²].
+    """
+    model = ET.Element("mujoco", model=name)
+    ET.SubElement(model, "compiler", angle="radian", autolimits="true")
+    ET.SubElement(model, "option", gravity=numbers(gravity), timestep="0.001", integrator="RK4")
+    parent = ET.SubElement(model, "worldbody")
+    actuators = ET.SubElement(model, "actuator")
+    for ball, group in groupby(revolutes(arm), key=lambda revolute: revolute.ball):
+        parent = _add_body(parent, arm, ball)
+        if ball == 1 and arm.feed is not None:
+            span = numbers((arm.feed.low, arm.feed.high))
+            ET.SubElement(parent, "joint", name=FEED, type="slide", axis="1 0 0", range=span)
+            ET.SubElement(actuators, "motor", name=f"{FEED}_motor", joint=FEED)
+        for revolute in group:
+            _add_hinge(parent, revolute)
+            ET.SubElement(actuators, "motor", name=f"{revolute.name}_motor", joint=revolute.name)
+        _add_link(parent, arm, ball - 1)
+    tip = numbers((arm.link_length, 0.0, 0.0))
+    ET.SubElement(parent, "site", name="tip", pos=tip)
+    if arm.payload:
+        payload = ET.SubElement(parent, "body", name="payload", pos=tip)
+        ET.SubElement(payload, "inertial", pos="0 0 0", mass=number(arm.payload), diaginertia="0 0 0")
+    ET.indent(model)
+    return ET.tostring(model, encoding="unicode") + "\n"
+
+
+def _add_hinge(body: ET.Element, revolute: Revolute) -> None:
+    span = numbers((-revolute.limit, revolute.limit))
+    hinge = ET.SubElement(body, "joint", name=revolute.name, type="hinge", axis=numbers(revolute.axis), range=span)
+    if revolute.rotor_inertia:
+        hinge.set("armature", number(revolute.rotor_inertia))
+    if revolute.friction:
+        hinge.set("damping", number(revolute.friction))
+
+
+def _add_body(parent: ET.Element, arm: Arm, ball: int) -> ET.Element:
+    """The body of a link, at the tip of the one before; the first stands at the base, turned by the base heading."""
+    body = ET.SubElement(parent, "body", name=f"link{ball:02d}")
+    if ball > 1:
+        body.set("pos", numbers((arm.link_length, 0.0, 0.0)))
+        return body
+    half = -0.5 * arm.base_heading  # about world +y
+    body.set("pos", numbers(base_position(arm)))
+    body.set("quat", numbers((np.cos(half), 0.0, np.sin(half), 0.0)))
+    return body
+
+
+def _add_link(body: ET.Element, arm: Arm, k: int) -> None:
+    across = arm.inertia_transverse[k]
+    ET.SubElement(
+        body,
+        "inertial",
+        pos=numbers((0.5 * arm.link_length, 0.0, 0.0)),
+        mass=number(arm.masses[k]),
+        diaginertia=numbers((arm.inertia_axial[k], across, across)),
+    )
+    ends = numbers((0.0, 0.0, 0.0, arm.link_length, 0.0, 0.0))
+    radius = number(visual_radius(arm))
+    ET.SubElement(body, "geom", type="capsule", fromto=ends, size=radius, contype="1", conaffinity="0")

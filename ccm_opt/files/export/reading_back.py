@@ -1,0 +1,190 @@
+"""Reads an output folder again, trusting nothing in it."""
+
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ProblemError, VerificationError
+from ccm_opt.files.export.folder import ARRAYS, RECORD
+from ccm_opt.files.export.solution_json import SCHEMA
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import bends_from_revolutes, joint_names
+from ccm_opt.solution import FeedMotion, JointStates, JointTrajectory
+
+POSITION_TOLERANCE = 1e-9
+"""Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
+
+Shapes = Mapping[str, tuple[str | int, ...]]
+
+SHAPES: Shapes = {
+    "time": ("samples",),
+    "bend_angles": ("samples", "links"),
+    "joint_names": ("revolutes",),
+    "joint_angles": ("samples", "revolutes"),
+    "joint_velocities": ("samples", "revolutes"),
+    "joint_accelerations": ("samples", "revolutes"),
+    "joint_torques": ("samples", "revolutes"),
+    "joint_positions": ("samples", "points", 2),
+    "keyframes": ("keyframes", "links"),
+    "segments_offsets": ("offsets",),
+    "segment_lengths": ("segments",),
+    "segment_curvatures": ("segments", 5),
+    "segment_knots": ("segments", 3),
+    "base_headings": ("curves",),
+    "simulated_angles": ("samples", "revolutes"),
+    "simulated_torques": ("samples", "revolutes"),
+    "stops": ("stops",),
+}
+"""Arrays of ``solution.npz``; equal words are equal sizes."""
+FEED_SHAPES: Shapes = {
+    "base_feed": ("samples",),
+    "feed_velocities": ("samples",),
+    "feed_accelerations": ("samples",),
+    "feed_forces": ("samples",),
+}
+"""Further arrays of an arm with a feed axis."""
+
+
+@dataclass(frozen=True)
+class SavedMotion:
+    """The motion in an output folder."""
+
+    trajectory: JointTrajectory
+    joints: JointStates
+
+
+def load_problem_data(folder: Path) -> Mapping[str, object]:
+    """The copy of the problem in a folder's ``solution.json``.
+
+    Args:
+        folder: an output folder.
+
+    Returns:
+        The data of the problem file.
+
+    Raises:
+        ProblemError: when there is no folder, or it has no readable record of a known schema.
+        VerificationError: when the record says that there is no plan.
+    """
+    record = _read_record(folder / RECORD)
+    if (schema := record.get("schema")) != SCHEMA:
+        raise ProblemError(
+            f"{folder / RECORD}: schema is {schema!r}; this version reads schema {SCHEMA}; "
+            "check the folder with the version of ccm-opt that wrote it"
+        )
+    status = record.get("status")
+    if status != "solved":
+        raise VerificationError([f"there is no plan to check in {folder}: its status is {status!r}{_reason(record)}"])
+    data = record.get("problem")
+    if not isinstance(data, Mapping):
+        raise ProblemError(f"{folder / RECORD}: expected a table under 'problem', got {type(data).__name__}")
+    return data
+
+
+def load_motion(folder: Path, arm: Arm) -> SavedMotion:
+    """The motion in a folder's ``solution.npz``.
+
+    Args:
+        folder: an output folder.
+        arm: the arm that moves.
+
+    Returns:
+        The motion; the bends' velocities and accelerations are those of the revolutes.
+
+    Raises:
+        ProblemError: when an array is missing, has the wrong shape or type, is not finite, or contradicts another.
+    """
+    path = folder / ARRAYS
+    arrays = _read_arrays(path)
+    arrays.setdefault("stops", np.zeros(0, dtype=np.int64))
+    shapes = SHAPES if arm.feed is None else {**SHAPES, **FEED_SHAPES}
+    _check_shapes(arrays, path, arm.links, shapes)
+    names = tuple(arrays["joint_names"].tolist())
+    if names != joint_names(arm):
+        raise ProblemError(f"{path}: joint_names are not those of this arm, which begin with {joint_names(arm)[:3]}")
+    numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
+    joints = JointStates(
+        names,
+        numbers["joint_angles"],
+        numbers["joint_velocities"],
+        numbers["joint_accelerations"],
+        numbers["joint_torques"],
+        numbers.get("feed_forces"),
+    )
+    feed = None if arm.feed is None else FeedMotion(*(numbers[name] for name in list(FEED_SHAPES)[:3]))
+    stops = tuple(int(k) for k in numbers["stops"])
+    rates = (bends_from_revolutes(joints.velocities), bends_from_revolutes(joints.accelerations))
+    motion = SavedMotion(JointTrajectory(numbers["time"], numbers["bend_angles"], *rates, feed, stops), joints)
+    _check_positions(motion, numbers["joint_positions"], arm, path)
+    return motion
+
+
+def _read_record(path: Path) -> Mapping[str, object]:
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'") from None
+    except NotADirectoryError:
+        raise ProblemError(f"{path.parent}: this is no folder; expected a folder written by 'ccm-opt solve'") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise ProblemError(f"{path}: not readable as JSON: {error}") from error
+    if not isinstance(record, Mapping):
+        raise ProblemError(f"{path}: expected a JSON object, got {type(record).__name__}")
+    return record
+
+
+def _reason(record: Mapping[str, object]) -> str:
+    diagnosis = record.get("diagnosis")
+    return f"; {diagnosis['reason']}" if isinstance(diagnosis, Mapping) and "reason" in diagnosis else ""
+
+
+def _read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
+    if not path.is_file():
+        raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'")
+    try:
+        if not zipfile.is_zipfile(path):
+            raise ProblemError(f"{path}: not readable as arrays: it is not an .npz archive")
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, KeyError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
+        raise ProblemError(f"{path}: not readable as arrays: {error}") from error
+
+
+def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, links: int, shapes: Shapes) -> None:
+    """Every array of the format must be there, numeric, finite, and of one number of samples, links and keyframes."""
+    sizes = {"links": links, "revolutes": 3 * links, "points": links + 1}
+    for name, shape in shapes.items():
+        if name not in arrays:
+            raise ProblemError(f"{path}: the array '{name}' is missing")
+        array = arrays[name]
+        wanted = tuple(
+            sizes.setdefault(size, got) if isinstance(size, str) else size
+            for size, got in zip(shape, array.shape, strict=False)
+        )
+        if array.shape != wanted or len(shape) != array.ndim:
+            raise ProblemError(f"{path}: the array '{name}' has shape {array.shape}; expected {shape} with {sizes}")
+        if name != "joint_names" and (array.dtype.kind not in "fiu" or not np.isfinite(array.astype(np.float64)).all()):
+            raise ProblemError(
+                f"{path}: the array '{name}' of type {array.dtype} holds something that is not a finite number"
+            )
+    if sizes["samples"] < 2:
+        raise ProblemError(f"{path}: a motion needs at least two samples, got {sizes['samples']}")
+
+
+def _check_positions(motion: SavedMotion, positions: FloatArray, arm: Arm, path: Path) -> None:
+    """The stored positions must be those of the stored bends."""
+    feed = motion.trajectory.feed
+    headings = arm.headings(motion.trajectory.bend_angles)
+    expected = arm.joint_positions(headings, 0.0 if feed is None else feed.positions)
+    error = float(np.abs(positions - expected).max())
+    if not error <= POSITION_TOLERANCE * max(1.0, arm.length):
+        raise ProblemError(
+            f"{path}: joint_positions are up to {error:.3g} m from those of bend_angles; the file was changed"
+        )

@@ -1,0 +1,81 @@
+"""``solution.json``: what was asked, what came out, how every limit was met; strict JSON, without NaN or infinity."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+from ccm_opt.errors import Diagnosis
+from ccm_opt.files.problem_file.data import recorded_data
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Solution
+
+SCHEMA = 1
+"""Version of the file's layout."""
+
+
+def solution_json(solution: Solution) -> str:
+    """The record of a solved problem.
+
+    Args:
+        solution: the verified plan.
+
+    Returns:
+        JSON text; numbers that are not finite stand as null.
+    """
+    record = _record(solution.problem, "solved", solution.versions)
+    record |= {
+        "metrics": dict(solution.metrics),
+        "timings": dict(solution.timings),
+        "checks": [asdict(check) for check in solution.checks],
+    }
+    return _text(record)
+
+
+def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+    """The record of a problem without a plan.
+
+    Args:
+        problem: what was asked.
+        status: how the search ended.
+        diagnosis: why there is no plan.
+        timings: of the stages that ran [s].
+
+    Returns:
+        JSON text; numbers that are not finite stand as null.
+    """
+    record = _record(problem, status, {})
+    record |= {"metrics": {}, "timings": dict(timings), "checks": [], "diagnosis": asdict(diagnosis)}
+    return _text(record)
+
+
+def _record(problem: Problem, status: str, versions: Mapping[str, str]) -> dict[str, object]:
+    return {
+        "schema": SCHEMA,
+        "status": status,
+        "method": problem.planner.method,
+        "problem": recorded_data(problem),
+        "versions": dict(versions),
+        "seed": problem.planner.seed,
+    }
+
+
+def _text(record: Mapping[str, object]) -> str:
+    return json.dumps(_strict(record), indent=2, ensure_ascii=False, allow_nan=False, default=_plain) + "\n"
+
+
+def _strict(value: object) -> object:
+    """The same value with null for every number that is not finite."""
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _strict(item) for key, item in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_strict(item) for item in value]
+    return value
+
+
+def _plain(value: object) -> object:
+    """Numpy scalars and arrays, and mappings that are not dictionaries, as JSON knows them."""
+    convert = getattr(value, "tolist", None)
+    return _strict(convert()) if convert is not None else str(value)

@@ -1,0 +1,72 @@
+"""The timed motion as text: ``trajectory.csv`` for spreadsheets, ``trajectory.yaml`` in the shape of a ROS message."""
+
+import json
+from collections.abc import Iterator
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.files.export.arm_description import FEED
+from ccm_opt.solution import JointStates, JointTrajectory
+
+_QUANTITIES = ("angle", "velocity", "acceleration", "torque")
+_FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
+_ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
+
+
+def trajectory_texts(trajectory: JointTrajectory, joints: JointStates) -> tuple[str, str]:
+    """The motion of all revolutes as CSV and as YAML; SI units, radians.
+
+    Both have the same numbers, of twelve digits, and formatting them is most of the work: it is done once.
+
+    Args:
+        trajectory: gives the time.
+        joints: gives names, angles, velocities, accelerations, torques.
+
+    Returns:
+        The text of ``trajectory.csv``: ``time`` and a column ``<joint>_<quantity>`` for every joint and quantity; and
+        of ``trajectory.yaml``: ``joint_names`` and ``points`` as in ROS 2 ``trajectory_msgs/JointTrajectory``. A feed
+        axis is the first joint, ``feed``, with the columns ``feed_position``, …, ``feed_force`` [m, N].
+    """
+    names, tables = _tables(trajectory, joints)
+    columns = [_rows(table) for table in tables]
+    times = trajectory.time.tolist()
+    return "\n".join(_csv(times, names, columns)), "\n".join(_yaml(times, names, columns))
+
+
+def _tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
+    """Names of the joints, and their positions, velocities, accelerations and efforts; the feed axis is the first."""
+    tables = [joints.angles, joints.velocities, joints.accelerations, joints.torques]
+    feed = trajectory.feed
+    if feed is None:
+        return joints.names, tables
+    forces = np.zeros_like(feed.positions) if joints.feed_forces is None else joints.feed_forces
+    base = (feed.positions, feed.velocities, feed.accelerations, forces)
+    return (FEED, *joints.names), [np.column_stack(pair) for pair in zip(base, tables, strict=True)]
+
+
+def _rows(table: FloatArray) -> list[str]:
+    """Every row of a table, its numbers joined by commas."""
+    row = ",".join(["%.12g"] * table.shape[1])
+    return [row % tuple(values) for values in table.tolist()]
+
+
+def _csv(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
+    yield ",".join(["time", *(_column(name, place) for place in range(len(_QUANTITIES)) for name in names)])
+    for time, *rows in zip(times, *columns, strict=True):
+        yield ",".join([f"{time:.12g}", *rows])
+    yield ""
+
+
+def _column(name: str, place: int) -> str:
+    return f"{name}_{(_FEED_QUANTITIES if name == FEED else _QUANTITIES)[place]}"
+
+
+def _yaml(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
+    yield f"joint_names: {json.dumps(list(names))}"
+    yield "points:"
+    for time, *rows in zip(times, *columns, strict=True):
+        seconds, nanoseconds = divmod(round(time * 1e9), 1_000_000_000)
+        yield f"- time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}"
+        yield from (f"  {field}: [{row}]" for field, row in zip(_ROS_FIELDS, rows, strict=True))
+    yield ""

@@ -1,0 +1,121 @@
+"""The arm as URDF: three revolutes a ball, two massless links between, world frame (FORMATS: arm.urdf)."""
+
+from collections.abc import Iterable
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from ccm_opt.files.export.arm_description import FEED, Revolute, number, numbers, revolutes, visual_radius
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.frames import base_position
+from ccm_opt.problem import Limits
+
+UNLIMITED_EFFORT = 1e6  # [N m] or [N]: URDF has no way to say "no limit"
+UNLIMITED_VELOCITY = 1e3  # [m/s]
+
+
+def urdf_text(arm: Arm, name: str, limits: Limits) -> str:
+    """URDF of the arm.
+
+    The root link ``world`` is the world frame; base position and heading stand in the fixed joint ``base_mount``. All
+    joint frames are parallel at zero angles, the straight arm along the base heading. A feed axis is the prismatic
+    joint ``feed`` before all others, a payload a link of its own. URDF has no place for rotor inertia.
+
+    Args:
+        arm: the arm.
+        name: of the robot.
+        limits: bounds on the revolutes; without torque limits an effort of 1e6 N m is written.
+    """
+    robot = ET.Element("robot", name=name)
+    ET.SubElement(robot, "link", name="world")
+    parent = _add_mount(robot, arm, limits)
+    for index, revolute in enumerate(revolutes(arm)):
+        child = f"link{revolute.ball:02d}" if revolute.carries_link else f"{revolute.name}_frame"
+        _add_link(robot, arm, child, revolute)
+        _add_joint(robot, arm, parent, child, revolute, limits, index)
+        parent = child
+    if arm.payload:
+        _add_payload(robot, arm, parent)
+    ET.indent(robot)
+    return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
+
+
+def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
+    """What is between the world and the first ball; returns the link that carries it."""
+    first = "base" if arm.feed is None else "mount"
+    ET.SubElement(robot, "link", name=first)
+    mount = ET.SubElement(robot, "joint", name="base_mount", type="fixed")
+    _place(mount, "world", first, base_position(arm), (0.0, -arm.base_heading, 0.0))
+    if arm.feed is None:
+        return first
+    ET.SubElement(robot, "link", name="base")
+    slide = ET.SubElement(robot, "joint", name=FEED, type="prismatic")
+    _place(slide, first, "base", (0.0, 0.0, 0.0))
+    ET.SubElement(slide, "axis", xyz=numbers((1.0, 0.0, 0.0)))
+    effort = UNLIMITED_EFFORT if limits.feed_force is None else limits.feed_force
+    _add_limit(slide, (arm.feed.low, arm.feed.high), limits.feed_velocity or UNLIMITED_VELOCITY, effort)
+    return "base"
+
+
+def _add_payload(robot: ET.Element, arm: Arm, last: str) -> None:
+    """A point mass at the tip."""
+    inertial = ET.SubElement(ET.SubElement(robot, "link", name="payload"), "inertial")
+    ET.SubElement(inertial, "mass", value=number(arm.payload))
+    ET.SubElement(inertial, "inertia", ixx="0", iyy="0", izz="0", ixy="0", ixz="0", iyz="0")
+    joint = ET.SubElement(robot, "joint", name="payload_mount", type="fixed")
+    _place(joint, last, "payload", (arm.link_length, 0.0, 0.0))
+
+
+def _place(
+    joint: ET.Element, parent: str, child: str, position: Iterable[float], rotation: Iterable[float] = (0.0, 0.0, 0.0)
+) -> None:
+    ET.SubElement(joint, "origin", xyz=numbers(position), rpy=numbers(rotation))
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+
+
+def _add_limit(joint: ET.Element, span: tuple[float, float], velocity: float, effort: float) -> None:
+    lower, upper = (number(value) for value in span)
+    ET.SubElement(joint, "limit", lower=lower, upper=upper, velocity=number(velocity), effort=number(effort))
+
+
+def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> None:
+    link = ET.SubElement(robot, "link", name=name)
+    if not revolute.carries_link:
+        return
+    k = revolute.ball - 1
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", xyz=numbers((0.5 * arm.link_length, 0.0, 0.0)), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=number(arm.masses[k]))
+    axial, across = number(arm.inertia_axial[k]), number(arm.inertia_transverse[k])
+    ET.SubElement(inertial, "inertia", ixx=axial, iyy=across, izz=across, ixy="0", ixz="0", iyz="0")
+    for purpose in ("visual", "collision"):
+        _add_capsule(link, arm, purpose)
+
+
+def _add_capsule(link: ET.Element, arm: Arm, purpose: str) -> None:
+    """A cylinder along the link and a sphere at either end."""
+    radius = number(visual_radius(arm))
+    shape = _add_shape(link, purpose, (0.5 * arm.link_length, 0.0, 0.0))
+    ET.SubElement(shape, "cylinder", radius=radius, length=number(arm.link_length))
+    for x in (0.0, arm.link_length):
+        ET.SubElement(_add_shape(link, purpose, (x, 0.0, 0.0)), "sphere", radius=radius)
+
+
+def _add_shape(link: ET.Element, purpose: str, centre: tuple[float, float, float]) -> ET.Element:
+    body = ET.SubElement(link, purpose)
+    ET.SubElement(body, "origin", xyz=numbers(centre), rpy=numbers((0.0, 0.5 * np.pi, 0.0)))  # z along the link
+    return ET.SubElement(body, "geometry")
+
+
+def _add_joint(
+    robot: ET.Element, arm: Arm, parent: str, child: str, revolute: Revolute, limits: Limits, index: int
+) -> None:
+    joint = ET.SubElement(robot, "joint", name=revolute.name, type="revolute")
+    shift = arm.link_length if revolute.starts_ball and revolute.ball > 1 else 0.0
+    _place(joint, parent, child, (shift, 0.0, 0.0))
+    ET.SubElement(joint, "axis", xyz=numbers(revolute.axis))
+    effort = UNLIMITED_EFFORT if limits.torque is None else float(limits.torque[index])
+    _add_limit(joint, (-revolute.limit, revolute.limit), float(limits.velocity[index]), effort)
+    if revolute.friction:
+        ET.SubElement(joint, "dynamics", damping=number(revolute.friction))

@@ -1,0 +1,5 @@
+"""Problem files: TOML text in, a frozen ``Problem`` out; all defects are reported together."""
+
+from ccm_opt.files.problem_file.reading import load_problem, parse_problem, problem_from_mapping
+
+__all__ = ["load_problem", "parse_problem", "problem_from_mapping"]

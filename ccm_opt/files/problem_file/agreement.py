@@ -1,0 +1,60 @@
+"""Checks between tables: a value for every link or joint, poses within the joint limits, curves as long as the arm."""
+
+import math
+from collections.abc import Sequence
+
+from ccm_opt.files.problem_file.issues import Issues
+from ccm_opt.files.problem_file.keypath import KeyPath
+from ccm_opt.files.problem_file.schema import ArmTable, InertiaTable, LimitsTable, PoseTable
+
+LENGTH_TOLERANCE = 1e-6
+"""Relative difference allowed between the total length of a pose's segments and the arm's length."""
+ANGLE_TOLERANCE = 1e-9
+"""Bends may pass a limit by this much [rad]: degrees are rounded when they become radians."""
+
+
+def check_arm_lists(arm: ArmTable, issues: Issues) -> None:
+    """Masses and moments of inertia given as lists need one value a link."""
+    _one_each(arm.masses, ("arm", "masses"), (arm.links,), "link", issues)
+    for key in ("rotor_inertia", "friction"):
+        _one_each(getattr(arm, key), ("arm", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
+    inertia = arm.inertia
+    if isinstance(inertia, InertiaTable):
+        _one_each(inertia.axial, ("arm", "inertia", "axial"), (arm.links,), "link", issues)
+        _one_each(inertia.transverse, ("arm", "inertia", "transverse"), (arm.links,), "link", issues)
+
+
+def check_limit_lists(arm: ArmTable, limits: LimitsTable, issues: Issues) -> None:
+    """Limits given as lists need one value a ball joint or one a revolute."""
+    for key in ("velocity", "acceleration", "jerk", "torque"):
+        _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
+
+
+def check_pose(arm: ArmTable, pose: PoseTable, path: KeyPath, issues: Issues) -> None:
+    """A pose given by joints must suit the joints, one given by segments the arm's length."""
+    if pose.joints_deg is not None:
+        _one_each(pose.joints_deg, (*path, "joints_deg"), (arm.links,), "link", issues)
+        _within_limits(arm, pose.joints_deg, (*path, "joints_deg"), issues)
+    if pose.segments is not None:
+        total, length = sum(segment.length for segment in pose.segments), arm.links * arm.link_length
+        if abs(total - length) > LENGTH_TOLERANCE * length:
+            issues.add(
+                (*path, "segments"),
+                f"the segments are {total:.9g} m long together; expected the arm's length, "
+                f"links * link_length = {length:.9g} m",
+            )
+
+
+def _one_each(
+    value: float | Sequence[float] | None, path: KeyPath, counts: tuple[int, ...], what: str, issues: Issues
+) -> None:
+    if isinstance(value, Sequence) and len(value) not in counts:
+        wanted = " or ".join(map(str, counts))
+        issues.add(path, f"expected one value a {what}, that is {wanted}; got {len(value)}")
+
+
+def _within_limits(arm: ArmTable, bends: Sequence[float], path: KeyPath, issues: Issues) -> None:
+    for k, bend in enumerate(bends):
+        limit, key = (arm.joint_limit_deg, "joint_limit_deg") if k else (arm.base_limit_deg, "base_limit_deg")
+        if abs(bend) > limit + ANGLE_TOLERANCE:
+            issues.add((*path, k), f"{math.degrees(bend):g} deg passes {key} = {math.degrees(limit):g}")

@@ -1,0 +1,232 @@
+"""Validated tables to a frozen ``Problem``."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.files.problem_file.named_poses import folded_bends, straight_bends
+from ccm_opt.files.problem_file.schema import (
+    ArmTable,
+    DisturbancesTable,
+    FeedTable,
+    GoalTable,
+    LimitsTable,
+    ObstacleTable,
+    PlannerTable,
+    PoseTable,
+    RootTable,
+    SegmentTable,
+    SimulationTable,
+    StartTable,
+    WorkspaceTable,
+)
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.problem import (
+    CurvePose,
+    Disturbances,
+    Goal,
+    JointPose,
+    Limits,
+    PlannerOptions,
+    Problem,
+    SimulationOptions,
+    Start,
+    Stop,
+    TipGoal,
+    Tolerances,
+    Weights,
+)
+
+DEFAULT_LINK_MASS = 0.1
+"""Mass of a link when the file gives none [kg]: the paper's swan's neck (section 5)."""
+THIN_ROD_RADIUS = 0.01
+"""Radius, in link lengths, of the cylinders that stand for the links of an arm of zero radius in its inertia."""
+
+
+@dataclass(frozen=True)
+class Tables:
+    """All tables of a problem file, validated."""
+
+    root: RootTable
+    workspace: WorkspaceTable
+    obstacles: tuple[ObstacleTable, ...]
+    arm: ArmTable
+    limits: LimitsTable
+    start: StartTable
+    goals: tuple[GoalTable, ...]
+    planner: PlannerTable
+    simulation: SimulationTable
+
+
+def build_problem(tables: Tables, source: str) -> Problem:
+    """Assemble a problem from tables that have passed all checks."""
+    arm = build_arm(tables.arm)
+    *stops, last = tables.goals
+    return Problem(
+        name=tables.root.name,
+        description=tables.root.description,
+        workspace=build_workspace(tables.workspace, tables.obstacles),
+        arm=arm,
+        limits=_limits(tables.limits, arm.links),
+        start=build_pose(tables.start, arm),
+        goal=build_goal(last, arm),
+        tolerances=build_tolerances(last),
+        stops=tuple(Stop(build_goal(stop, arm), build_tolerances(stop), stop.pause) for stop in stops),
+        planner=build_options(tables.planner),
+        simulation=_simulation(tables.simulation),
+        source=source,
+    )
+
+
+def build_workspace(table: WorkspaceTable, obstacles: Sequence[ObstacleTable]) -> Workspace:
+    """The room and its obstacles; an obstacle without a name is ``obstacle`` and its place in the file, from 1."""
+    boundary = _box(table.bounds) if table.bounds is not None else shapely.Polygon(table.boundary)
+    named = tuple(build_obstacle(item, item.name or f"obstacle {k}") for k, item in enumerate(obstacles, start=1))
+    return Workspace(boundary, named, table.clearance)
+
+
+def build_obstacle(table: ObstacleTable, name: str) -> Obstacle:
+    """One obstacle; the table holds exactly one kind."""
+    if table.circle is not None:
+        return Obstacle(name, shapely.Point(table.circle.center), table.circle.radius)
+    if table.wall is not None:
+        return Obstacle(name, shapely.LineString(table.wall.points), table.wall.thickness / 2.0)
+    return Obstacle(name, _box(table.box) if table.box is not None else shapely.Polygon(table.polygon, table.holes))
+
+
+def _box(corners: Sequence[float]) -> shapely.Polygon:
+    xmin, ymin, xmax, ymax = corners
+    return shapely.box(xmin, ymin, xmax, ymax)
+
+
+def build_arm(table: ArmTable) -> Arm:
+    """The arm; its links are solid cylinders unless the inertia is given."""
+    masses = _each(table.masses if table.masses is not None else table.link_mass or DEFAULT_LINK_MASS, table.links)
+    axial, transverse = _inertia(table, masses)
+    return Arm(
+        links=table.links,
+        link_length=table.link_length,
+        radius=table.radius,
+        base=np.array(table.base),
+        base_heading=table.base_heading_deg,
+        joint_limit=table.joint_limit_deg,
+        base_limit=table.base_limit_deg,
+        self_collision=table.self_collision,
+        mount_length=table.radius if table.mount_length is None else table.mount_length,
+        masses=masses,
+        inertia_axial=axial,
+        inertia_transverse=transverse,
+        axes=table.axes,
+        feed=None if table.feed is None else _feed(table.feed),
+        payload=table.payload,
+        rotor_inertia=_each_revolute(table.rotor_inertia, table.links),
+        friction=_each_revolute(table.friction, table.links),
+    )
+
+
+def _feed(table: FeedTable) -> Feed:
+    """The feed axis; its guide ends where the base stands at full feed unless the file says otherwise."""
+    low, high = table.range
+    return Feed(low, high, high if table.hole is None else table.hole)
+
+
+def _inertia(table: ArmTable, masses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Given, or a solid cylinder's: axial m r² / 2, transverse m (3 r² + l²) / 12 about the centre."""
+    if table.inertia is not None:
+        return _each(table.inertia.axial, table.links), _each(table.inertia.transverse, table.links)
+    r = table.radius or THIN_ROD_RADIUS * table.link_length
+    return masses * r**2 / 2.0, masses * (3.0 * r**2 + table.link_length**2) / 12.0
+
+
+def _limits(table: LimitsTable, links: int) -> Limits:
+    return Limits(
+        _each_revolute(table.velocity, links),
+        _each_revolute(table.acceleration, links),
+        None if table.torque is None else _each_revolute(table.torque, links),
+        table.feed_velocity,
+        table.feed_acceleration,
+        table.feed_force,
+        None if table.jerk is None else _each_revolute(table.jerk, links),
+        table.feed_jerk,
+    )
+
+
+def build_pose(table: PoseTable, arm: Arm) -> Start:
+    """A whole-arm pose; the table holds exactly one kind.
+
+    Raises:
+        ProblemError: when the arm cannot be folded.
+    """
+    feed = feed_of(table, arm)
+    if table.segments is not None:
+        return CurvePose(_configuration(table.segments, table.heading_deg, arm), feed)
+    if table.joints_deg is not None:
+        return JointPose(np.array(table.joints_deg), feed)
+    return JointPose(folded_bends(arm) if table.shape == "folded" else straight_bends(arm), feed)
+
+
+def feed_of(table: PoseTable, arm: Arm) -> float:
+    """Where the base is on its feed axis in a pose: as given, else at the least position of the range [m]."""
+    if arm.feed is None:
+        return 0.0
+    return arm.feed.low if table.feed is None else table.feed
+
+
+def build_goal(table: GoalTable, arm: Arm) -> Goal:
+    """A goal for the tip or for the whole arm."""
+    if table.position is not None:
+        return TipGoal(np.array(table.position), table.heading_deg)
+    return build_pose(table, arm)
+
+
+def build_tolerances(table: GoalTable) -> Tolerances:
+    """How near the goal counts."""
+    return Tolerances(table.position_tolerance, table.heading_tolerance_deg)
+
+
+def _configuration(segments: Sequence[SegmentTable], heading: float | None, arm: Arm) -> Configuration:
+    return Configuration.chain(
+        arm.base,
+        arm.base_heading if heading is None else heading,
+        [segment.length for segment in segments],
+        [np.array(segment.curvature) for segment in segments],
+        [(segment.knots[0], segment.knots[1], segment.knots[2]) for segment in segments],
+    )
+
+
+def build_options(table: PlannerTable) -> PlannerOptions:
+    """The planner's options."""
+    return PlannerOptions(**table.model_dump() | {"weights": Weights(**table.weights.model_dump())})
+
+
+def _simulation(table: SimulationTable) -> SimulationOptions:
+    return SimulationOptions(
+        gravity=np.array(table.gravity),
+        step=table.step,
+        controller=table.controller,
+        bandwidth=table.bandwidth,
+        proportional_gain=table.gains.proportional,
+        derivative_gain=table.gains.derivative,
+        disturbances=_disturbances(table.disturbances),
+    )
+
+
+def _disturbances(table: DisturbancesTable) -> Disturbances:
+    values = table.model_dump()
+    return Disturbances(angle_noise=values.pop("angle_noise_deg"), **values)
+
+
+def _each(value: float | Sequence[float], links: int) -> FloatArray:
+    """One value a link, shape (links,)."""
+    return np.broadcast_to(np.asarray(value, dtype=np.float64), (links,)).copy()
+
+
+def _each_revolute(value: float | Sequence[float], links: int) -> FloatArray:
+    """One value a revolute, shape (3 * links,); a ball joint's value holds for its three."""
+    values = np.asarray(value, dtype=np.float64)
+    return np.repeat(values, 3) if values.shape == (links,) else np.broadcast_to(values, (3 * links,)).copy()

@@ -1,0 +1,202 @@
+"""A problem back to the data of a problem file: the inverse of reading, in metres and, where a key says so, degrees."""
+
+import tomllib
+from dataclasses import asdict
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.errors import ProblemError, ProblemFileError
+from ccm_opt.files.problem_file.reading import parse_problem
+from ccm_opt.files.problem_file.scene_file import obstacle_table
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import (
+    Disturbances,
+    Goal,
+    JointPose,
+    Limits,
+    Problem,
+    SimulationOptions,
+    Start,
+    TipGoal,
+    Tolerances,
+)
+
+BASE_TOLERANCE = 1e-9
+"""A curve's base may be this far from the arm's [m]: a problem file has one base for both."""
+
+Table = dict[str, object]
+
+
+def recorded_data(problem: Problem) -> Table:
+    """The data to keep for the record: those of the problem's file as long as they still say the same.
+
+    Args:
+        problem: the problem, from a file, from Python, or changed by ``dataclasses.replace``.
+
+    Returns:
+        The parsed ``source`` when reading it gives this problem, else ``problem_data``.
+
+    Raises:
+        ProblemError: when a problem file cannot say it.
+    """
+    written = problem_data(problem)
+    if not problem.source:
+        return written
+    try:
+        current = problem_data(parse_problem(problem.source)) == written
+    except ProblemFileError:
+        return written
+    return tomllib.loads(problem.source) if current else written
+
+
+def problem_data(problem: Problem) -> Table:
+    """Every value of a problem in the layout of ``problem.toml``.
+
+    Angles pass through degrees, so that the problem read from these data may differ in the last bit.
+
+    Args:
+        problem: the problem; its ``source`` does not matter.
+
+    Returns:
+        Plain numbers, texts, lists and tables, from which ``problem_from_mapping`` rebuilds the problem.
+
+    Raises:
+        ProblemError: when a problem file cannot say it.
+    """
+    return {
+        "schema": 1,
+        "name": problem.name,
+        "description": problem.description,
+        "workspace": _workspace(problem.workspace),
+        "arm": _arm(problem.arm),
+        "limits": _limits(problem.limits),
+        "start": _pose(problem.start, problem.arm),
+        "goal": _goals(problem),
+        "planner": asdict(problem.planner),
+        "simulation": _simulation(problem.simulation),
+    }
+
+
+def _workspace(workspace: Workspace) -> Table:
+    if workspace.boundary.interiors:
+        raise ProblemError("the workspace's boundary has holes, which a problem file cannot say; make them obstacles")
+    return {
+        "boundary": shapely.get_coordinates(workspace.boundary.exterior)[:-1].tolist(),
+        "clearance": float(workspace.clearance),
+        "obstacles": [_obstacle(obstacle) for obstacle in workspace.obstacles],
+    }
+
+
+def _obstacle(obstacle: Obstacle) -> Table:
+    swept = (shapely.Point,) if obstacle.rounding > 0.0 else (shapely.Polygon,)
+    if not isinstance(obstacle.core, (*swept, shapely.LineString)):
+        raise ProblemError(
+            f"obstacle '{obstacle.name}', a {type(obstacle.core).__name__} with rounding {obstacle.rounding:g} m, "
+            "is none that a problem file can say; expected a polygon without rounding, a point with, or a line"
+        )
+    return obstacle_table(obstacle)
+
+
+def _arm(arm: Arm) -> Table:
+    table: Table = {
+        "links": int(arm.links),
+        "link_length": float(arm.link_length),
+        "radius": float(arm.radius),
+        "base": _list(arm.base),
+        "base_heading_deg": _degrees(arm.base_heading),
+        "joint_limit_deg": _degrees(arm.joint_limit),
+        "base_limit_deg": _degrees(arm.base_limit),
+        "self_collision": bool(arm.self_collision),
+        "mount_length": float(arm.mount_length),
+        "masses": _list(arm.masses),
+        "inertia": {"axial": _list(arm.inertia_axial), "transverse": _list(arm.inertia_transverse)},
+        "axes": arm.axes,
+    }
+    for key in ("payload", "rotor_inertia", "friction"):
+        if np.any(value := np.asarray(getattr(arm, key), dtype=np.float64)):
+            table[key] = _list(value) if value.ndim else float(value)
+    if arm.feed is not None:
+        table["feed"] = {"range": [float(arm.feed.low), float(arm.feed.high)], "hole": float(arm.feed.hole)}
+    return table
+
+
+def _limits(limits: Limits) -> Table:
+    table: Table = {"velocity": _list(limits.velocity), "acceleration": _list(limits.acceleration)}
+    for key in ("jerk", "torque"):
+        if getattr(limits, key) is not None:
+            table[key] = _list(getattr(limits, key))
+    for key in ("feed_velocity", "feed_acceleration", "feed_jerk", "feed_force"):
+        if getattr(limits, key) is not None:
+            table[key] = float(getattr(limits, key))
+    return table
+
+
+def _goals(problem: Problem) -> Table | list[Table]:
+    """The goal, or with stops on the way the list of all goals."""
+    last = _goal(problem.goal, problem.arm) | _tolerances(problem.tolerances)
+    stops = [
+        _goal(stop.goal, problem.arm) | _tolerances(stop.tolerances) | {"pause": float(stop.pause)}
+        for stop in problem.stops
+    ]
+    return [*stops, last] if stops else last
+
+
+def _goal(goal: Goal, arm: Arm) -> Table:
+    if not isinstance(goal, TipGoal):
+        return _pose(goal, arm)
+    table: Table = {"position": _list(goal.position)}
+    return table if goal.heading is None else table | {"heading_deg": _degrees(goal.heading)}
+
+
+def _pose(pose: Start, arm: Arm) -> Table:
+    feed: Table = {} if arm.feed is None else {"feed": float(pose.feed)}
+    if isinstance(pose, JointPose):
+        return {"joints_deg": _list(np.rad2deg(pose.bends))} | feed
+    return _curve(pose.configuration, arm) | feed
+
+
+def _curve(curve: Configuration, arm: Arm) -> Table:
+    if not np.allclose(curve.base, arm.base, rtol=0.0, atol=BASE_TOLERANCE):
+        raise ProblemError(f"a curve begins at {_list(curve.base)}, expected the arm's base, {_list(arm.base)}")
+    segments = [
+        {"length": float(s.length), "curvature": _list(s.curvature), "knots": [float(knot) for knot in s.knots]}
+        for s in curve.segments
+    ]
+    return {"heading_deg": _degrees(curve.base_heading), "segments": segments}
+
+
+def _tolerances(tolerances: Tolerances) -> Table:
+    return {
+        "position_tolerance": float(tolerances.position),
+        "heading_tolerance_deg": _degrees(tolerances.heading),
+    }
+
+
+def _simulation(options: SimulationOptions) -> Table:
+    gains = {"proportional": float(options.proportional_gain), "derivative": float(options.derivative_gain)}
+    return {
+        "gravity": _list(options.gravity),
+        "step": float(options.step),
+        "controller": options.controller,
+        "bandwidth": float(options.bandwidth),
+        "gains": gains,
+        "disturbances": _disturbances(options.disturbances),
+    }
+
+
+def _disturbances(disturbances: Disturbances) -> Table:
+    table = asdict(disturbances)
+    return table | {"angle_noise_deg": _degrees(table.pop("angle_noise"))}
+
+
+def _degrees(angle: float) -> float:
+    return float(np.rad2deg(angle))
+
+
+def _list(values: FloatArray) -> list[float]:
+    plain: list[float] = np.asarray(values, dtype=np.float64).tolist()
+    return plain

@@ -1,0 +1,39 @@
+"""Checks of places: the base outside every obstacle. Goals that cannot be reached are no defect of a file."""
+
+from collections.abc import Sequence
+
+import shapely
+
+from ccm_opt.files.problem_file.issues import Issues
+from ccm_opt.files.problem_file.typed_quantities import METRES
+from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle, Workspace
+
+ROUNDING = 1e-9
+"""Depths and distances below this are rounding [m]."""
+
+
+def depth_inside(obstacle: Obstacle, point: Sequence[float]) -> float:
+    """How far a point is inside an obstacle [m]; negative outside, minus the distance to it."""
+    place = shapely.Point(point)
+    inside_core = isinstance(obstacle.core, shapely.Polygon) and shapely.contains_properly(obstacle.core, place)
+    edge = obstacle.core.boundary if isinstance(obstacle.core, shapely.Polygon) else obstacle.core
+    distance = float(shapely.distance(edge, place))
+    return obstacle.rounding + (distance if inside_core else -distance)
+
+
+def depth_outside(workspace: Workspace, point: Sequence[float]) -> float:
+    """How far a point is outside the boundary [m]; negative inside, minus the distance to it."""
+    return -depth_inside(Obstacle(BOUNDARY_NAME, workspace.boundary), point)
+
+
+def check_base(workspace: Workspace, base: Sequence[float], units: str, issues: Issues) -> None:
+    """The base may touch walls, as the mount does, but not stand inside an obstacle or outside the room."""
+    for obstacle in workspace.obstacles:
+        if (depth := depth_inside(obstacle, base)) > ROUNDING:
+            issues.add(("arm", "base"), f"the base is {_length(depth, units)} inside '{obstacle.name}'; move it out")
+    if (depth := depth_outside(workspace, base)) > ROUNDING:
+        issues.add(("arm", "base"), f"the base is {_length(depth, units)} outside the {BOUNDARY_NAME}; move it in")
+
+
+def _length(metres: float, units: str) -> str:
+    return f"{metres / METRES[units]:.4g} {units}"

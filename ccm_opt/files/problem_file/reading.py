@@ -1,0 +1,121 @@
+"""Reads problem files: bytes to text, text to TOML, TOML to a problem; each step says what is wrong in plain words."""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from ccm_opt.errors import FileIssue, ProblemFileError
+from ccm_opt.files.problem_file.issues import Issues
+from ccm_opt.files.problem_file.lines import locate_keys
+from ccm_opt.files.problem_file.table_reading import check_data
+from ccm_opt.problem import Problem
+
+
+def load_problem(path: str | Path) -> Problem:
+    """Read a problem from a TOML file.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The problem, in SI units and radians.
+
+    Raises:
+        ProblemFileError: with every defect of the file, its key path and its line.
+    """
+    return parse_problem(_read_text(Path(path)), str(path), Path(path).parent)
+
+
+def parse_problem(text: str, path_name: str = "problem", folder: Path | None = None) -> Problem:
+    """Read a problem from TOML text.
+
+    Args:
+        text: the text of a problem file.
+        path_name: what messages call it.
+        folder: where the path of ``workspace.file`` begins; None refuses that key.
+
+    Returns:
+        The problem, in SI units and radians.
+
+    Raises:
+        ProblemFileError: with every defect of the text, its key path and its line.
+    """
+    data = _parse_toml(text, path_name)
+    issues = Issues()
+    problem = check_data(data, issues, text, folder)
+    if problem is None:
+        raise ProblemFileError(path_name, issues.located(locate_keys(text)))
+    return problem
+
+
+def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem") -> Problem:
+    """Rebuild a problem from the data of a problem file, for example from the copy in ``solution.json``.
+
+    Args:
+        data: what a TOML parser makes of a problem file.
+        path_name: what messages call it.
+
+    Returns:
+        The problem, in SI units and radians; its ``source`` is TOML text with the same data.
+
+    Raises:
+        ProblemFileError: with every defect and its key path.
+    """
+    text = _to_toml(data, path_name)
+    issues = Issues()
+    problem = check_data(_parse_toml(text, path_name), issues, text)
+    if problem is None:
+        raise ProblemFileError(path_name, issues.located({}))
+    return problem
+
+
+def _read_text(path: Path) -> str:
+    """The text of a file, or one clear sentence why there is none."""
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        raise _refused(path, "there is no such file; check the path") from None
+    except IsADirectoryError:
+        raise _refused(path, "this is a directory; expected a problem file, for example problem.toml in it") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise _refused(path, f"the file cannot be read: {reason}") from error
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise _refused(path, "this is not a text file in UTF-8; expected TOML", line) from None
+    if not text.strip():
+        raise _refused(path, "the file is empty; expected a problem in TOML")
+    return text
+
+
+def _parse_toml(text: str, path_name: str) -> dict[str, object]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _refused(path_name, f"not valid TOML: {error}", _error_line(str(error), text)) from None
+    except RecursionError:
+        raise _refused(path_name, "not usable TOML: brackets are nested too deeply") from None
+    except ValueError as error:  # whole numbers of thousands of digits
+        raise _refused(path_name, f"not usable TOML: {str(error).split(';')[0]}") from None
+
+
+def _to_toml(data: Mapping[str, object], path_name: str) -> str:
+    try:
+        return tomlkit.dumps(data)
+    except (TOMLKitError, TypeError, ValueError, RecursionError) as error:
+        raise _refused(path_name, f"holds something that TOML cannot say: {error}") from None
+
+
+def _error_line(message: str, text: str) -> int:
+    place = re.search(r"at line (\d+)", message)
+    return int(place[1]) if place else max(1, len(text.splitlines()))
+
+
+def _refused(path: str | Path, message: str, line: int = 0) -> ProblemFileError:
+    return ProblemFileError(str(path), [FileIssue(line, "", message)])

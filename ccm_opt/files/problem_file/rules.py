@@ -1,0 +1,98 @@
+"""Rules between keys that no single value can break: exactly one of several, and keys that need others."""
+
+from collections.abc import Mapping, Sequence
+
+from ccm_opt.files.problem_file.issues import Issues, closest
+from ccm_opt.files.problem_file.keypath import KeyPath, lookup
+from ccm_opt.files.problem_file.schema import GoalTable, ObstacleTable, WorkspaceTable
+
+OBSTACLE_KINDS = ("polygon", "box", "circle", "wall")
+ROOM_KINDS = ("bounds", "boundary")
+START_KINDS = ("shape", "joints_deg", "segments")
+KNOWN = frozenset(key for table in (WorkspaceTable, ObstacleTable, GoalTable) for key in table.model_fields)
+"""Keys of the tables that offer alternatives; none of them is a misspelling."""
+GOAL_KINDS = ("position", "joints_deg", "shape", "segments")
+
+
+def check_alternatives(data: Mapping[str, object], issues: Issues) -> None:
+    """Every table that offers alternatives must take exactly one, and a heading needs something to apply to."""
+    _exactly_one(data, ("workspace",), ROOM_KINDS, issues)
+    obstacles = lookup(data, ("workspace", "obstacles"))
+    for k in range(len(obstacles) if isinstance(obstacles, list) else 0):
+        _exactly_one(data, ("workspace", "obstacles", k), OBSTACLE_KINDS, issues)
+    _own_names(obstacles, issues)
+    _exactly_one(data, ("start",), START_KINDS, issues)
+    _heading_applies(data, ("start",), ("segments",), issues)
+    for path in goal_paths(data):
+        _exactly_one(data, path, GOAL_KINDS, issues)
+        _heading_applies(data, path, ("position", "segments"), issues)
+    _masses(data, issues)
+    _feed(data, issues)
+
+
+def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
+    """Where the goals stand: ``[goal]`` alone, or each ``[[goal]]`` in turn."""
+    goals = data.get("goal")
+    return [("goal", k) for k in range(len(goals))] if isinstance(goals, list) else [("goal",)]
+
+
+def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> list[str]:
+    return [kind for kind in kinds if lookup(data, (*path, kind)) is not None]
+
+
+def _exactly_one(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str], issues: Issues) -> None:
+    if not isinstance(lookup(data, path), Mapping):
+        return
+    given = _given(data, path, kinds)
+    if len(given) != 1 and not (not given and _misspelt(data, path, kinds)):
+        got = f"got {' and '.join(given)}" if given else "got none of them"
+        issues.add((*path, given[1]) if given else path, f"expected exactly one of {', '.join(kinds)}; {got}")
+
+
+def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> bool:
+    """Whether a key of the table is meant to be one of ``kinds``: that is reported already."""
+    table = lookup(data, path)
+    unknown = [key for key in (table if isinstance(table, Mapping) else ()) if key not in KNOWN]
+    return any(closest(key, kinds) is not None for key in unknown)
+
+
+def _own_names(obstacles: object, issues: Issues) -> None:
+    """Every obstacle's name, given or by its place, must be its own: messages call it by that."""
+    first: dict[object, int] = {}
+    for k, entry in enumerate(obstacles if isinstance(obstacles, list) else ()):
+        given = entry.get("name") if isinstance(entry, Mapping) else None
+        name = str(given or f"obstacle {k + 1}")
+        if first.setdefault(name, k) != k:
+            path: KeyPath = ("workspace", "obstacles", k)
+            issues.add(
+                (*path, "name") if given else path,
+                f"the name '{name}' is taken by workspace.obstacles[{first[name]}]; give each obstacle its own",
+            )
+
+
+def _heading_applies(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str], issues: Issues) -> None:
+    if lookup(data, (*path, "heading_deg")) is not None and not _given(data, path, kinds):
+        issues.add((*path, "heading_deg"), f"only allowed together with {' or '.join(kinds)}")
+
+
+def _masses(data: Mapping[str, object], issues: Issues) -> None:
+    if len(_given(data, ("arm",), ("link_mass", "masses"))) == 2:
+        issues.add(("arm", "masses"), "expected only one of link_mass, masses; got both")
+
+
+def _feed(data: Mapping[str, object], issues: Issues) -> None:
+    """A feed axis needs its limits, and nothing may speak of one that is not there."""
+    poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
+    limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "jerk", "force")]
+    if lookup(data, ("arm", "feed")) is None:
+        for path in [*poses, *limits]:
+            if lookup(data, path) is not None:
+                issues.add(path, "only allowed together with arm.feed; leave it out for a fixed base")
+        return
+    for path in limits[:2]:
+        if lookup(data, path) is None and isinstance(data.get("limits"), Mapping):
+            issues.add(path, "missing; an arm with a feed axis needs this limit")
+    for path in poses[1:]:
+        place = path[:-1]
+        if lookup(data, path) is not None and lookup(data, (*place, "position")) is not None:
+            issues.add(path, "only allowed with a goal for the whole arm; for a goal of the tip the feed is planned")

@@ -1,0 +1,92 @@
+"""``workspace.file``: the obstacles of a drawing, written out as if they stood in the problem file.
+
+What follows, the copy in ``solution.json`` included, sees plain obstacles and needs the drawing no more.
+"""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import shapely
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.problem_file.issues import Issues
+from ccm_opt.files.problem_file.schema import SceneTable
+from ccm_opt.files.problem_file.typed_quantities import METRES
+from ccm_opt.freespace.workspace import Obstacle
+
+CURVE_TOLERANCE = 2.5e-4
+"""How far outside a curve of a drawing its polygon may lie when the file does not say [m]."""
+
+
+def with_scene(data: Mapping[str, object], folder: Path | None, issues: Issues) -> Mapping[str, object]:
+    """Replace ``workspace.file`` by the obstacles of that file, after those of the table.
+
+    Args:
+        data: the parsed problem file.
+        folder: paths are relative to it; None when the problem was not read from a file.
+        issues: takes what is wrong with the drawing, or with the keys that place it.
+
+    Returns:
+        The data without the keys of the drawing; the same data when there are none.
+    """
+    workspace = data.get("workspace")
+    keys = SceneTable.model_fields
+    if not isinstance(workspace, Mapping) or not any(key in workspace for key in keys):
+        return data
+    given = {key: workspace[key] for key in keys if key in workspace}
+    rest = {key: value for key, value in workspace.items() if key not in keys}
+    scene = issues.validate(SceneTable, given, ("workspace",), 1.0)
+    listed = rest.get("obstacles", [])
+    if scene is not None and isinstance(listed, list):
+        units = str(data.get("units", "m"))
+        rest["obstacles"] = [*listed, *_entries(scene, folder, METRES.get(units, 1.0), listed, issues)]
+    return {**data, "workspace": rest}
+
+
+def _entries(
+    scene: SceneTable, folder: Path | None, metres: float, listed: list[object], issues: Issues
+) -> list[dict[str, object]]:
+    """The tables of the drawing's obstacles; what is wrong is noted."""
+    from ccm_opt.files.scene_import import ImportOptions, import_scene  # noqa: PLC0415 - most problems need no drawing
+
+    if scene.file is None:
+        issues.add(("workspace", next(iter(scene.model_fields_set))), "only allowed together with file")
+        return []
+    if folder is None:
+        issues.add(("workspace", "file"), "a path beside the problem file, but this problem was not read from a file")
+        return []
+    if os.path.isdir(folder / scene.file):  # noqa: PTH112 - pathlib's raises where the user may not look
+        issues.add(("workspace", "file"), f"{scene.file!r} is a directory; expected a drawing, for example 'scene.svg'")
+        return []
+    tolerance = CURVE_TOLERANCE / metres if scene.curve_tolerance is None else scene.curve_tolerance
+    options = ImportOptions(scene.scale, (scene.offset[0], scene.offset[1]), tolerance, scene.wall_thickness)
+    try:
+        obstacles = import_scene(folder / scene.file, options, _names(listed))
+    except ProblemError as error:
+        issues.add(("workspace", "file"), str(error))
+        return []
+    return [obstacle_table(obstacle) for obstacle in obstacles]
+
+
+def _names(listed: list[object]) -> set[str]:
+    """Names of the obstacles in the problem file."""
+    named = (entry.get("name") if isinstance(entry, Mapping) else None for entry in listed)
+    return {str(name or f"obstacle {k}") for k, name in enumerate(named, start=1)}
+
+
+def obstacle_table(obstacle: Obstacle) -> dict[str, object]:
+    """An obstacle as its table in a problem file, in the same unit of length."""
+    core = obstacle.core
+    if isinstance(core, shapely.Polygon):
+        outline: dict[str, object] = {"name": obstacle.name, "polygon": _points(core.exterior)[:-1]}
+        holes = [_points(ring)[:-1] for ring in core.interiors]
+        return outline | ({"holes": holes} if holes else {})
+    if isinstance(core, shapely.Point):
+        return {"name": obstacle.name, "circle": {"center": _points(core)[0], "radius": obstacle.rounding}}
+    return {"name": obstacle.name, "wall": {"points": _points(core), "thickness": 2.0 * obstacle.rounding}}
+
+
+def _points(geometry: shapely.Geometry) -> list[list[float]]:
+    points: list[list[float]] = shapely.get_coordinates(geometry).tolist()
+    return points

@@ -1,0 +1,196 @@
+"""Parsed TOML to a problem: every table on its own first, then the checks between tables; all defects in one list."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TypeVar
+
+import tomlkit
+from pydantic import BaseModel
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.problem_file.agreement import ANGLE_TOLERANCE, check_arm_lists, check_limit_lists, check_pose
+from ccm_opt.files.problem_file.build import (
+    Tables,
+    build_arm,
+    build_pose,
+    build_problem,
+    build_workspace,
+    feed_of,
+)
+from ccm_opt.files.problem_file.issues import Issues
+from ccm_opt.files.problem_file.keypath import KeyPath, lookup
+from ccm_opt.files.problem_file.placement import check_base
+from ccm_opt.files.problem_file.rules import check_alternatives, goal_paths
+from ccm_opt.files.problem_file.scene_file import with_scene
+from ccm_opt.files.problem_file.schema import (
+    ArmTable,
+    GoalTable,
+    LimitsTable,
+    ObstacleTable,
+    PlannerTable,
+    RootTable,
+    SimulationTable,
+    StartTable,
+    WorkspaceTable,
+)
+from ccm_opt.files.problem_file.typed_quantities import METRES
+from ccm_opt.problem import Problem
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """The tables that could be validated; None for the others."""
+
+    root: RootTable | None
+    workspace: WorkspaceTable | None
+    obstacles: tuple[ObstacleTable, ...]
+    arm: ArmTable | None
+    limits: LimitsTable | None
+    start: StartTable | None
+    goals: tuple[GoalTable, ...] | None
+    planner: PlannerTable | None
+    simulation: SimulationTable | None
+
+
+def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: Path | None = None) -> Problem | None:
+    """Check parsed data and build the problem.
+
+    Args:
+        data: the parsed TOML.
+        issues: takes every defect found.
+        source: the text of the file, kept in the problem; obstacles from a drawing are written out in it.
+        folder: of the problem file, where the path to a drawing begins; None when there is no file.
+
+    Returns:
+        The problem, or None when there are issues.
+    """
+    given = data
+    data = with_scene(given, folder, issues)
+    check_alternatives(data, issues)
+    draft = _validate(data, issues)
+    _check_between(draft, str(data.get("units", "m")), issues)
+    tables = _complete(draft)
+    if tables is None or issues.found:
+        return None
+    return build_problem(tables, source if data is given else tomlkit.dumps(data))
+
+
+def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
+    scale = METRES.get(str(data.get("units", "m")), 1.0)
+
+    def section(model: type[Model], name: str, *, leave_out: str = "") -> Model | None:
+        table = data.get(name, {} if name in {"planner", "simulation"} else None)
+        if not isinstance(table, Mapping):
+            return None
+        return issues.validate(model, {k: v for k, v in table.items() if k != leave_out}, (name,), scale)
+
+    return _Draft(
+        root=issues.validate(RootTable, data, (), scale),
+        workspace=section(WorkspaceTable, "workspace", leave_out="obstacles"),
+        obstacles=_obstacles(data, issues, scale),
+        arm=section(ArmTable, "arm"),
+        limits=section(LimitsTable, "limits"),
+        start=section(StartTable, "start"),
+        goals=_goals(data, issues, scale),
+        planner=section(PlannerTable, "planner"),
+        simulation=section(SimulationTable, "simulation"),
+    )
+
+
+def _goals(data: Mapping[str, object], issues: Issues, scale: float) -> tuple[GoalTable, ...] | None:
+    """The goals in order, or None when one is defective, missing or no table."""
+    found = []
+    for path in goal_paths(data):
+        table = lookup(data, path)
+        if isinstance(table, Mapping):
+            found.append(issues.validate(GoalTable, table, path, scale))
+    if data.get("goal") == []:
+        issues.add(("goal",), "expected at least one goal")
+    usable = tuple(goal for goal in found if goal is not None)
+    return usable if usable and len(usable) == len(goal_paths(data)) else None
+
+
+def _obstacles(data: Mapping[str, object], issues: Issues, scale: float) -> tuple[ObstacleTable, ...]:
+    """The obstacles, each with a name; a defective one is noted and left out."""
+    workspace = data.get("workspace")
+    entries = workspace.get("obstacles", []) if isinstance(workspace, Mapping) else []
+    if not isinstance(entries, list):
+        issues.add(("workspace", "obstacles"), "expected a list of tables; write [[workspace.obstacles]] above each")
+        return ()
+    found = []
+    for k, entry in enumerate(entries):
+        path = ("workspace", "obstacles", k)
+        if not isinstance(entry, Mapping):
+            issues.add(path, "expected a table; write [[workspace.obstacles]] above each")
+        elif (table := issues.validate(ObstacleTable, {"name": f"obstacle {k + 1}", **entry}, path, scale)) is not None:
+            found.append(table)
+    return tuple(found)
+
+
+def _check_between(draft: _Draft, units: str, issues: Issues) -> None:
+    """The checks that need two tables, for those tables that are there."""
+    if draft.arm is None:
+        return
+    check_arm_lists(draft.arm, issues)
+    if draft.limits is not None:
+        check_limit_lists(draft.arm, draft.limits, issues)
+    for path, pose in _poses(draft):
+        check_pose(draft.arm, pose, path, issues)
+        _check_foldable(draft.arm, pose, path, issues)
+        _check_feed(draft.arm, pose, path, issues)
+    _check_places(draft, units if units in METRES else "m", issues)
+
+
+def _poses(draft: _Draft) -> list[tuple[KeyPath, StartTable | GoalTable]]:
+    """Start and goals with where they stand."""
+    found: list[tuple[KeyPath, StartTable | GoalTable]] = [] if draft.start is None else [(("start",), draft.start)]
+    goals = draft.goals or ()
+    return found + [(("goal", k) if len(goals) > 1 else ("goal",), goal) for k, goal in enumerate(goals)]
+
+
+def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issues: Issues) -> None:
+    """A pose lies within the range of the feed axis, and the guide holds its joints straight."""
+    if arm.feed is None or not _lists_fit(arm):
+        return
+    built = build_arm(arm)
+    low, high = arm.feed.range
+    at = feed_of(pose, built)
+    if not low <= at <= high:
+        issues.add((*path, "feed"), f"outside the range of the feed axis, {low:g} to {high:g} m")
+    for k in range(min(len(pose.joints_deg or ()), arm.links)):
+        if built.held(at)[k] and abs((pose.joints_deg or [])[k]) > ANGLE_TOLERANCE:
+            issues.add((*path, "joints_deg", k), "this joint is still inside the guide of the feed axis; expected 0")
+
+
+def _check_foldable(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issues: Issues) -> None:
+    if pose.shape == "folded" and _lists_fit(arm):
+        try:
+            build_pose(pose, build_arm(arm))
+        except ProblemError as error:
+            issues.add((*path, "shape"), str(error))
+
+
+def _check_places(draft: _Draft, units: str, issues: Issues) -> None:
+    if draft.arm is None or draft.workspace is None or (draft.workspace.bounds or draft.workspace.boundary) is None:
+        return
+    whole = [item for item in draft.obstacles if any((item.polygon, item.box, item.circle, item.wall))]
+    workspace = build_workspace(draft.workspace, whole)
+    if draft.start is not None and _lists_fit(draft.arm):
+        arm = build_arm(draft.arm)
+        base = arm.base if arm.feed is None else arm.base + feed_of(draft.start, arm) * arm.feed_direction
+        check_base(workspace, base.tolist(), units, issues)
+
+
+def _lists_fit(arm: ArmTable) -> bool:
+    """Whether the arm's lists have one value a link, so that it can be built."""
+    probe = Issues()
+    check_arm_lists(arm, probe)
+    return not probe.found
+
+
+def _complete(draft: _Draft) -> Tables | None:
+    values = {item.name: getattr(draft, item.name) for item in fields(draft)}
+    return None if any(value is None for value in values.values()) else Tables(**values)

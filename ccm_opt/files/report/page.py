@@ -1,0 +1,104 @@
+"""The page: a template filled with a plan's scene, motion, figures and checks."""
+
+import json
+from html import escape
+from importlib.resources import files
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.files.report.charts import charts
+from ccm_opt.files.report.room_svg import goal_marks, scene_paths, view_box
+from ccm_opt.problem import Goal, TipGoal
+from ccm_opt.solution import Check, Solution
+
+MOST_NUMBERS = 60_000
+"""Coordinates in the page; more links mean fewer frames."""
+MOST_FRAMES, LEAST_FRAMES = 240, 40
+UNITS = {"per_m": "1/m", "Nm": "N m", "rad": "rad", "m": "m", "s": "s", "N": "N"}
+"""Endings of the names of metrics, and how their units are written."""
+
+
+def report_html(solution: Solution) -> str:
+    """The report of a plan.
+
+    Args:
+        solution: the plan.
+
+    Returns:
+        A whole HTML page that loads nothing.
+    """
+    problem = solution.problem
+    frames = _frames(solution)
+    xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
+    extent = max(xmax - xmin, ymax - ymin)
+    thin = 0.003 * extent
+    goals: list[Goal] = [*(stop.goal for stop in problem.stops), problem.goal]
+    points = solution.joint_positions
+    ends = points[[*solution.trajectory.stops, len(points) - 1], -1]
+    fields = {
+        "title": escape(f"{problem.name}: {solution.trajectory.duration:.2f} s"),
+        "name": escape(problem.name),
+        "status": "solved and verified",
+        "description": escape(problem.description or _summary(solution)),
+        "viewbox": view_box(problem.workspace),
+        "scene": scene_paths(problem.workspace, thin),
+        "goals": goal_marks([_place(goal, end) for goal, end in zip(goals, ends, strict=True)], 0.018 * extent, thin),
+        "body": f"{max(2.0 * problem.arm.radius, thin):.5g}",
+        "thin": f"{thin:.5g}",
+        "dash": f"{4 * thin:.5g} {2 * thin:.5g}",
+        "figures": "".join(_figure(name, value) for name, value in solution.metrics.items()),
+        "checks": "".join(_check_row(check) for check in solution.checks),
+        "timings": "".join(
+            f"<tr><td>{escape(k)}</td><td class=n>{v:.2f} s</td></tr>" for k, v in solution.timings.items()
+        ),
+        "data": _data(solution, frames),
+    }
+    page = files("ccm_opt.files.report").joinpath("page.html").read_text(encoding="utf-8")
+    for key, text in fields.items():
+        page = page.replace("{{" + key + "}}", text)
+    return page
+
+
+def _frames(solution: Solution) -> IntArray:
+    """Numbers of the samples shown, evenly spread in time, the last included."""
+    per_pose = 2 * (solution.problem.arm.links + 1)
+    count = int(np.clip(MOST_NUMBERS // per_pose, LEAST_FRAMES, MOST_FRAMES))
+    time = solution.trajectory.time
+    return np.unique(np.searchsorted(time, np.linspace(0.0, time[-1], count)))
+
+
+def _place(goal: Goal, end: FloatArray) -> tuple[FloatArray, float | None]:
+    """Where a goal's mark stands and points: for a whole pose, at its tip."""
+    return (goal.position, goal.heading) if isinstance(goal, TipGoal) else (end, None)
+
+
+def _summary(solution: Solution) -> str:
+    arm, workspace = solution.problem.arm, solution.problem.workspace
+    return f"{arm.links} links of {1e3 * arm.link_length:.4g} mm among {len(workspace.obstacles)} obstacles."
+
+
+def _figure(name: str, value: float) -> str:
+    """One figure of merit; the end of its name is its unit."""
+    unit = next((ending for ending in UNITS if name.endswith(f"_{ending}")), "")
+    label = name.removesuffix(f"_{unit}").replace("_", " ")
+    shown = f"{value:.4g} {UNITS.get(unit, '')}"
+    return f'<div class="figure"><b>{escape(shown)}</b><span>{escape(label)}</span></div>'
+
+
+def _check_row(check: Check) -> str:
+    mark = '<span class="holds">holds</span>' if check.passed else '<span class="fails">fails</span>'
+    return (
+        f"<tr><td>{escape(check.name)}</td><td class=n>{check.worst:.5g} {escape(check.unit)}</td>"
+        f"<td class=n>{check.limit:.5g}</td><td>{mark}</td><td>{escape(check.where)}</td></tr>"
+    )
+
+
+def _data(solution: Solution, frames: IntArray) -> str:
+    """Everything the page's script needs, as JSON that cannot end its script element."""
+    content = {
+        "time": np.round(solution.trajectory.time[frames], 4).tolist(),
+        "poses": np.round(solution.joint_positions[frames], 5).tolist(),
+        "charts": charts(solution, frames),
+    }
+    return json.dumps(content, separators=(",", ":")).replace("</", "<\\/")

@@ -1,0 +1,72 @@
+"""GeoJSON (RFC 7946): geometries, features and collections of them; coordinates are taken as plane coordinates."""
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+import shapely
+from shapely.errors import ShapelyError
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.scene_import.features import shapes_of
+from ccm_opt.files.scene_import.found_shapes import Shape
+
+GEOMETRIES = frozenset(
+    ("Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon", "GeometryCollection")
+)
+
+
+def read(content: bytes, distance: float) -> list[Shape]:
+    """The shapes of a GeoJSON file.
+
+    A feature's ``properties.name`` names it, or else its ``id``, or else ``feature`` and its place from 1.
+
+    Args:
+        content: of the file.
+        distance: not used: the geometries have no curves.
+
+    Raises:
+        ProblemError: the content is no GeoJSON.
+    """
+    del distance
+    try:
+        data = json.loads(content.decode("utf-8-sig"))
+    except UnicodeDecodeError:
+        raise ProblemError("this is not a text file in UTF-8; expected GeoJSON") from None
+    except (ValueError, RecursionError) as error:
+        raise ProblemError(f"this is not JSON: {error}") from None
+    if not isinstance(data, Mapping):
+        raise ProblemError(f"expected a GeoJSON object in braces, got {type(data).__name__}")
+    if data.get("type") != "FeatureCollection":
+        return _feature_shapes(data, 1)
+    features = data.get("features")
+    if not isinstance(features, list):
+        raise ProblemError("a FeatureCollection needs a list of 'features'")
+    return [shape for k, feature in enumerate(features, start=1) for shape in _feature_shapes(feature, k)]
+
+
+def _feature_shapes(data: object, place: int) -> list[Shape]:
+    """The shapes of a feature or of a bare geometry; a feature without geometry has none."""
+    if not isinstance(data, Mapping):
+        raise ProblemError(f"feature {place}: expected a GeoJSON object in braces, got {type(data).__name__}")
+    if data.get("type") != "Feature":
+        return shapes_of(_geometry(data, f"feature {place}"), f"feature {place}")
+    name, geometry = _name(data, place), data.get("geometry")
+    return [] if geometry is None else shapes_of(_geometry(geometry, name), name)
+
+
+def _name(feature: Mapping[str, object], place: int) -> str:
+    properties = feature.get("properties")
+    given = properties.get("name") if isinstance(properties, Mapping) else None
+    return str(given or feature.get("id") or f"feature {place}")
+
+
+def _geometry(data: object, name: str) -> shapely.Geometry:
+    kind = data.get("type") if isinstance(data, Mapping) else None
+    if not isinstance(data, Mapping) or kind not in GEOMETRIES:
+        raise ProblemError(f"'{name}': the type {kind!r} is no geometry of GeoJSON; expected Polygon or LineString")
+    try:
+        with np.errstate(invalid="ignore"):  # NaN is refused later, by name
+            return shapely.from_geojson(json.dumps(data))
+    except (ShapelyError, NotImplementedError, ValueError, TypeError) as error:
+        raise ProblemError(f"'{name}': its coordinates are not those of a {kind}: {error}") from None

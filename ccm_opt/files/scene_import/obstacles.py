@@ -1,0 +1,92 @@
+"""Shapes of a drawing to obstacles: placed, grown by what flattening cut off, and named without doubles."""
+
+import math
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+from itertools import count
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.scene_import.found_shapes import Disc, Line, Shape
+from ccm_opt.files.scene_import.rings import filled, polygons_of
+from ccm_opt.freespace.workspace import Obstacle
+
+MAX_COORDINATE = 1e9
+"""Largest coordinate; beyond it double precision no longer tells a millionth."""
+_CORNER_SHARE = 1.9
+"""Sharp corners of a grown polygon are cut at this many times the growth from the corner, less than the tolerance."""
+
+
+def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obstacle]:
+    """The obstacles that a placed shape stands for.
+
+    Args:
+        shape: in the coordinates of the result.
+        growth: distance between flattened curves and the true ones; what is curved grows by so much.
+        wall_thickness: least thickness of open lines.
+
+    Returns:
+        At least one obstacle, all of the shape's name.
+
+    Raises:
+        ProblemError: the shape cannot be an obstacle.
+    """
+    _check_coordinates(shape)
+    if isinstance(shape, Disc):
+        return [Obstacle(shape.name, shapely.Point(shape.center), shape.radius)]
+    if isinstance(shape, Line):
+        return [_wall(shape, growth, wall_thickness)]
+    if min(len(ring) for ring in shape.rings) < 3:
+        raise ProblemError("the outline encloses no area; expected at least three corners")
+    grow = shape.half_width + (growth if shape.curved else 0.0)
+    polygons = filled(shape.rings, shape.rule)
+    if grow > 0.0:
+        polygons = _grown(shapely.MultiPolygon(polygons), grow)
+    return [Obstacle(shape.name, polygon) for polygon in polygons]
+
+
+def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()) -> tuple[Obstacle, ...]:
+    """The same obstacles; a name that was there before gets the first free number from 2 behind it."""
+    used, result = set(taken), []
+    for obstacle in obstacles:
+        name = obstacle.name
+        if name in used:
+            name = next(numbered for k in count(2) if (numbered := f"{obstacle.name} {k}") not in used)
+        used.add(name)
+        result.append(replace(obstacle, name=name))
+    return tuple(result)
+
+
+def _grown(polygons: shapely.MultiPolygon, growth: float) -> list[shapely.Polygon]:
+    """Polygons that hold every point within ``growth``; corners stay corners, but for very sharp ones."""
+    mitred = polygons.buffer(growth, join_style="mitre")
+    return polygons_of(shapely.intersection(mitred, polygons.buffer(_CORNER_SHARE * growth)))
+
+
+def _wall(line: Line, growth: float, thickness: float) -> Obstacle:
+    if np.all(line.points == line.points[0]):
+        x, y = line.points[0]
+        raise ProblemError(f"the line has no length: all its points are ({x:.6g}, {y:.6g}); remove it")
+    rounding = max(line.half_width, 0.5 * thickness) + (growth if line.curved else 0.0)
+    return Obstacle(line.name, shapely.LineString(line.points), rounding)
+
+
+def _check_coordinates(shape: Shape) -> None:
+    worst = float(np.max(np.abs(_numbers(shape))))
+    if not math.isfinite(worst):
+        raise ProblemError("it has a coordinate that is not a finite number")
+    if worst > MAX_COORDINATE:
+        raise ProblemError(f"it has a coordinate of {worst:.6g}; expected at most {MAX_COORDINATE:g}; check the scale")
+    if isinstance(shape, Disc) and not shape.radius > 0.0:
+        raise ProblemError(f"it is a circle of radius {shape.radius:g}; expected a positive radius")
+
+
+def _numbers(shape: Shape) -> FloatArray:
+    """All coordinates and lengths of a shape."""
+    if isinstance(shape, Disc):
+        return np.append(shape.center, shape.radius)
+    points = shape.points if isinstance(shape, Line) else np.concatenate(shape.rings)
+    return np.append(points, shape.half_width)

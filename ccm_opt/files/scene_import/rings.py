@@ -1,0 +1,91 @@
+"""Rings to valid polygons: small defects are repaired, others refused with the place."""
+
+import re
+from collections.abc import Sequence
+
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.scene_import.found_shapes import FillRule
+
+REPAIR_SHARE = 1e-3
+"""A repair that changes the enclosed area by more than this share is refused: something else was meant."""
+
+
+def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]:
+    """The polygons that rings enclose.
+
+    Args:
+        rings: each of shape (k, 2), k >= 3.
+        rule: how rings within rings count.
+
+    Returns:
+        Valid polygons with area, at least one; holes are kept.
+
+    Raises:
+        ProblemError: a ring encloses no area, or crosses itself so that its repair would change the area.
+    """
+    if rule == "polygon":
+        return repaired(shapely.Polygon(rings[0], rings[1:]))
+    solids = [(shapely.MultiPolygon(repaired(shapely.Polygon(ring))), _turn(ring)) for ring in rings]
+    solids.sort(key=lambda item: -item[0].area)
+    whole: shapely.Geometry = shapely.MultiPolygon()
+    for k, (solid, _) in enumerate(solids):
+        around = [turn for outer, turn in solids[: k + 1] if outer.covers(solid)]
+        inside = len(around) % 2 if rule == "evenodd" else sum(around)
+        whole = shapely.union(whole, solid) if inside else shapely.difference(whole, solid)
+    return polygons_of(whole)
+
+
+def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
+    """A polygon as valid polygons.
+
+    Args:
+        polygon: any; its outline may cross itself.
+
+    Returns:
+        Valid polygons with area, at least one, that differ from the given one by at most ``REPAIR_SHARE`` of its area;
+        holes smaller than that, which a repair may leave at a crossing, are filled.
+
+    Raises:
+        ProblemError: there is no area, or the repair would change it too much.
+    """
+    if polygon.is_valid and polygon.area > 0.0:
+        return [polygon]
+    why = shapely.is_valid_reason(polygon)
+    mended = polygons_of(shapely.make_valid(polygon))
+    area = sum(part.area for part in mended)
+    if area == 0.0:
+        raise ProblemError("the outline encloses no area; expected at least three corners that are not in one line")
+    if abs(area - polygon.area) > REPAIR_SHARE * area:
+        raise ProblemError(
+            f"the outline {_sentence(why)}; a repair would change its area by {abs(area - polygon.area) / area:.1%}, "
+            f"allowed {REPAIR_SHARE:.1%}; list the corners in order round the shape"
+        )
+    return [_without_specks(part, REPAIR_SHARE * area) for part in mended]
+
+
+def polygons_of(geometry: shapely.Geometry) -> list[shapely.Polygon]:
+    """The polygons with area among the parts of a geometry."""
+    parts = [geometry]
+    while any(hasattr(part, "geoms") for part in parts):
+        parts = [inner for part in parts for inner in getattr(part, "geoms", [part])]
+    return [part for part in parts if isinstance(part, shapely.Polygon) and part.area > 0.0]
+
+
+def _without_specks(polygon: shapely.Polygon, area: float) -> shapely.Polygon:
+    return shapely.Polygon(polygon.exterior, [ring for ring in polygon.interiors if shapely.Polygon(ring).area > area])
+
+
+def _turn(ring: FloatArray) -> int:
+    return 1 if shapely.LinearRing(ring).is_ccw else -1
+
+
+def _sentence(why: str) -> str:
+    """GEOS's reason, for example ``Self-intersection[1 2]``, in plain words."""
+    place = re.search(r"\[(\S+) (\S+)\]", why)
+    where = f" at ({float(place[1]):.6g}, {float(place[2]):.6g})" if place else ""
+    reason = why.split("[", maxsplit=1)[0].strip().lower()
+    words = {"self-intersection": "crosses itself", "ring self-intersection": "touches itself"}
+    return f"{words.get(reason, f'is not a polygon ({reason})')}{where}"

@@ -1,0 +1,1 @@
+"""Guides of the continuation: what draws the arm on, step by step."""

@@ -1,0 +1,206 @@
+"""Rows of the optimisation: what keeps links off walls and off each other, over whole intervals.
+
+Every row has one form, for walls and for pairs of links:
+
+    n·(P_a − P_b) + sag_hi − sag_lo + c ≤ 0,
+
+positions at one end of interval k, sag_j = ⅛ Σ_{i<j} l Δφ_i² over it (see ``certificate``). A wall's half-plane
+n·x ≤ b has P_b = base; a pair of links i < j has a = j + t, b = i + s and only the links between in the sag.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.collision.contacts import closest_on_segments
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.optimisation.sweep_regions import HalfPlanes, WallSegments, sweep_regions
+from ccm_opt.motion.optimisation.swept_motion import Sweep, mount_end
+
+SECTORS = 12
+"""Directions that count as different when rows are thinned."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows g ≤ 0 over a motion; all arrays have length m.
+
+    Attributes:
+        interval: k.
+        side: 0 at the start of the interval, 1 at its end.
+        plus: index a of the point counted positively (into ``Sweep.points``).
+        minus: index b < a of the point counted negatively.
+        high: joint up to which sag counts.
+        low: joint from which on sag counts.
+        normal: n, shape (m, 2).
+        constant: c [m].
+    """
+
+    interval: IntArray
+    side: IntArray
+    plus: IntArray
+    minus: IntArray
+    high: IntArray
+    low: IntArray
+    normal: FloatArray
+    constant: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.interval)
+
+    def take(self, mask: BoolArray | IntArray) -> "Rows":
+        """The rows selected by a mask."""
+        return Rows(*(getattr(self, name)[mask] for name in self.__dataclass_fields__))
+
+    def values(self, sweep: Sweep) -> FloatArray:
+        """Values of every row, shape (m,) [m]."""
+        keyframe = self.interval + self.side
+        apart = sweep.points[keyframe, self.plus] - sweep.points[keyframe, self.minus]
+        sag = sweep.sag[self.interval, self.high] - sweep.sag[self.interval, self.low]
+        values: FloatArray = np.einsum("md,md->m", self.normal, apart) + sag + self.constant
+        return values
+
+    def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
+        """Derivatives by the coordinates at the start and at the end of the row's interval, each (m, p)."""
+        keyframe = self.interval + self.side
+        apart = sweep.jacobians[keyframe, self.plus] - sweep.jacobians[keyframe, self.minus]
+        moving = np.einsum("md,mdp->mp", self.normal, apart)
+        sag = sweep.sag_slopes[self.interval, self.high] - sweep.sag_slopes[self.interval, self.low]
+        at_end = (self.side == 1)[:, None]
+        return np.where(at_end, 0.0, moving) - sag, np.where(at_end, moving, 0.0) + sag
+
+    def curvature(self, sweep: Sweep, multipliers: FloatArray, pull: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Second derivatives of Σ λ g + pull·tip, which are diagonal in headings and in their turns.
+
+        Args:
+            sweep: the motion.
+            multipliers: λ of the rows, shape (m,).
+            pull: multipliers of the last keyframe's tip position, shape (2,).
+
+        Returns:
+            Of the positions by the headings, shape (K + 1, n), any sign; of the sag by the turns, shape (K, n).
+        """
+        l, (keyframes, links) = sweep.space.arm.link_length, sweep.headings.shape
+        forces = np.zeros((keyframes, links + 2, 2))
+        forces[-1, 0] = pull
+        weighted = multipliers[:, None] * self.normal
+        np.add.at(forces, (self.interval + self.side, self.minus), weighted)
+        np.add.at(forces, (self.interval + self.side, self.plus), -weighted)
+        link, share = mount_end(sweep.space.arm)
+        forces[:, link] += (1.0 - share) * forces[:, -1]
+        forces[:, link + 1] += share * forces[:, -1]
+        forces = np.cumsum(forces[:, :links], axis=1)
+        bend = -l * (np.cos(sweep.headings) * forces[..., 0] + np.sin(sweep.headings) * forces[..., 1])
+        sag = np.zeros((keyframes - 1, links + 1))
+        np.add.at(sag, (self.interval, self.low), multipliers)
+        np.add.at(sag, (self.interval, self.high), -multipliers)
+        return bend, 0.25 * l * np.cumsum(sag, axis=1)[:, :links]
+
+
+def representatives(rows: Rows, values: FloatArray, group: int) -> IntArray:
+    """Indices of the tightest row for each interval side, group of neighbouring joints and direction.
+
+    Args:
+        rows: the rows.
+        values: of the rows, shape (m,).
+        group: number of joints in a group.
+    """
+    sector = np.floor(np.arctan2(rows.normal[:, 1], rows.normal[:, 0]) * SECTORS / (2.0 * np.pi)).astype(np.intp)
+    against_wall = rows.minus == 0
+    keys = (2 * rows.interval + rows.side, rows.plus // group, rows.minus // group, against_wall, sector % SECTORS)
+    order = np.lexsort((-values, *keys))
+    changes = [np.diff(key[order].astype(np.intp)) != 0 for key in keys]
+    first = np.concatenate(([True], np.any(changes, axis=0)))[: len(order)]
+    chosen: IntArray = order[first]
+    return chosen
+
+
+def join(parts: list[Rows]) -> Rows:
+    """All rows of several lists."""
+    return Rows(*(np.concatenate([getattr(p, name) for p in parts]) for name in Rows.__dataclass_fields__))
+
+
+def motion_rows(sweep: Sweep, workspace: Workspace, segments: WallSegments, margin: float, reach: float) -> Rows:
+    """All rows of a motion, from regions about its own sweep; poses at the fixed start keep clear without margin.
+
+    Args:
+        sweep: the motion.
+        workspace: the workspace.
+        segments: its walls' segments.
+        margin: gap to keep beyond contact [m].
+        reach: what is farther apart makes no rows [m].
+    """
+    arm = sweep.space.arm
+    planes = sweep_regions(sweep, segments, mount_end(arm)[0], reach)
+    need = arm.radius + workspace.clearance + margin
+    rows = join([wall_rows(planes, arm, need), self_rows(sweep, reach, margin)])
+    at_start = rows.interval + rows.side == 0
+    return replace(rows, constant=rows.constant - margin * at_start)
+
+
+def wall_rows(planes: HalfPlanes, arm: Arm, need: float) -> Rows:
+    """Rows that hold both ends of a link, at both ends of its interval, behind half-planes.
+
+    Args:
+        planes: the half-planes.
+        arm: the arm.
+        need: distance to keep from the half-plane [m].
+    """
+    mounted, share = mount_end(arm)
+    m, parts = len(planes.link), []
+    for end in (0, 1):
+        cut = (planes.link == mounted) & (end == 0) & (share > 0.0)
+        point = np.where(cut, arm.links + 1, planes.link + end)
+        moves = point > 0
+        for side in (0, 1):
+            rows = Rows(
+                planes.interval,
+                np.full(m, side),
+                point,
+                np.zeros(m, dtype=np.intp),
+                planes.link + 1,
+                np.zeros(m, dtype=np.intp),
+                planes.normal,
+                planes.normal @ arm.base + need - planes.bound,
+            )
+            parts.append(rows.take(moves))
+    return join(parts)
+
+
+def self_rows(sweep: Sweep, reach: float, margin: float) -> Rows:
+    """Rows that keep distant links apart along the direction that is closest half-way through the interval.
+
+    Args:
+        sweep: the motion.
+        reach: pairs with a gap above this are left out [m].
+        margin: gap to keep beyond two radii, where the links between leave that much [m].
+    """
+    arm = sweep.space.arm
+    pairs = np.triu_indices(arm.links, arm.first_self_pair) if arm.self_collision else (np.zeros(0, dtype=np.intp),) * 2
+    interval, i, j = _near_pairs(sweep, *pairs, reach + 2.0 * arm.radius)
+    p = sweep.middles[interval]
+    m = np.arange(len(interval))
+    _, _, apart = closest_on_segments(p[m, i], p[m, i + 1], p[m, j], p[m, j + 1])
+    distance = np.hypot(apart[:, 0], apart[:, 1])
+    close = distance < reach + 2.0 * arm.radius
+    interval, i, j, apart, distance = interval[close], i[close], j[close], apart[close], distance[close]
+    normal = apart / np.maximum(distance, 1e-12)[:, None]
+    need = 2.0 * arm.radius + np.clip(0.2 * ((j - i - 1) * arm.link_length - 2.0 * arm.radius), 0.0, margin)
+    return join(
+        [
+            Rows(interval, np.full(len(i), side), j + t, i + s, j + 1, i, normal, need)
+            for side in (0, 1)
+            for t in (0, 1)
+            for s in (0, 1)
+        ]
+    )
+
+
+def _near_pairs(sweep: Sweep, i: IntArray, j: IntArray, reach: float) -> tuple[IntArray, IntArray, IntArray]:
+    """Intervals and pairs whose middles half-way come within reach of each other."""
+    centres = 0.5 * (sweep.middles[:, :-1] + sweep.middles[:, 1:])
+    apart = np.linalg.norm(centres[:, i] - centres[:, j], axis=2)
+    interval, pair = np.nonzero(apart < reach + sweep.space.arm.link_length)
+    return interval, i[pair], j[pair]

@@ -1,0 +1,160 @@
+"""Why the configuration NLP failed, in words: the solver's status and the row that it could not satisfy."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from ccm_opt.errors import Diagnosis
+from ccm_opt.nlp.check import Shortfall
+from ccm_opt.nlp.configuration_task import END_TOLERANCE, ConfigurationTask
+from ccm_opt.nlp.curve_ode import PIECES
+from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, unpack
+from ccm_opt.nlp.solver import NLPResult
+
+_ADVICE = {
+    "gap": ("take a wider corridor or a smaller margin", "allow a tighter bend (joint limit) or another goal heading"),
+    "curvature": ("allow a tighter bend: raise the joint limit or use shorter links", "free the goal heading"),
+    "side": ("take another route", "reduce the clearance", "use a longer arm"),
+    "spacing": ("use more segments per region",),
+    "base": ("free the base heading",),
+}
+
+
+ROWS_TOLD = 3
+"""Rows that a reason names."""
+
+
+@dataclass(frozen=True)
+class BrokenRow:
+    """One row of the NLP that could not be satisfied.
+
+    Attributes:
+        constraint: "region", "heading", "curvature", "length" or "spacing".
+        row: its name in the NLP.
+        violation: in the NLP's units.
+        segment: number of the curvature segment; -1 for the base.
+        arc_length: where on the arm [m].
+        place: where in the plane, on the segment's chord [m].
+        words: all that in a sentence.
+    """
+
+    constraint: str
+    row: str
+    violation: float
+    segment: int
+    arc_length: float
+    place: tuple[float, float]
+    words: str
+
+
+@dataclass(frozen=True)
+class FailedAttempt:
+    """One attempt that gave no configuration: its NLP, the solver's answer, and what the dense check refused."""
+
+    nlp: ConfigurationNLP
+    result: NLPResult
+    shortfalls: tuple[Shortfall, ...] = ()
+
+    @property
+    def words(self) -> str:
+        """One line: size, status, worst row."""
+        what = "; ".join(map(str, self.shortfalls)) or f"{self.result.worst_row} by {self.result.violation:.3g}"
+        return f"{len(self.nlp.regions)} segments: {self.result.status}, {what}"
+
+
+def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diagnosis:
+    """A diagnosis from all failed attempts; the one that came nearest speaks for them."""
+    nearest = min(attempts, key=lambda attempt: attempt.result.violation)
+    result, row, rows = nearest.result, nearest.result.worst_row, broken_rows(nearest)
+    what = "; ".join(broken.words for broken in rows) or nearest.words
+    reason = (
+        f"no configuration of {task.length:g} m reaches the goal through {len(task.corridor.regions)} region(s); "
+        f"nearest attempt: {what}"
+    )
+    evidence: dict[str, object] = {
+        "solver_status": result.status,
+        "worst_row": row,
+        "violation": result.violation * task.length,
+        "route_length": task.corridor.route.length,
+        "arm_length": task.length,
+        "curvature_limit": task.curvature_limit,
+        "rows": [asdict(broken) for broken in rows],
+        "attempts": [attempt.words for attempt in attempts],
+    }
+    return Diagnosis(reason, "configuration", _advice(row), evidence)
+
+
+def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
+    """Why no solver need start, or None: the goal too far, or an end outside the corridor."""
+    distance = float(np.hypot(*(task.goal - task.base)))
+    if distance > task.length:
+        return Diagnosis(
+            f"the goal is {distance:g} m from the base, the arm is only {task.length:g} m long",
+            "configuration",
+            ("use a longer arm", "move the goal nearer"),
+            {"distance": distance, "arm_length": task.length, "worst_row": "length", "solver_status": "not started"},
+        )
+    first, last = task.corridor.regions[0], task.corridor.regions[-1]
+    ends = (("base", first, task.base, task.mount_length), ("goal", last, task.goal, 0.0))
+    for name, region, point, allowed in ends:
+        outside = float((region.normals @ point - region.offsets).max())
+        if outside > allowed + END_TOLERANCE:
+            return _end_outside(name, outside, allowed)
+    return None
+
+
+def _end_outside(name: str, outside: float, allowed: float) -> Diagnosis:
+    return Diagnosis(
+        f"the {name} is {1e3 * outside:.3g} mm outside its region of the corridor, allowed {1e3 * allowed:.3g} mm",
+        "configuration",
+        (f"move the {name} away from the wall", "reduce the clearance", "use a longer mount_length"),
+        {"outside": outside, "allowed": allowed, "worst_row": f"{name} in its region", "solver_status": "not started"},
+    )
+
+
+def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
+    """The rows that an attempt could not satisfy, the worst of every kind and segment, the worst first."""
+    found: dict[tuple[str, int], BrokenRow] = {}
+    for name, violation in attempt.result.broken:
+        row = _broken_row(attempt, name, violation)
+        found.setdefault((row.constraint, row.segment), row)
+    return tuple(found.values())[:ROWS_TOLD]
+
+
+def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRow:
+    """What a violated row means to a user, and where on the arm and in the plane it is."""
+    task = attempt.nlp.task
+    numbers = re.match(r"segment (\d+)(?:: \D*piece (\d+))?", name)
+    segment, piece = (int(numbers[1]), int(numbers[2] or 0)) if numbers else (-1, 0)
+    if "gap" in name:
+        piece = PIECES
+    arc, place = _where(attempt, max(segment, 0), piece)
+    where = f"{arc:.3f} m from the base, at ({place[0]:.3f}, {place[1]:.3f}),"
+    if "side" in name:
+        kind, words = "region", f"it leaves its region by {1e3 * violation * task.length:.3g} mm"
+    elif "gap in heading" in name:
+        kind, words = "heading", f"it cannot turn enough, {np.rad2deg(violation):.3g}° are missing"
+    elif "curvature" in name:
+        kind, words = "curvature", f"it bends by {violation / task.length:.3g} 1/m more than allowed"
+    elif "spacing" in name:
+        kind, words = "spacing", "its knots come too close"
+    else:
+        kind, words = "length", f"it cannot join its neighbours, {1e3 * violation * task.length:.3g} mm are missing"
+    return BrokenRow(kind, name, violation, segment, arc, place, f"{where} {words}")
+
+
+def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tuple[float, float]]:
+    """Arc length [m] and place (x, y) [m] of a piece's start in the solver's last iterate, on the segment's chord."""
+    task = attempt.nlp.task
+    states, controls = unpack(attempt.result.variables)
+    widths = controls[segment, 4:8]
+    share = float(widths[:piece].sum() / max(float(widths.sum()), 1e-12))
+    point = task.base + task.length * (states[segment, :2] + share * (states[segment + 1, :2] - states[segment, :2]))
+    arc = task.length * float(states[segment, 4] + widths[:piece].sum())
+    return arc, (float(point[0]), float(point[1]))
+
+
+def _advice(row: str) -> tuple[str, ...]:
+    return next((advice for word, advice in _ADVICE.items() if word in row), _ADVICE["gap"])

@@ -1,0 +1,101 @@
+"""Poses of an arm on its feed axis: from the problem to bends and feed, and refused when the arm cannot have them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.collision.certificate import TOUCH, allowed_contact
+from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.motion.ends import ROUNDING, refuse_blocked_tip
+from ccm_opt.planners.following.feed_path import FeedMotions
+from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+
+HELD_STRAIGHT = 1e-9
+"""Bend that a joint in the guide may have by rounding [rad]."""
+CURVE_STRAIGHT = 5e-4
+"""Distance that the tip may move when what the mapping of a curve bends inside the guide is straightened [m]."""
+
+
+@dataclass(frozen=True)
+class FedPose:
+    """A pose of the arm on its feed axis.
+
+    Attributes:
+        bends: shape (links,) [rad]; exactly 0 where the guide holds the joint.
+        feed: [m].
+    """
+
+    bends: FloatArray
+    feed: float
+
+    @property
+    def row(self) -> FloatArray:
+        """Bends and feed, shape (links + 1,)."""
+        return np.append(self.bends, self.feed)
+
+
+def fed_pose(problem: Problem, pose: JointPose | CurvePose, which: str) -> FedPose:
+    """A pose of a problem; ``which`` names it in messages.
+
+    Raises:
+        UnreachableGoal: a joint that the guide holds is bent.
+    """
+    arm = problem.arm
+    held, tolerance = arm.held(pose.feed), HELD_STRAIGHT
+    if isinstance(pose, JointPose):
+        bends = np.array(pose.bends, dtype=np.float64)
+    else:
+        bends = arm.bends(map_curve(arm, pose.configuration, problem.planner.mapping))
+        tolerance = CURVE_STRAIGHT / (arm.length * max(int(held.sum()), 1))
+    bent = held & (np.abs(bends) > tolerance)
+    if bent.any():
+        joint = int(np.argmax(bent))
+        reason = f"the {which} bends joint {joint + 1} by {np.rad2deg(bends[joint]):.3g}° inside the guide"
+        advice = (f"straighten the {which} inside the guide", f"raise {which}.feed")
+        raise UnreachableGoal(Diagnosis(reason, which, advice))
+    return FedPose(np.where(held, 0.0, bends), pose.feed)
+
+
+def refuse_bad_pose(motions: FeedMotions, pose: FedPose, which: str) -> float:
+    """The least gap of a pose [m].
+
+    Raises:
+        UnreachableGoal: the pose breaks a joint limit or touches something; names joint or link and obstacle.
+    """
+    arm = motions.arm
+    over = np.abs(pose.bends) - arm.bend_limits
+    if over.max() > 1e-9:
+        raise UnreachableGoal(_over_limit(arm, pose, which, int(np.argmax(over))))
+    contacts, finder, crosses = motions.contacts(pose.bends, pose.feed)
+    least = -ROUNDING if allowed_contact(arm, motions.workspace) > 0.0 else TOUCH
+    touches = bool(np.any(contacts.gap < least)) or crosses
+    if touches or not motions.touching_nothing(np.stack((pose.row, pose.row))):
+        what = finder.describe(contacts) if touches else "a link lies inside an obstacle"
+        advice = (f"change the {which}", "use a smaller arm.radius or workspace.clearance")
+        raise UnreachableGoal(Diagnosis(f"the {which} touches something: {what}", which, advice))
+    return float(contacts.gap.min(initial=np.inf))
+
+
+def refuse_bad_tip(problem: Problem, goal: TipGoal) -> float:
+    """The gap of the tip at the goal, or with a heading of the last link there [m].
+
+    Raises:
+        UnreachableGoal: the tip is deeper in a wall than tolerances allow.
+    """
+    refuse_blocked_tip(problem, goal)
+    arm, last = problem.arm, np.stack((goal.position, goal.position))
+    if goal.heading is not None:
+        last[0] -= arm.link_length * np.array([np.cos(goal.heading), np.sin(goal.heading)])
+    line = shapely.LineString(last)
+    need = arm.radius + problem.workspace.clearance
+    return min(float(shapely.distance(line, wall.core)) - wall.rounding for wall in problem.workspace.walls) - need
+
+
+def _over_limit(arm: Arm, pose: FedPose, which: str, joint: int) -> Diagnosis:
+    angle, limit = np.rad2deg(pose.bends[joint]), np.rad2deg(arm.bend_limits[joint])
+    reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, its limit is {limit:.2f}°"
+    return Diagnosis(reason, which, (f"change the {which}", "raise arm.joint_limit_deg"))

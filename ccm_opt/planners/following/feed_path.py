@@ -1,0 +1,92 @@
+"""From keyframes of bends and feed to a certified smooth path of both."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.collision.certificate import Certificate, allowed_contact
+from ccm_opt.collision.contacts import ContactFinder, Contacts
+from ccm_opt.collision.walls import Walls
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.motion_task import SPARE
+from ccm_opt.motion.spline_path import certified_spline, spare_kept
+from ccm_opt.planners.following.carried_arm import CarriedArm
+from ccm_opt.planners.following.gating import straight_while_held
+
+
+@dataclass(frozen=True)
+class FeedMotions:
+    """What makes a motion of the arm on its feed axis safe.
+
+    Attributes:
+        arm: with a feed axis.
+        workspace: the room.
+        travel: of the base between two samples of a trajectory [m].
+        gap: of the narrower end of the motion [m]; the certificate spares half of it at most, and lets motions touch
+            as an end that touches does.
+    """
+
+    arm: Arm
+    workspace: Workspace
+    travel: float
+    gap: float = np.inf
+
+    @cached_property
+    def carried(self) -> CarriedArm:
+        """The arm with the feed in its poses."""
+        return CarriedArm.of(self.arm)
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """The certificate that motions must pass."""
+        contact = allowed_contact(self.arm, self.workspace)
+        spare = np.clip(0.5 * self.gap - contact, -contact, SPARE * self.arm.length)
+        return Certificate(self.carried, self.workspace, float(spare))
+
+    def contacts(self, bends: FloatArray, feed: float) -> tuple[Contacts, ContactFinder, bool]:
+        """Near pairs of a pose, what describes them, and whether links cross something."""
+        points = self.carried.joint_positions(self.carried.poses(np.append(bends, feed)))
+        finder = ContactFinder(
+            self.arm, Walls.of(self.workspace), self.workspace.clearance, 0.0, 0.02 * self.arm.length
+        )
+        return finder.find(points), finder, finder.crosses(points)
+
+    def within_limits(self, keyframes: FloatArray) -> bool:
+        """Whether keyframes keep joint limits and the range of the feed."""
+        feed = self.arm.feed
+        bends, feeds = keyframes[:, :-1], keyframes[:, -1]
+        in_range = feed is not None and bool(np.all((feeds >= feed.low) & (feeds <= feed.high)))
+        return in_range and bool(np.all(np.abs(bends) <= self.arm.bend_limits))
+
+    def touching_nothing(self, keyframes: FloatArray) -> bool:
+        """Whether keyframes of bends and feed, linear between them, do no more than touch."""
+        return len(Certificate.of_contact(self.carried, self.workspace).failures(self.carried.poses(keyframes))) == 0
+
+    def certified(self, keyframes: FloatArray) -> bool:
+        """Whether keyframes of bends and feed, linear between them, are clear of everything."""
+        return len(self.certificate.failures(self.carried.poses(keyframes))) == 0
+
+    def path(self, keyframes: FloatArray) -> tuple[BSpline, float] | None:
+        """The smooth path of bends and feed near keyframes, and the gap that it spares [m].
+
+        Args:
+            keyframes: bends and feed, shape (K, links + 1) [rad, m].
+
+        Returns:
+            None when no such path can be certified.
+        """
+        if not self.within_limits(keyframes):
+            return None
+        spline = certified_spline(self.carried.poses(keyframes), self.certificate)
+        if spline is None:
+            return None
+        poses = np.asarray(spline.c)
+        control = np.column_stack((self.arm.bends(poses[:, :-1]), poses[:, -1] * self.arm.link_length))
+        path = BSpline(spline.t, control, spline.k)
+        if not straight_while_held(self.arm, path, self.travel):
+            return None
+        return path, spare_kept(spline, self.certificate)

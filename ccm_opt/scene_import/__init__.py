@@ -1,5 +1,0 @@
-"""Obstacles from drawings: SVG, DXF, GeoJSON and WKT files in, named obstacles out."""
-
-from ccm_opt.scene_import.scene import ImportOptions, import_scene
-
-__all__ = ["ImportOptions", "import_scene"]

@@ -1,0 +1,183 @@
+"""Clearance of the arm from every wall at all times, and that it lies in the room and in no obstacle."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.solution import Check
+from ccm_opt.verification.bisection import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
+from ccm_opt.verification.link_motion import ChainMotion, Nodes
+from ccm_opt.verification.segments import segment_distances
+
+PROBES = 48
+"""Poses at which the nearest wall is looked up first, to know how far the search must look."""
+
+
+@dataclass(frozen=True)
+class WallEdges:
+    """The walls taken apart into straight edges; a circle's centre is an edge of no length.
+
+    Attributes:
+        start: shape (E, 2) [m].
+        end: shape (E, 2) [m].
+        rounding: radius of the disc that sweeps the edge, shape (E,) [m].
+        owner: number of the wall an edge belongs to, shape (E,).
+        names: of the walls.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    rounding: FloatArray
+    owner: IntArray
+    names: tuple[str, ...]
+
+    @cached_property
+    def tree(self) -> shapely.STRtree:
+        """Spatial index of the edges' boxes, each grown by its rounding."""
+        low = np.minimum(self.start, self.end) - self.rounding[:, None]
+        high = np.maximum(self.start, self.end) + self.rounding[:, None]
+        return shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
+
+    @cached_property
+    def lines(self) -> shapely.STRtree:
+        """Spatial index of the edges themselves."""
+        return shapely.STRtree(np.asarray(shapely.linestrings(np.stack((self.start, self.end), axis=1))))
+
+
+def wall_edges(workspace: Workspace) -> WallEdges:
+    """The edges of everything the arm must keep away from."""
+    walls = workspace.walls
+    pieces = [np.concatenate([_edges_of(part) for part in shapely.get_parts(wall.core)]) for wall in walls]
+    counts = [len(piece) for piece in pieces]
+    edges = np.concatenate(pieces)
+    rounding = np.repeat([wall.rounding for wall in walls], counts)
+    return WallEdges(
+        edges[:, 0], edges[:, 1], rounding, np.repeat(np.arange(len(walls)), counts), tuple(wall.name for wall in walls)
+    )
+
+
+def _edges_of(part: shapely.Geometry) -> FloatArray:
+    """Edges of a polygon, line or point, shape (E, 2, 2) [m]."""
+    if isinstance(part, shapely.Polygon):
+        return np.concatenate([_edges_of(ring) for ring in (part.exterior, *part.interiors)])
+    points = shapely.get_coordinates(part)
+    if len(points) == 1:
+        return np.repeat(points[None], 2, axis=1)
+    return np.stack((points[:-1], points[1:]), axis=1)
+
+
+def check_walls(motion: ChainMotion, workspace: Workspace) -> Check:
+    """Check that the arm beyond its mount keeps the clearance from every wall at all times."""
+    arm, edges = motion.arm, wall_edges(workspace)
+    exposed = exposed_starts(arm)
+    if not np.any(exposed < 1.0):
+        return Check(
+            "wall clearance", np.inf, workspace.clearance, "m", "the whole arm counts as its mount", passed=True
+        )
+    least = least_allowed_gap(workspace.clearance, arm.radius)
+    verdict = _prove(motion, edges, exposed, least)
+    return Check(
+        "wall clearance",
+        verdict.nearest.gap,
+        workspace.clearance,
+        "m",
+        _where(verdict, edges),
+        passed=verdict.proved,
+    )
+
+
+def exposed_starts(arm: Arm) -> FloatArray:
+    """Share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link."""
+    return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
+
+
+def _where(verdict: Verdict, edges: WallEdges) -> str:
+    near = verdict.nearest
+    place = f"link {near.link + 1} to {edges.names[edges.owner[near.other]]!r} at t = {near.time:.4f} s"
+    return f"{place}: {verdict.remark}" if verdict.remark else place
+
+
+def _prove(motion: ChainMotion, edges: WallEdges, exposed: FloatArray, least: float) -> Verdict:
+    arm = motion.arm
+    links = np.flatnonzero(exposed < 1.0)
+
+    def evaluate(nodes: Nodes, pairs: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        start, end = _axis(poses, pairs.node, pairs.link, exposed)
+        distance = segment_distances(start, end, edges.start[pairs.other], edges.end[pairs.other])
+        travel = nodes.half[pairs.node] * arm.link_length * motion.turned[nodes.interval[pairs.node], pairs.link + 1]
+        return distance - edges.rounding[pairs.other] - arm.radius, travel
+
+    nodes = motion.whole()
+    poses = motion.poses(nodes)
+    nearest = _probe(motion, edges, exposed, links, poses)
+    travel = 0.5 * arm.link_length * motion.turned[:, links + 1]
+    look = arm.radius + travel + max(least, min(nearest.gap, max(least, 0.0) + arm.link_length))
+    return prove_apart(motion, _candidates(poses, edges, exposed, links, look), evaluate, least, nearest)
+
+
+def _axis(poses: FloatArray, node: IntArray, link: IntArray, exposed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ends of the exposed part of the links' axes, each shape (P, 2) [m]."""
+    start, end = poses[node, link], poses[node, link + 1]
+    return start + exposed[link, None] * (end - start), end
+
+
+def _candidates(poses: FloatArray, edges: WallEdges, exposed: FloatArray, links: IntArray, look: FloatArray) -> Pairs:
+    """Pairs whose boxes come within ``look``, shape (N, exposed links) [m], at the middle of an interval."""
+    node, link = (index.ravel() for index in np.indices(look.shape))
+    start, end = _axis(poses, node, links[link], exposed)
+    grow = look.reshape(-1, 1)
+    low, high = np.minimum(start, end) - grow, np.maximum(start, end) + grow
+    found, other = edges.tree.query(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
+    return Pairs(node[found], links[link[found]], other)
+
+
+def _probe(motion: ChainMotion, edges: WallEdges, exposed: FloatArray, links: IntArray, poses: FloatArray) -> Nearest:
+    """The nearest wall at a few poses spread over the motion: no proof, but a bound on the least gap."""
+    count = len(poses)
+    chosen = np.unique(np.linspace(0, count - 1, min(PROBES, count)).astype(int))
+    node, link = np.repeat(chosen, len(links)), np.tile(links, len(chosen))
+    start, end = _axis(poses, node, link, exposed)
+    (found, other), distance = edges.lines.query_nearest(
+        shapely.linestrings(np.stack((start, end), axis=1)), return_distance=True, all_matches=False
+    )
+    gap = distance - edges.rounding[other] - motion.arm.radius
+    best = int(np.argmin(gap))
+    item = found[best]
+    when = motion.when(motion.whole(), int(node[item]))
+    return Nearest(float(gap[best]), int(link[item]), int(other[best]), when)
+
+
+def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
+    """Check that the arm lies inside the room and outside the obstacles.
+
+    One point decides: an arm that never meets an edge cannot change sides, neither along itself nor over time.
+
+    Returns:
+        The check, its worst value the depth of that point in forbidden space, negated [m].
+    """
+    arm = motion.arm
+    joints = motion.poses(Nodes(np.array([0]), np.zeros(1), np.zeros(1)))[0]
+    k = min(int(arm.mount_length // arm.link_length), arm.links - 1)
+    share = min(arm.mount_length / arm.link_length - k, 1.0)
+    point = shapely.points(joints[k] + share * (joints[k + 1] - joints[k]))
+    walls = workspace.walls
+    depths = [*(_depth(wall.core, point) for wall in workspace.obstacles), _depth_outside(workspace.boundary, point)]
+    worst = int(np.argmax(depths))
+    side = f", on the wrong side of {walls[worst].name!r}" if depths[worst] > 0.0 else ""
+    return Check(
+        "free side", 0.0 - depths[worst], 0.0, "m", f"link {k + 1} at t = 0{side}", passed=depths[worst] <= 0.0
+    )
+
+
+def _depth(core: shapely.Geometry, point: shapely.Point) -> float:
+    inside = bool(shapely.contains_properly(core, point))
+    return float(shapely.distance(shapely.boundary(core), point)) if inside else 0.0
+
+
+def _depth_outside(room: shapely.Polygon, point: shapely.Point) -> float:
+    return float(shapely.distance(room, point))
