@@ -13,7 +13,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime import compilation as compiled
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.simulation.closed_loop_run import closed_loop_run as simulation
+from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.dynamics.simulation.controller import check_stability, fastest_mode, gains
 from ccm_opt.dynamics.simulation.reference import hermite, step_reference

@@ -27,7 +27,7 @@ from ccm_opt.dynamics.runtime import compilation as compiled
 from ccm_opt.dynamics.runtime.batch import BatchedDynamics
 from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.dynamics.simulation.closed_loop_run import closed_loop_run as simulation
+from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_states
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
