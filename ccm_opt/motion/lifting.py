@@ -77,7 +77,7 @@ def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
     finder = ContactFinder(
         task.arm, Walls.of(task.workspace), task.workspace.clearance, MARGIN * length, REACH * length
     )
-    return Stepper(space, finder)
+    return Stepper(space, finder, settings=task.settings)
 
 
 def _mended(stepper: Stepper, coordinates: FloatArray, keyframes: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ from ccm_opt.motion.constrained.rows import OwnRows
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.motion_settings import MotionSettings
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.problem import OptimiserName, Weights
 
@@ -73,6 +74,7 @@ class MotionTask:
         weights: what counts how much when the motion is optimised.
         slowness: of the joints; None when all are alike.
         terms: the user's own constraints and costs, or None.
+        settings: numbers of every stage of the search.
     """
 
     arm: Arm
@@ -90,6 +92,7 @@ class MotionTask:
     weights: Weights = field(default_factory=Weights)
     slowness: Slowness | None = None
     terms: "UserTerms | None" = None
+    settings: MotionSettings = field(default_factory=MotionSettings)
 
     @cached_property
     def certificate(self) -> Certificate:

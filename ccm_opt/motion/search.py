@@ -168,7 +168,7 @@ class _Attempt:
             guesses = (end,)
         reach = max(REACH * space.unit, 4.0 * margin)
         finder = ContactFinder(task.arm, Walls.of(task.workspace), task.workspace.clearance, margin, reach)
-        stepper = Stepper(space, finder, task.own_rows(space))
+        stepper = Stepper(space, finder, task.own_rows(space), task.settings)
         attempt = cls(task, stepper, stepper.pose(start), goal, guesses, task.certificate)
         return attempt if task.terms is None else replace(attempt, guesses=attempt.own_guesses())
 

@@ -1,7 +1,7 @@
 """One step of the continuation: a small convex QP in the coordinates of the curve, rows on the links."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import daqp
 import numpy as np
@@ -10,6 +10,7 @@ from ccm_opt.arrays import FloatArray, IntArray, IntcArray
 from ccm_opt.collision.contacts import WALL, ContactFinder, Contacts
 from ccm_opt.motion.constrained.rows import PULL, OwnRows, StepRows
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
+from ccm_opt.motion.motion_settings import MotionSettings
 
 LINK_TURN = 0.15
 """Largest turn of a link in one step [rad]."""
@@ -62,11 +63,13 @@ class Stepper:
         space: the link space.
         finder: of contacts with walls and of the arm with itself.
         own: rows of the user's constraints, or None.
+        settings: numbers of the search; guides and trees find theirs here too.
     """
 
     space: LinkSpace
     finder: ContactFinder
     own: OwnRows | None = None
+    settings: MotionSettings = field(default_factory=MotionSettings)
 
     def pose(self, v: FloatArray) -> Pose:
         """The pose at coordinates."""

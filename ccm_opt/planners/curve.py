@@ -29,6 +29,7 @@ from ccm_opt.motion.spline_path import spare_kept
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
+from ccm_opt.planners.curve_settings import CurvePlannerSettings
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
@@ -67,10 +68,12 @@ class CurvePlanner:
     Attributes:
         stages: names and times the stages.
         terms: the user's own constraints and costs, or None.
+        settings: numbers of every stage.
     """
 
     stages: Stages = field(default_factory=Stages)
     terms: UserTerms | None = None
+    settings: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
@@ -116,6 +119,7 @@ class CurvePlanner:
                 weights=problem.planner.weights,
                 slowness=slowness(problem),
                 terms=self.terms,
+                settings=self.settings.motion,
             )
             return task, find_motion(task)
 
