@@ -24,7 +24,7 @@ PROBLEMS = Path(__file__).parent.parent / "problems"
 def climb(name: str) -> Panel:
     """SCM-0 alone on a shared problem."""
     problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml")
-    follower, goal = Follower.of(problem), problem.goal
+    follower, goal = Follower.from_problem(problem), problem.goal
     way, ending = [follower.start], "arrived"
     schema = scm_0(follower.world, follower.start, TipPose(goal.position, goal.heading))
     try:

@@ -23,7 +23,7 @@ def main() -> None:
     """Draw the interpolation to the selected type, then the climb."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
     problem = ccm_opt.load_problem(PROBLEMS / "local-maximum.toml")
-    follower, goal = Follower.of(problem), TipPose(problem.goal.position, problem.goal.heading)
+    follower, goal = Follower.from_problem(problem), TipPose(problem.goal.position, problem.goal.heading)
     selection = scm_1(follower.world, follower.start, goal)
     moved, here = run(scm_2(follower.world, follower.start, selection.configuration(follower.start.base)))
     climbed, _ = run(scm_0(follower.world, here, goal))

@@ -15,7 +15,8 @@ import ccm_opt
 from ccm_opt.files.plotting.schemas import Panel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
-from ccm_opt.planners.baseline import Follower, obstacle_ahead
+from ccm_opt.planners.baseline import Follower
+from ccm_opt.planners.baseline.hill_climbing_planner import obstacle_ahead
 from ccm_opt.problem import TipGoal
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
@@ -25,7 +26,7 @@ def main() -> None:
     """Run the fold plan and draw its stages."""
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
     problem = ccm_opt.load_problem(PROBLEMS / "fold-and-reach.toml")
-    follower, goal = Follower.of(problem), TipPose(problem.goal.position, problem.goal.heading)
+    follower, goal = Follower.from_problem(problem), TipPose(problem.goal.position, problem.goal.heading)
     subgoal = subgoals(follower.start.base, obstacle_ahead(problem, goal.position))[0]
     steps = list(fold_plan(follower.world, follower.start, subgoal, goal, sliding=True))
     names = dict.fromkeys(step.stage for step in steps)

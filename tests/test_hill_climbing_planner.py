@@ -16,8 +16,9 @@ from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0
 from ccm_opt.hill_climbing.steps import SchemaStopped, run
 from ccm_opt.jointed.arm import Feed
-from ccm_opt.planners import baseline as planner
-from ccm_opt.planners.baseline import Follower, HillClimbingPlanner, first_plan, obstacle_ahead
+from ccm_opt.planners.baseline import Follower, HillClimbingPlanner
+from ccm_opt.planners.baseline.baseline_settings import BaselineSettings
+from ccm_opt.planners.baseline.hill_climbing_planner import first_plan, obstacle_ahead
 from ccm_opt.problem import Problem, TipGoal
 
 from .conftest import PROBLEMS
@@ -38,7 +39,7 @@ def goal_of(problem: Problem) -> TipPose:
 def test_figure_3_left_arrives() -> None:
     """Pure hill climbing solves the open-space problem (Figure 3, left)."""
     problem = shared("open-space")
-    follower = Follower.of(problem)
+    follower = Follower.from_problem(problem)
     _, end = run(scm_0(follower.world, follower.start, goal_of(problem)))
     tip = follower.tips(Shapes.of([end]))[0][0]
     assert np.hypot(*(tip - goal_of(problem).position)) < problem.tolerances.position
@@ -47,7 +48,7 @@ def test_figure_3_left_arrives() -> None:
 def test_figure_3_right_is_caught() -> None:
     """Pure hill climbing gets caught on the local-maximum problem, centimetres from its goal (Figure 3, right)."""
     problem = shared("local-maximum")
-    follower = Follower.of(problem)
+    follower = Follower.from_problem(problem)
     with pytest.raises(SchemaStopped, match=r"SCM-0 stopped: (blocked|local minimum)") as stopped:
         run(scm_0(follower.world, follower.start, goal_of(problem)))
     tip = follower.tips(Shapes.of([stopped.value.configuration]))[0][0]
@@ -71,7 +72,7 @@ def test_figure_5_is_planned_certified_and_verified() -> None:
     assert solution.path.candidate == "fold to the right"
     headings = problem.arm.headings(solution.path.keyframes)
     assert len(Certificate.of(problem.arm, problem.workspace).failures(headings)) == 0
-    np.testing.assert_allclose(headings[0], Follower.of(problem).ends.start, atol=1e-12)
+    np.testing.assert_allclose(headings[0], Follower.from_problem(problem).ends.start, atol=1e-12)
     assert len(solution.path.curves) == len(headings)
 
 
@@ -87,7 +88,7 @@ def test_a_failure_names_the_schema_where_each_plan_stopped() -> None:
     problem = shared("open-space")
     wall = Obstacle("wall", shapely.box(0.25, -0.9, 0.35, 0.2))
     problem = replace(problem, workspace=replace(problem.workspace, obstacles=(wall,)))
-    follower = Follower.of(problem)
+    follower = Follower.from_problem(problem)
     blocked = replace(follower, certificate=_Nothing(problem.arm, problem.workspace))
     with pytest.raises(MotionNotFound) as caught:
         first_plan(blocked)
@@ -114,11 +115,11 @@ def test_the_time_limit_is_kept() -> None:
     assert "stopped_at" in late.value.diagnosis.evidence
 
 
-def test_a_plan_has_only_its_share_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plan_has_only_its_share_of_the_time() -> None:
     """A plan that has used up its share makes room for the next; the error tells that more time might have helped."""
-    monkeypatch.setattr(planner, "PLAN_SHARE", 0.0)
+    hurried = BaselineSettings(plan_share=0.0)
     with pytest.raises(TimeLimitReached, match="in its share of the time") as late:
-        first_plan(Follower.of(shared("fold-and-reach", time_limit=1e9)))
+        first_plan(Follower.from_problem(shared("fold-and-reach", time_limit=1e9), hurried))
     stops = late.value.diagnosis.evidence["stopped_at"]
     assert isinstance(stops, dict)
     assert len(stops) >= 6
@@ -144,5 +145,5 @@ def test_a_feed_axis_is_refused() -> None:
 
 def test_first_keyframe_is_the_start_exactly() -> None:
     """The follower's offset makes up for whatever the mapping and the merging of the start's segments changed."""
-    follower = Follower.of(shared("local-maximum"))
+    follower = Follower.from_problem(shared("local-maximum"))
     np.testing.assert_allclose(follower.headings(Shapes.of([follower.start]))[0], follower.ends.start, atol=1e-12)

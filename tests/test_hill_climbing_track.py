@@ -66,9 +66,9 @@ def test_passages_lead_to_the_goal_and_touch_nothing() -> None:
     problem = load_problem(PROBLEMS / "open-space.toml")
     wall = Obstacle("wall", shapely.box(0.25, -0.6, 0.3, 0.1))
     problem = replace(problem, workspace=replace(problem.workspace, obstacles=(wall,)))
-    follower = Follower.of(problem)
+    follower = Follower.from_problem(problem)
     goal = TipPose(np.array([0.55, -0.15]), -1.2)
-    found = list(passages(follower.world, follower.start, follower.room, goal, np.array([0.25, 0.0]), 2))
+    found = list(passages(follower.world, follower.start, follower.free_space, goal, np.array([0.25, 0.0]), 2))
     assert found
     for passage in found:
         curve = passage.track.from_pose(passage.subgoal.position)
@@ -82,10 +82,10 @@ def test_passages_lead_to_the_goal_and_touch_nothing() -> None:
 def test_passages_longer_than_the_arm_are_left_out() -> None:
     """A short arm is offered no passage that it cannot follow; a long one in the same room is."""
     problem = load_problem(PROBLEMS / "u-turn.toml")
-    follower = Follower.of(problem)
+    follower = Follower.from_problem(problem)
     goal = TipPose(np.array([0.35, 0.17]), np.pi)
     offered = [
-        list(passages(follower.world, start, follower.room, goal, None, 2))
+        list(passages(follower.world, start, follower.free_space, goal, None, 2))
         for start in (follower.start, Configuration.chain(np.zeros(2), 0.0, [0.7], [np.zeros(5)]))
     ]
     assert all(passage.track.length <= follower.start.length for passage in offered[0])

@@ -12,9 +12,6 @@ from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Goal, JointPose, Problem, Start, Tolerances
 from ccm_opt.solution import JointPath
 
-LEAST_TIME = 0.5
-"""Time that the planner is given for a leg, even when the legs before have used it up [s]."""
-
 
 @dataclass(frozen=True)
 class Leg:
@@ -29,37 +26,50 @@ class Leg:
     path: JointPath
 
 
-def plan_legs(problem: Problem, planner: Planner) -> tuple[Leg, ...]:
+def plan_legs(problem: Problem, planner: Planner, *, least_time: float = 0.5) -> tuple[Leg, ...]:
     """Plan the way to every goal in turn; without stops that is one leg.
 
     Args:
         problem: with any number of stops; its time limit is for all legs together.
         planner: plans a leg.
+        least_time: that the planner is given for a leg, even when the legs before have used it up [s]; without any, a
+            late leg would fail on the clock where it might be easy.
 
     Raises:
         NoPlanFound: naming the goal that is not reached.
     """
     goals: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
     goals.append((problem.goal, problem.tolerances))
-    start, began, legs = problem.start, time.monotonic(), list[Leg]()
+
+    start = problem.start
+    began = time.monotonic()
+    legs: list[Leg] = []
     for number, (goal, tolerances) in enumerate(goals, start=1):
-        left = max(problem.planner.time_limit - (time.monotonic() - began), LEAST_TIME)
-        options = problem.planner if number == 1 else replace(problem.planner, time_limit=left)
+        options = problem.planner
+        if number > 1:
+            left = options.time_limit - (time.monotonic() - began)
+            options = replace(options, time_limit=max(left, least_time))
         leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
-        legs.append(Leg(leg, _planned(leg, planner, number, len(goals))))
-        start = _pose(legs[-1].path.spline(1.0), problem)
+        path = _planned(leg, planner, number, len(goals))
+        legs.append(Leg(leg, path))
+        start = _pose(path.spline(1.0), problem)
     return tuple(legs)
 
 
 def _planned(leg: Problem, planner: Planner, number: int, count: int) -> JointPath:
+    """The planner's path of one leg; a failure says which of several goals it is."""
     try:
         return planner.plan(leg)
     except NoPlanFound as error:
         if count == 1:
             raise
         found = error.diagnosis
-        reason, evidence = f"goal {number} of {count}: {found.reason}", {**found.evidence, "goal": number}
-        raise type(error)(replace(found, reason=reason, evidence=evidence)) from error
+        numbered = replace(
+            found,
+            reason=f"goal {number} of {count}: {found.reason}",
+            evidence={**found.evidence, "goal": number},
+        )
+        raise type(error)(numbered) from error
 
 
 def _pose(values: FloatArray, problem: Problem) -> Start:
@@ -72,13 +82,18 @@ def whole_path(legs: tuple[Leg, ...]) -> JointPath:
     if len(legs) == 1:
         return legs[0].path
     paths = [leg.path for leg in legs]
-    splines = [path.spline for path in paths]
-    knots, control = splines[0].t, splines[0].c
-    for k, spline in enumerate(splines[1:], start=1):
+
+    # Every spline is clamped, so its last control point is the next one's first. Of the knots that both have at the
+    # stop as many stay as keep the curve continuous there and nothing more.
+    first, *others = [path.spline for path in paths]
+    knots = first.t
+    control = first.c
+    for k, spline in enumerate(others, start=1):
         knots = np.concatenate((knots[:-1], spline.t[spline.k + 1 :] + k))
         control = np.concatenate((control, spline.c[1:]))
+
     return JointPath(
-        BSpline(knots / len(legs), control, splines[0].k),
+        BSpline(knots / len(legs), control, first.k),
         np.concatenate([path.keyframes for path in paths]),
         tuple(curve for path in paths for curve in path.curves),
         "; ".join(path.candidate for path in paths),

@@ -1,4 +1,4 @@
-"""The protocols that a user's own planner and own timing satisfy."""
+"""What a planner and a timing method have to offer; those of the package and those that users write."""
 
 from typing import Protocol
 
