@@ -41,7 +41,7 @@ def value(expression: object, q: Quantities, headings: FloatArray) -> FloatArray
 def test_quantities_are_those_of_the_arm(seed: int, share: float) -> None:
     """Angles, positions and points of the curve agree with the arm's own kinematics."""
     headings = random_headings(np.random.default_rng(seed), ARM)
-    q, points = Quantities.of(ARM), ARM.joint_positions(headings)
+    q, points = Quantities.from_arm(ARM), ARM.joint_positions(headings)
     np.testing.assert_allclose(value(q.joint_angles, q, headings)[:, 0], ARM.bends(headings), atol=1e-12)
     np.testing.assert_allclose(value(q.joint_positions, q, headings).T, points, atol=1e-12)
     np.testing.assert_allclose(value(q.tip, q, headings)[:, 0], points[-1], atol=1e-12)
@@ -56,7 +56,7 @@ def test_quantities_are_those_of_the_arm(seed: int, share: float) -> None:
 def test_an_arc_has_its_heading_and_curvature(bend: float, share: float) -> None:
     """Where every joint bends alike, curvature is bend over link length and the heading grows in proportion."""
     headings = ARM.headings(np.full(ARM.links, bend / ARM.links))
-    q, s = Quantities.of(ARM), share * ARM.length
+    q, s = Quantities.from_arm(ARM), share * ARM.length
     assert value(q.curvature_at(s), q, headings)[0, 0] == pytest.approx(bend / ARM.length, abs=1e-9)
     middle = np.clip(s, 0.5 * ARM.link_length, ARM.length - 0.5 * ARM.link_length)
     expected = headings[0] + bend / ARM.length * (middle - 0.5 * ARM.link_length)
@@ -69,7 +69,7 @@ def test_membership_is_the_distance_to_the_sides(seed: int) -> None:
     """A point of a convex region has its distance to the outline as least margin; outside a margin is negative."""
     rng = np.random.default_rng(seed)
     region = shapely.MultiPoint(rng.uniform(-1.0, 1.0, (6, 2))).convex_hull
-    q, headings = Quantities.of(ARM), random_headings(rng, ARM)
+    q, headings = Quantities.from_arm(ARM), random_headings(rng, ARM)
     tip = shapely.Point(ARM.joint_positions(headings)[-1])
     least = value(q.inside(region), q, headings).min()
     if region.contains(tip):

@@ -19,8 +19,8 @@ from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory
 from ccm_opt.stages import Stages
-from ccm_opt.user_terms.checks import checks_of, metrics_of
 from ccm_opt.user_terms.compiled_terms import UserTerms
+from ccm_opt.user_terms.term_checks import checks_of_terms, metrics_of_terms
 
 
 @dataclass(frozen=True)
@@ -126,12 +126,12 @@ def timed_leg(
             joints = joint_states(arm, trajectory, inverse_dynamics)
         with stages("verification"):
             checks = verification.verify(leg.problem, trajectory, joints)
-            own = () if terms is None else checks_of(terms, arm, path, trajectory)
+            own = () if terms is None else checks_of_terms(terms, arm, path, trajectory)
         failures = failures_of((*checks, *own))
         if failures and arm.feed is not None and not failures_of(checks):
             raise MotionNotFound(_not_kept(failures_of(own)))
         if not failures:
-            figures = {} if terms is None else dict(metrics_of(terms, arm, path, trajectory))
+            figures = {} if terms is None else dict(metrics_of_terms(terms, arm, path, trajectory))
             return VerifiedPlan(path, trajectory, joints, checks, own, figures)
 
 

@@ -47,7 +47,7 @@ class GoalPose:
 
     def own_miss(self, pose: Pose) -> float:
         """By how much the user's constraints at the goal are missed, in their units."""
-        return 0.0 if self.own is None else self.own.values(pose.headings).miss
+        return 0.0 if self.own is None else self.own.values(pose.headings).violation
 
     def turn(self, pose: Pose) -> float:
         """Signed turn of the tip to the goal heading, the short way [rad]; 0 without a goal heading."""

@@ -1,1 +1,1 @@
-"""Constraints and costs that users write as functions of symbolic quantities of the arm."""
+"""User constraints and user costs: functions of symbolic quantities of the arm, compiled and checked."""

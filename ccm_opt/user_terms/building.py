@@ -1,7 +1,7 @@
-"""What users wrote to functions: expressions are built and checked, and what is wrong with one is told by its name."""
+"""How users' constraints and costs become functions: expressions are built and checked, and refused by name."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -20,16 +20,18 @@ def _expression(term: Constraint | Cost, kind: str, quantities: Quantities) -> A
     except CcmError as error:
         raise ProblemError(f"{kind} '{term.name}': {error}") from error
     except Exception as error:
+        # A user's function may raise anything; whatever it is, the message has to name the term.
         raise ProblemError(f"{kind} '{term.name}' fails when it is built: {type(error).__name__}: {error}") from error
     try:
         column = ca.vec(ca.SX(made))
     except (NotImplementedError, RuntimeError, TypeError) as error:
-        what = f"{type(made).__module__}.{type(made).__name__}"
+        got = f"{type(made).__module__}.{type(made).__name__}"
         raise ProblemError(
-            f"{kind} '{term.name}': expected a CasADi SX expression of the quantities, got {what}"
+            f"{kind} '{term.name}': expected a CasADi SX expression of the quantities, got {got}"
         ) from error
     if column.numel() == 0:
         raise ProblemError(f"{kind} '{term.name}': the expression is empty, expected at least one entry")
+    # Without allow_free CasADi would refuse the foreign symbols too, but with an error that does not name the term.
     free = ca.Function("check", list(quantities.symbols), [column], {"allow_free": True}).get_free()
     if free:
         names = ", ".join(str(symbol) for symbol in free[:4])
@@ -47,7 +49,8 @@ def compiled_constraint(constraint: Constraint, quantities: Quantities) -> Compi
         ProblemError: naming the constraint and what is wrong with it.
     """
     expression = _expression(constraint, "constraint", quantities)
-    lower, upper = (_bound(constraint, key, getattr(constraint, key), expression.numel()) for key in ("lower", "upper"))
+    lower = _bound(constraint, "lower", expression.numel())
+    upper = _bound(constraint, "upper", expression.numel())
     if np.any(lower > upper):
         raise ProblemError(f"constraint '{constraint.name}': a lower bound exceeds its upper bound")
     if not np.all(np.isfinite(lower) | np.isfinite(upper)):
@@ -55,7 +58,9 @@ def compiled_constraint(constraint: Constraint, quantities: Quantities) -> Compi
     return CompiledConstraint(constraint, expression, lower, upper, quantities)
 
 
-def _bound(constraint: Constraint, key: str, value: Any, count: int) -> FloatArray:
+def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -> FloatArray:
+    """One of the bounds, for every entry of the expression, shape (count,)."""
+    value = getattr(constraint, key)
     try:
         bound = np.asarray(value, dtype=np.float64).ravel()
     except (TypeError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""All constraints and costs of one problem, compiled: which of them hold where, and what a motion must know of them."""
+"""All constraints and costs of one problem, compiled: which of them hold where, and the rows that planners need."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,30 +49,38 @@ class UserTerms:
     @cached_property
     def goal_rows(self) -> RowSet:
         """Rows of the hard constraints that hold at the goal, those of the whole motion among them."""
-        return self._rows([c for c in self.hard if covers(c.constraint.where, 1.0)])
+        return self._rows([c for c in self.hard if _holds_at_the_goal(c.constraint.where)])
 
     @cached_property
     def all_costs(self) -> tuple[CompiledCost, ...]:
-        """The costs, soft constraints among them as half their squared miss."""
-        return (*self.costs, *(as_cost(c) for c in self.constraints if c.constraint.soft))
+        """The costs, with every soft constraint as half its squared violation."""
+        soft = tuple(as_cost(c) for c in self.constraints if c.constraint.soft)
+        return (*self.costs, *soft)
 
     @cached_property
     def parametric(self) -> bool:
         """Whether anything depends on the path parameter, so that keyframes must know theirs."""
-        u = self.quantities.path_parameter
-        terms = [(c.constraint.where, c.expression) for c in self.constraints]
-        terms += [(c.cost.where, c.expression) for c in self.costs]
-        return any(isinstance(where, Interval) or ca.depends_on(expression, u) for where, expression in terms)
+        path_parameter = self.quantities.path_parameter
+        expressions = [c.expression for c in self.constraints] + [c.expression for c in self.costs]
+        return any(isinstance(where, Interval) for where in self._places) or any(
+            ca.depends_on(expression, path_parameter) for expression in expressions
+        )
 
     @cached_property
     def breaks(self) -> FloatArray:
         """Path parameters inside (0, 1) at which an interval of a term begins or ends, increasing."""
-        places = [c.constraint.where for c in self.constraints] + [c.cost.where for c in self.costs]
-        ends = {u for where in places if isinstance(where, Interval) for u in (where.first, where.last)}
+        ends = {u for where in self._places if isinstance(where, Interval) for u in (where.first, where.last)}
         return np.array(sorted(ends - {0.0, 1.0}))
 
+    @property
+    def _places(self) -> list[Where]:
+        """Where each constraint and each cost applies."""
+        constraints = [compiled.constraint.where for compiled in self.constraints]
+        costs = [compiled.cost.where for compiled in self.costs]
+        return constraints + costs
+
     def _rows(self, constraints: Sequence[CompiledConstraint]) -> RowSet:
-        return RowSet.of(self.quantities, constraints)
+        return RowSet.from_constraints(self.quantities, constraints)
 
 
 def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms:
@@ -81,14 +89,12 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
     Raises:
         ProblemError: an expression has a wrong shape or type, or holds foreign symbols; the message names it.
     """
-    quantities = Quantities.of(arm)
-    for item, kind in [(c, Constraint) for c in constraints] + [(c, Cost) for c in costs]:
-        if not isinstance(item, kind):
-            wanted = kind.__name__
-            raise ProblemError(
-                f"expected a {wanted}, got {item!r}; decorate the function with @ccm_opt.{wanted.lower()}"
-            )
+    for constraint in constraints:
+        _refuse_other_kind(constraint, Constraint)
+    for cost in costs:
+        _refuse_other_kind(cost, Cost)
     refuse_double_names([*constraints, *costs])
+    quantities = Quantities.from_arm(arm)
     return UserTerms(
         quantities,
         tuple(compiled_constraint(c, quantities) for c in constraints),
@@ -96,8 +102,12 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
     )
 
 
-def covers(where: Where, u: float) -> bool:
-    """Whether a constraint applies at a place of the motion; at u = 1 those at the goal do."""
-    if isinstance(where, Interval):
-        return where.first <= u <= where.last
-    return where != "goal" or u == 1.0
+def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> None:
+    """The most common mistake is a bare function, so the message names the decorator."""
+    if not isinstance(term, kind):
+        wanted = kind.__name__
+        raise ProblemError(f"expected a {wanted}, got {term!r}; decorate the function with @ccm_opt.{wanted.lower()}")
+
+
+def _holds_at_the_goal(where: Where) -> bool:
+    return not isinstance(where, Interval) or where.last == 1.0

@@ -1,4 +1,4 @@
-"""One constraint or cost as CasADi functions of (link headings, feed, path parameter)."""
+"""One constraint or one cost as CasADi functions of (link headings, feed, path parameter), and its values at poses."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,7 +9,7 @@ import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.user_terms.quantities import Quantities
-from ccm_opt.user_terms.terms import Constraint, Cost, Interval, Where
+from ccm_opt.user_terms.terms import Constraint, Cost, Where, applies_at
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class CompiledConstraint:
         return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(self.expression, symbols[0]))])
 
     def residuals(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
-        """By how much the worst entry misses its bounds, shape (N,); 0 where all hold, NaN where not finite.
+        """By how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite.
 
         Args:
             headings: shape (N, links) [rad].
@@ -50,10 +50,12 @@ class CompiledConstraint:
             feed: shape (N,) or scalar [m].
         """
         values = evaluated(self.function, headings, u, feed)
-        finite = np.all(np.isfinite(values), axis=1, keepdims=True)
-        values = np.where(finite, values, 0.0)
-        miss = np.maximum(np.maximum(self.lower - values, values - self.upper), 0.0)
-        worst: FloatArray = np.where(finite[:, 0], miss.max(axis=1), np.nan)
+        finite = np.all(np.isfinite(values), axis=1)
+        values = np.where(finite[:, None], values, 0.0)
+        below = self.lower - values
+        above = values - self.upper
+        violations = np.maximum(np.maximum(below, above), 0.0)
+        worst: FloatArray = np.where(finite, violations.max(axis=1), np.nan)
         return worst
 
 
@@ -93,32 +95,36 @@ class CompiledCost:
 
     def applies(self, u: FloatArray) -> BoolArray:
         """At which places of the motion, the last of them the goal, the cost counts, shape (N,)."""
-        where = self.cost.where
-        if isinstance(where, Interval):
-            inside: BoolArray = (where.first <= u) & (u <= where.last)
-            return inside
-        last = np.arange(len(u)) == len(u) - 1
-        return last if where == "goal" else np.ones(len(u), dtype=bool)
+        return applies_at(self.cost.where, u)
 
 
 def evaluated(function: Any, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
     """Values of a function of (φ, feed, u) at many poses, shape (N, m); headings of shape (N, links)."""
     count = len(headings)
-    feeds, places = (np.broadcast_to(np.asarray(x, dtype=np.float64), (count,)) for x in (feed, u))
+    feeds = np.broadcast_to(np.asarray(feed, dtype=np.float64), (count,))
+    places = np.broadcast_to(np.asarray(u, dtype=np.float64), (count,))
+    # CasADi maps a function over the columns of its arguments: one pose, one column.
     values = function(ca.DM(headings.T), ca.DM(feeds).T, ca.DM(places).T)
     return np.asarray(values, dtype=np.float64).reshape(-1, count).T
 
 
 def as_cost(compiled: CompiledConstraint) -> CompiledCost:
-    """Half the squared miss of a soft constraint."""
-    low, high = (np.isfinite(bound) for bound in (compiled.lower, compiled.upper))
-    below = [float(compiled.lower[k]) - compiled.expression[k] for k in np.flatnonzero(low)]
-    above = [compiled.expression[k] - float(compiled.upper[k]) for k in np.flatnonzero(high)]
-    miss = ca.vertcat(*below, *above)
-    equal = compiled.lower == compiled.upper
-    miss = compiled.expression - ca.DM(compiled.lower) if equal.all() else ca.fmax(miss, 0.0)
+    """A soft constraint as a cost: half its squared violation."""
     term = compiled.constraint
+    # Costs are averaged over keyframes anyway, so that "keyframes" and "motion" are one place to them.
     where: Where = "motion" if term.where == "keyframes" else term.where
-    return CompiledCost(
-        Cost(term.name, term.expression, term.weight, where), 0.5 * ca.sumsqr(miss), compiled.quantities
-    )
+    cost = Cost(term.name, term.expression, term.weight, where)
+    return CompiledCost(cost, 0.5 * ca.sumsqr(_violation(compiled)), compiled.quantities)
+
+
+def _violation(compiled: CompiledConstraint) -> Any:
+    """By how much every bound is violated, as an expression."""
+    lower = compiled.lower
+    upper = compiled.upper
+    expression = compiled.expression
+    if np.array_equal(lower, upper):
+        # The same square as below, but smooth at the bound, so that its Hessian does not jump there.
+        return expression - ca.DM(lower)
+    below = [float(lower[k]) - expression[k] for k in np.flatnonzero(np.isfinite(lower))]
+    above = [expression[k] - float(upper[k]) for k in np.flatnonzero(np.isfinite(upper))]
+    return ca.fmax(ca.vertcat(*below, *above), 0.0)

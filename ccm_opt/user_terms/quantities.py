@@ -1,4 +1,4 @@
-"""The symbolic quantities that constraints and costs are written in, all built on the link headings φ."""
+"""The symbolic quantities that users' constraints and costs are written in, all built on the link headings φ."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +16,7 @@ from ccm_opt.jointed.arm import Arm
 
 @dataclass(frozen=True, eq=False)
 class Quantities:
-    """What the arm is, in CasADi's scalar symbols; lengths in metres, angles in radians, points as (2, 1) columns.
+    """Quantities of the arm in CasADi's scalar symbols; lengths in metres, angles in radians, points as (2, 1) columns.
 
     The curve is read off the links: it passes through the joints, its heading is that of a link at the link's middle,
     its curvature at a joint is bend over link length; between these places both are linear.
@@ -34,7 +34,7 @@ class Quantities:
     path_parameter: Any
 
     @classmethod
-    def of(cls, arm: Arm) -> "Quantities":
+    def from_arm(cls, arm: Arm) -> "Quantities":
         """Fresh symbols for an arm."""
         return cls(arm, ca.SX.sym("heading", arm.links), ca.SX.sym("feed"), ca.SX.sym("path_parameter"))
 
@@ -72,9 +72,9 @@ class Quantities:
 
     def point_at(self, s: float) -> Any:
         """Position at arc length ``s`` from the base, shape (2, 1) [m]."""
-        link, share = self._link_at(s)
+        link, fraction = self._link_at(s)
         points = self.joint_positions
-        return (1.0 - share) * points[:, link] + share * points[:, link + 1]
+        return (1.0 - fraction) * points[:, link] + fraction * points[:, link + 1]
 
     def heading_at(self, s: float) -> Any:
         """Heading at arc length ``s`` from the base [rad]."""
@@ -97,13 +97,16 @@ class Quantities:
         return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
 
     def _link_at(self, s: float) -> tuple[int, float]:
+        """The link at an arc length, and how much of that link lies before it."""
         links = self._checked(s) / self.arm.link_length
         link = min(int(links), self.arm.links - 1)
         return link, links - link
 
     def _checked(self, s: float) -> float:
+        """An arc length, or a refusal of what is none; rounding beyond the ends of the arm is forgiven."""
         length = self.arm.length
-        if not isinstance(s, int | float | np.floating) or not -1e-9 * length <= s <= (1.0 + 1e-9) * length:
+        rounding = 1e-9 * length
+        if not isinstance(s, int | float | np.floating) or not -rounding <= s <= length + rounding:
             raise ProblemError(f"an arc length must be a number from 0 to the arm's length {length:g} m, got {s!r}")
         return float(min(max(s, 0.0), length))
 
@@ -111,9 +114,10 @@ class Quantities:
 def _linear(values: Any, at: float) -> Any:
     """Linear interpolation between the entries of a column, constant beyond both ends."""
     last = int(values.shape[0]) - 1
-    at = min(max(at, 0.0), float(last))
-    k = min(int(at), max(last - 1, 0))
-    return values[k] + (at - k) * (values[min(k + 1, last)] - values[k])
+    place = min(max(at, 0.0), float(last))
+    k = min(int(place), max(last - 1, 0))
+    following = min(k + 1, last)
+    return values[k] + (place - k) * (values[following] - values[k])
 
 
 def _half_planes(region: shapely.Polygon) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""Constraints and costs named ``module:function`` or ``file.py:function``."""
+"""Constraints and costs named on the command line: ``module:function`` or ``file.py:function``."""
 
 import sys
 from collections.abc import Sequence
@@ -57,6 +57,7 @@ def _module(reference: str, place: str) -> ModuleType:
 
 
 def _from_path(name: str) -> ModuleType:
+    # The command line does not put the working directory on the path, as ``python -m`` would.
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)

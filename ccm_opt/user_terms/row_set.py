@@ -1,4 +1,4 @@
-"""Hard constraints as rows: equations h(φ, u) = 0 and gaps g(φ, u) >= 0, with their slopes, for one pose at a time."""
+"""Hard constraints as rows for the planner: equations h(φ, u) = 0 and gaps g(φ, u) ≥ 0, with their slopes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ccm_opt.user_terms.functions import CompiledConstraint
     from ccm_opt.user_terms.quantities import Quantities
 
-_SLACK = 1e-12
+_ROUNDING = 1e-12
 """Rounding of the path parameter at the ends of an interval."""
 
 
@@ -36,10 +36,31 @@ class RowValues:
     gap_slopes: FloatArray
 
     @property
-    def miss(self) -> float:
-        """By how much the worst row is missed; infinity when not finite."""
-        worst = max(float(np.max(np.abs(self.equations), initial=0.0)), float(np.max(-self.gaps, initial=0.0)))
+    def violation(self) -> float:
+        """By how much the worst row is violated, 0 when all hold; infinity when a value is not finite."""
+        unequal = float(np.max(np.abs(self.equations), initial=0.0))
+        below = float(np.max(-self.gaps, initial=0.0))
+        worst = max(unequal, below)
         return worst if np.isfinite(worst) else np.inf
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One row of a constraint, before all rows are stacked.
+
+    Attributes:
+        name: of the constraint.
+        expression: scalar CasADi expression.
+        first: path parameter from which it applies.
+        last: path parameter up to which it applies.
+        equal: whether the row is an equation.
+    """
+
+    name: str
+    expression: Any
+    first: float
+    last: float
+    equal: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +69,12 @@ class RowSet:
 
     Attributes:
         names: the constraint of every row.
-        equal: whether a row is an equation.
+        equal: whether a row is an equation, shape (rows,).
         first: path parameter from which a row applies, shape (rows,).
-        last: to which it applies.
-        parametric: whether a row depends on the path parameter.
-        values: (φ, feed, u) to the rows.
-        slopes: (φ, feed, u) to the rows and their derivatives by φ.
+        last: path parameter up to which it applies, shape (rows,).
+        parametric: whether a row depends on the path parameter, shape (rows,).
+        values: CasADi function from (φ, feed, u) to the rows.
+        slopes: CasADi function from (φ, feed, u) to the rows and their derivatives by φ.
     """
 
     names: tuple[str, ...]
@@ -65,31 +86,23 @@ class RowSet:
     slopes: Any
 
     @classmethod
-    def of(cls, quantities: "Quantities", constraints: "Sequence[CompiledConstraint]") -> "RowSet":
+    def from_constraints(cls, quantities: "Quantities", constraints: "Sequence[CompiledConstraint]") -> "RowSet":
         """The rows of constraints: an equation for equal bounds, else a gap for each finite bound."""
-        rows, names, equal, spans = [], [], [], []
-        for compiled in constraints:
-            where = compiled.constraint.where
-            span = (where.first, where.last) if not isinstance(where, str) else (0.0, 1.0)
-            for entry, low, high in zip(_entries(compiled.expression), compiled.lower, compiled.upper, strict=True):
-                made = [entry - low] if low == high else [entry - low] * bool(np.isfinite(low))
-                made += [high - entry] * bool(low != high and np.isfinite(high))
-                rows += made
-                names += [compiled.constraint.name] * len(made)
-                equal += [bool(low == high)] * len(made)
-                spans += [span] * len(made)
-        column = ca.vertcat(*rows) if rows else ca.SX(0, 1)
+        rows = [row for compiled in constraints for row in _rows_of(compiled)]
+        expressions = [row.expression for row in rows]
+        column = ca.vertcat(*expressions) if rows else ca.SX(0, 1)
+
         symbols = list(quantities.symbols)
-        slopes = ca.densify(ca.jacobian(column, symbols[0]))
-        first, last = np.array(spans, dtype=np.float64).reshape(-1, 2).T
+        headings, _, path_parameter = symbols
+        slopes = ca.densify(ca.jacobian(column, headings))
         return cls(
-            tuple(names),
-            np.array(equal, dtype=bool),
-            first,
-            last,
-            np.array([bool(ca.depends_on(row, symbols[2])) for row in rows], dtype=bool),
-            ca.Function("rows", symbols, [column]),
-            ca.Function("slopes", symbols, [column, slopes]),
+            names=tuple(row.name for row in rows),
+            equal=np.array([row.equal for row in rows], dtype=bool),
+            first=np.array([row.first for row in rows], dtype=np.float64),
+            last=np.array([row.last for row in rows], dtype=np.float64),
+            parametric=np.array([bool(ca.depends_on(each, path_parameter)) for each in expressions], dtype=bool),
+            values=ca.Function("rows", symbols, [column]),
+            slopes=ca.Function("slopes", symbols, [column, slopes]),
         )
 
     def __len__(self) -> int:
@@ -104,31 +117,10 @@ class RowSet:
             feed: position of the base on its axis [m].
         """
         values, jacobian = self._evaluated(headings, u, feed)
-        here = (self.first <= u + _SLACK) & (u <= self.last + _SLACK)
-        equations, gaps = here & self.equal, here & ~self.equal
+        here = self._apply_at(u)
+        equations = here & self.equal
+        gaps = here & ~self.equal
         return RowValues(values[equations], jacobian[equations], values[gaps], jacobian[gaps])
-
-    def _evaluated(self, headings: FloatArray, u: float, feed: float) -> tuple[FloatArray, FloatArray]:
-        """All rows and their slopes, of shapes (rows,) and (rows, links); overwritten by the next call."""
-        if not len(self):
-            return np.zeros(0), np.zeros((0, len(headings)))
-        _, evaluate, arguments, values, slopes = self._buffers
-        arguments[0][:], arguments[1][0], arguments[2][0] = headings, feed, u
-        evaluate()
-        return values, slopes.T
-
-    @cached_property
-    def _buffers(self) -> tuple[Any, Any, tuple[FloatArray, ...], FloatArray, FloatArray]:
-        """Evaluation through arrays of our own, without CasADi's conversions; CasADi stores by columns."""
-        buffer, evaluate = self.slopes.buffer()
-        links = self.slopes.size1_in(0)
-        arguments = np.zeros(links), np.zeros(1), np.zeros(1)
-        values, slopes = np.zeros(len(self)), np.zeros((links, len(self)))
-        for k, array in enumerate(arguments):
-            buffer.set_arg(k, array.data)
-        buffer.set_res(0, values.data)
-        buffer.set_res(1, slopes.data)
-        return buffer, evaluate, arguments, values, slopes
 
     def table(self, headings: FloatArray, u: FloatArray | float = 0.0) -> FloatArray:
         """Values of all rows at many poses, shape (N, rows); NaN where a row does not apply.
@@ -139,12 +131,87 @@ class RowSet:
         """
         count = len(headings)
         places = np.broadcast_to(np.asarray(u, dtype=np.float64), (count,))
-        column = self.values(ca.DM(headings.T), ca.DM.zeros(1, count), ca.DM(places).T)
-        values = np.asarray(column, dtype=np.float64).reshape(len(self), count).T
-        here = (self.first <= places[:, None] + _SLACK) & (places[:, None] <= self.last + _SLACK)
-        table: FloatArray = np.where(here, values, np.nan)
+        columns = self.values(ca.DM(headings.T), ca.DM.zeros(1, count), ca.DM(places).T)
+        values = np.asarray(columns, dtype=np.float64).reshape(len(self), count).T
+        table: FloatArray = np.where(self._apply_at(places[:, None]), values, np.nan)
         return table
 
+    def _apply_at(self, u: FloatArray | float) -> BoolArray:
+        """Which rows apply at a place of the motion, shape (rows,), or (N, rows) for ``u`` of shape (N, 1)."""
+        inside: BoolArray = (self.first <= u + _ROUNDING) & (u <= self.last + _ROUNDING)
+        return inside
 
-def _entries(column: Any) -> list[Any]:
-    return [column[k] for k in range(column.numel())]
+    def _evaluated(self, headings: FloatArray, u: float, feed: float) -> tuple[FloatArray, FloatArray]:
+        """All rows and their slopes, of shapes (rows,) and (rows, links); overwritten by the next call."""
+        if not len(self):
+            return np.zeros(0), np.zeros((0, len(headings)))
+        buffers = self._buffers
+        buffers.headings[:] = headings
+        buffers.feed[0] = feed
+        buffers.path_parameter[0] = u
+        buffers.evaluate()
+        return buffers.values, buffers.slopes.T
+
+    @cached_property
+    def _buffers(self) -> "_Buffers":
+        return _Buffers.around(self.slopes, len(self))
+
+
+@dataclass(frozen=True, eq=False)
+class _Buffers:
+    """Arrays that CasADi reads from and writes to in place: a step calls the rows often, and conversions cost more.
+
+    Attributes:
+        memory: CasADi's buffer object, which must live as long as ``evaluate`` is called.
+        evaluate: fills ``values`` and ``slopes``.
+        headings: shape (links,) [rad].
+        feed: shape (1,) [m].
+        path_parameter: shape (1,).
+        values: shape (rows,).
+        slopes: shape (links, rows), transposed because CasADi stores matrices by columns.
+    """
+
+    memory: Any
+    evaluate: Any
+    headings: FloatArray
+    feed: FloatArray
+    path_parameter: FloatArray
+    values: FloatArray
+    slopes: FloatArray
+
+    @classmethod
+    def around(cls, slopes: Any, rows: int) -> "_Buffers":
+        """Buffers for the function that gives ``rows`` rows and their slopes."""
+        memory, evaluate = slopes.buffer()
+        links = slopes.size1_in(0)
+        buffers = cls(
+            memory, evaluate, np.zeros(links), np.zeros(1), np.zeros(1), np.zeros(rows), np.zeros((links, rows))
+        )
+        memory.set_arg(0, buffers.headings.data)
+        memory.set_arg(1, buffers.feed.data)
+        memory.set_arg(2, buffers.path_parameter.data)
+        memory.set_res(0, buffers.values.data)
+        memory.set_res(1, buffers.slopes.data)
+        return buffers
+
+
+def _rows_of(compiled: "CompiledConstraint") -> list[_Row]:
+    """The rows of one constraint: an equation for equal bounds, else a gap for each finite bound."""
+    where = compiled.constraint.where
+    name = compiled.constraint.name
+    first = 0.0 if isinstance(where, str) else where.first
+    last = 1.0 if isinstance(where, str) else where.last
+
+    rows = []
+    for k in range(compiled.expression.numel()):
+        entry = compiled.expression[k]
+        low = compiled.lower[k]
+        high = compiled.upper[k]
+        if low == high:
+            rows.append(_Row(name, entry - low, first, last, equal=True))
+            continue
+        if np.isfinite(low):
+            rows.append(_Row(name, entry - low, first, last, equal=False))
+        if np.isfinite(high):
+            rows.append(_Row(name, high - entry, first, last, equal=False))
+    return rows

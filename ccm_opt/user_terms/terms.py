@@ -1,10 +1,13 @@
-"""What a user hands in: constraints and costs as functions of symbolic quantities, with bounds, a name and a place."""
+"""User constraints and user costs: functions of symbolic quantities with a name, bounds or a weight, and a place."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+import numpy as np
+
+from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.errors import ProblemError
 
 if TYPE_CHECKING:
@@ -13,7 +16,9 @@ if TYPE_CHECKING:
 Expression: TypeAlias = "Callable[[Quantities], Any]"
 """Makes a CasADi expression, a scalar or a vector, from the symbolic quantities of the arm."""
 Bound: TypeAlias = float | Sequence[float]
+"""One number for all entries of an expression, or one for each."""
 PLACES = ("goal", "keyframes", "motion")
+"""Where a term may apply, intervals aside."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,23 @@ class Interval:
 
 
 Where: TypeAlias = Literal["goal", "keyframes", "motion"] | Interval
+"""Where a constraint holds or a cost counts."""
+
+
+def applies_at(where: Where, u: FloatArray) -> BoolArray:
+    """At which places of a motion a term applies, shape (N,).
+
+    Args:
+        where: of the term; ``"keyframes"`` are all places, since who checks them hands in keyframes only.
+        u: increasing path parameters, shape (N,); the last place is the goal.
+    """
+    if isinstance(where, Interval):
+        inside: BoolArray = (where.first <= u) & (u <= where.last)
+        return inside
+    if where == "goal":
+        last: BoolArray = np.arange(len(u)) == len(u) - 1
+        return last
+    return np.ones(len(u), dtype=bool)
 
 
 @dataclass(frozen=True)
@@ -48,7 +70,7 @@ class Constraint:
         lower: least value, a number or one for each entry; minus infinity for none.
         upper: greatest value, likewise.
         where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
-        soft: whether it may be missed: then the square of the miss is a cost, and the miss is reported.
+        soft: whether it may be violated: then the square of the violation is a cost, and the violation is reported.
         weight: of that cost.
     """
 
@@ -101,15 +123,15 @@ def constraint(
     soft: bool = False,
     weight: float = 1.0,
 ) -> Callable[[Expression], Constraint]:
-    """Decorator: a function of the quantities as a constraint, named after the function unless told otherwise.
+    """Decorator: a function of the quantities as a constraint, named after the function unless a name is given.
 
     Args:
         name: for messages, metrics and the record.
         lower: least value, a number or one for each entry.
         upper: greatest value, likewise.
         where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
-        soft: whether it may be missed.
-        weight: what the squared miss of a soft one costs.
+        soft: whether it may be violated.
+        weight: what the squared violation of a soft one costs.
     """
 
     def decorate(expression: Expression) -> Constraint:
@@ -119,7 +141,7 @@ def constraint(
 
 
 def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion") -> Callable[[Expression], Cost]:
-    """Decorator: a function of the quantities as a cost, named after the function unless told otherwise.
+    """Decorator: a function of the quantities as a cost, named after the function unless a name is given.
 
     Args:
         name: for messages, metrics and the record.

@@ -119,7 +119,7 @@ def _advanced(stepper: Stepper, target: FloatArray, pose: Pose) -> list[Pose] | 
         if pose is before:
             break
         poses.append(pose)
-        if stepper.own is not None and stepper.own.values(pose.headings).miss <= OWN_MET:
+        if stepper.own is not None and stepper.own.values(pose.headings).violation <= OWN_MET:
             return poses
     return None
 

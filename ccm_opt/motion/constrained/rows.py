@@ -136,7 +136,7 @@ class OwnRows:
         start, held = v, np.zeros(self.space.arm.links)
         for _ in range(_NEWTON_STEPS):
             values = self.values(self.space.headings(v))
-            if not np.isfinite(values.miss):
+            if not np.isfinite(values.violation):
                 return None
             slopes, change = values.equation_slopes @ self.space.matrix, -values.equations
             if gaps:
@@ -199,7 +199,7 @@ class OwnRows:
     def keeps(self, before: "RowValues", after: "RowValues") -> bool:
         """Whether a step leaves every gap its share of the margin, or no less than it had."""
         floor = np.minimum(KEEP_SHARE * MARGIN * slope_norms(before.gap_slopes), before.gaps)
-        return bool(np.isfinite(after.miss) and np.all(after.gaps >= floor - _TINY))
+        return bool(np.isfinite(after.violation) and np.all(after.gaps >= floor - _TINY))
 
 
 def overbent(arm: Arm, headings: FloatArray, held: FloatArray) -> tuple[FloatArray, FloatArray]:

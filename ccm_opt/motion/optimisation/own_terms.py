@@ -81,7 +81,7 @@ class KeyframeTerms:
     def met(self, sweep: Sweep) -> bool:
         """Whether all equations are met, and no gap is broken."""
         values = (self._rows(k).values(sweep.headings[k]) for k in range(1, len(self.u)))
-        return all(each.miss <= MET for each in values)
+        return all(each.violation <= MET for each in values)
 
     def returned(self, coordinates: FloatArray) -> FloatArray:
         """The keyframes put on their equations and out of broken gaps; where that fails they stay as they are."""

@@ -1,0 +1,149 @@
+"""Whether users' constraints hold on the finished motion: at every sample, at 1 kHz between them, or at keyframes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BPoly
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.solution import Check, JointPath, JointTrajectory
+from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
+from ccm_opt.user_terms.compiled_terms import UserTerms
+from ccm_opt.user_terms.functions import CompiledConstraint
+from ccm_opt.user_terms.path_parameters import nearest_path_parameters
+from ccm_opt.user_terms.terms import Where, applies_at
+
+
+@dataclass(frozen=True)
+class CheckedPoses:
+    """Poses of the motion at which constraints are checked and costs are averaged.
+
+    Attributes:
+        time: shape (N,) [s]; NaN where unknown.
+        headings: shape (N, links) [rad].
+        u: path parameter, shape (N,).
+        feed: shape (N,), zeros without a feed axis [m].
+    """
+
+    time: FloatArray
+    headings: FloatArray
+    u: FloatArray
+    feed: FloatArray
+
+    def where(self, where: Where) -> "CheckedPoses":
+        """Those at which a term applies."""
+        chosen = applies_at(where, self.u)
+        return CheckedPoses(self.time[chosen], self.headings[chosen], self.u[chosen], self.feed[chosen])
+
+
+def checks_of_terms(
+    terms: UserTerms,
+    arm: Arm,
+    path: JointPath,
+    trajectory: JointTrajectory,
+    settings: TermCheckSettings = TERM_CHECKS,
+) -> tuple[Check, ...]:
+    """One check for every constraint: hard ones against the tolerance, soft ones for the record.
+
+    Args:
+        terms: constraints and costs.
+        arm: the arm.
+        path: gives the path parameter, and the keyframes.
+        trajectory: the timed motion.
+        settings: tolerance and rate.
+    """
+    every = poses_at_rate(terms, arm, path, trajectory, settings)
+    keyframes = poses_at_keyframes(arm, path, settings)
+    checks = []
+    for compiled in terms.constraints:
+        poses = keyframes if compiled.constraint.where == "keyframes" else every
+        checks.append(_check(compiled, poses, settings.tolerance))
+    return tuple(checks)
+
+
+def metrics_of_terms(
+    terms: UserTerms,
+    arm: Arm,
+    path: JointPath,
+    trajectory: JointTrajectory,
+    settings: TermCheckSettings = TERM_CHECKS,
+) -> Mapping[str, float]:
+    """Worst residual of every constraint and mean value of every cost, by name; arguments as for the checks."""
+    every = poses_at_rate(terms, arm, path, trajectory, settings)
+    figures = {}
+    for constraint in terms.constraints:
+        residual, _ = _worst(constraint, every)
+        figures[f"residual_{_key(constraint.constraint.name)}"] = residual
+    for cost in terms.costs:
+        poses = every.where(cost.cost.where)
+        figures[f"cost_{_key(cost.cost.name)}"] = float(np.mean(cost.values(poses.headings, poses.u, poses.feed)))
+    return figures
+
+
+def poses_at_rate(
+    terms: UserTerms, arm: Arm, path: JointPath, trajectory: JointTrajectory, settings: TermCheckSettings = TERM_CHECKS
+) -> CheckedPoses:
+    """The written samples and those at 1 kHz between them."""
+    time = _times_at_rate(trajectory.time, settings.rate)
+    bends = _hermite(
+        trajectory.time, trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations, time
+    )
+    feed = np.zeros(len(time))
+    if trajectory.feed is not None:
+        axis = trajectory.feed
+        feed = _hermite(trajectory.time, axis.positions, axis.velocities, axis.accelerations, time)
+    # Path parameters cost a search along the path, so they are found only where a term depends on them.
+    u = nearest_path_parameters(path, bends, settings) if terms.parametric else np.linspace(0.0, 1.0, len(time))
+    return CheckedPoses(time, arm.headings(bends), u, feed)
+
+
+def poses_at_keyframes(arm: Arm, path: JointPath, settings: TermCheckSettings = TERM_CHECKS) -> CheckedPoses:
+    """The planner's keyframes; their time is unknown."""
+    bends = path.keyframes[:, : arm.links]
+    feed = path.keyframes[:, arm.links] if path.keyframes.shape[1] > arm.links else np.zeros(len(bends))
+    unknown = np.full(len(bends), np.nan)
+    return CheckedPoses(unknown, arm.headings(bends), nearest_path_parameters(path, bends, settings), feed)
+
+
+def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
+    """The samples' times, and as many between two of them as the longest interval needs."""
+    rounding = 1e-6
+    parts = max(1, int(np.ceil(np.max(np.diff(time)) * rate - rounding)))
+    samples = np.arange(len(time), dtype=np.float64)
+    fine = np.arange(parts * (len(time) - 1) + 1) / parts
+    times: FloatArray = np.interp(fine, samples, time)
+    return times
+
+
+def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray, at: FloatArray) -> FloatArray:
+    """Quintic Hermite interpolation: the motion that the samples' positions, velocities and accelerations define."""
+    values: FloatArray = BPoly.from_derivatives(time, np.stack((x, v, a), axis=1))(at)
+    return values
+
+
+def _check(compiled: CompiledConstraint, poses: CheckedPoses, tolerance: float) -> Check:
+    worst, where = _worst(compiled, poses)
+    constraint = compiled.constraint
+    if constraint.soft:
+        return Check(f"soft constraint {constraint.name}", worst, np.inf, "", where, passed=True)
+    # A residual that is not a number fails, because NaN is not less than anything.
+    return Check(f"constraint {constraint.name}", worst, tolerance, "", where, passed=bool(worst <= tolerance))
+
+
+def _worst(compiled: CompiledConstraint, poses: CheckedPoses) -> tuple[float, str]:
+    """Largest residual where the constraint applies, NaN when one is not finite, and the place of it in words."""
+    chosen = poses.where(compiled.constraint.where)
+    if not len(chosen.u):
+        return 0.0, "at no sample"
+    residuals = compiled.residuals(chosen.headings, chosen.u, chosen.feed)
+    k = int(np.argmax(np.where(np.isnan(residuals), np.inf, residuals)))
+    where = f"u = {chosen.u[k]:.4f}"
+    if np.isfinite(chosen.time[k]):
+        where += f", t = {chosen.time[k]:.4f} s"
+    return float(residuals[k]), where
+
+
+def _key(name: str) -> str:
+    return "_".join(name.split())
