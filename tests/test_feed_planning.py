@@ -26,8 +26,9 @@ from ccm_opt.planners.following.carried_arm import CarriedArm
 from ccm_opt.planners.following.deviation import deviation
 from ccm_opt.planners.following.elastic_band import ElasticBand
 from ccm_opt.planners.following.feed_path import FeedMotions
-from ccm_opt.planners.following.gating import LINKS_A_SAMPLE, SAMPLE_STEP, straight_while_held
-from ccm_opt.planners.following.path_of_shape import own_path
+from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING
+from ccm_opt.planners.following.gating import straight_while_held
+from ccm_opt.planners.following.path_of_shape import path_of_pose
 from ccm_opt.planners.following.slide import pose_on, slide
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from tests.feed_scenes import LINK, LINKS, RADIUS, bow, make_arm, make_problem, make_room
@@ -144,7 +145,7 @@ def test_an_arm_is_drawn_back_along_its_own_shape(turn: float, share: float) -> 
     bow_path = bow(arm, turn)
     feed = share * bow_path.base_with_tip_at_end(arm.links, LINK)
     bends = pose_on(arm, bow_path, feed)
-    path = own_path(arm, bends, feed, 0.8 + 1.4 * LINK)
+    path = path_of_pose(arm, bends, feed, 0.8 + 1.4 * LINK)
     assert path is not None
     assert np.allclose(pose_on(arm, path, feed), bends, atol=1e-7)
     drawn = slide(arm, path, feed, 0.0)
@@ -158,7 +159,7 @@ def test_no_own_path_with_a_bend_at_the_hole() -> None:
     arm = make_arm()
     bends = np.zeros(arm.links)
     bends[8] = 0.4
-    assert own_path(arm, bends, 0.4, 0.8 + 1.4 * LINK) is None
+    assert path_of_pose(arm, bends, 0.4, 0.8 + 1.4 * LINK) is None
 
 
 def test_reversed_paths() -> None:
@@ -273,5 +274,5 @@ def test_a_fast_feed_is_held_back_where_joints_leave_the_guide() -> None:
     fast = replace(problem, limits=replace(problem.limits, feed_velocity=300.0, feed_acceleration=300.0))
     solution = solve(fast)
     assert solution.trajectory.feed is not None
-    most = LINKS_A_SAMPLE * problem.arm.link_length / SAMPLE_STEP
+    most = DEFAULT_FOLLOWING.links_per_sample * problem.arm.link_length / DEFAULT_FOLLOWING.sample_period
     assert np.max(np.abs(solution.trajectory.feed.velocities)) <= most

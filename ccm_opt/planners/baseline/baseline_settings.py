@@ -31,3 +31,7 @@ class BaselineSettings:
     merging_tolerance: float = 0.02
     route_margin: float = 1e-3
     types_tried: int = 4
+
+
+DEFAULT_BASELINE = BaselineSettings()
+"""What the planner takes when it is not given other settings."""

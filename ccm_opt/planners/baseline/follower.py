@@ -5,7 +5,7 @@ keyframe is the start itself. Tips and contacts are those of the arm.
 """
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from ccm_opt.hill_climbing.clearance_field import ClearanceField
 from ccm_opt.hill_climbing.world import World
 from ccm_opt.motion.ends import Ends, resolve_ends
 from ccm_opt.motion.link_space import nearest_curve
-from ccm_opt.planners.baseline.baseline_settings import BaselineSettings
+from ccm_opt.planners.baseline.baseline_settings import DEFAULT_BASELINE, BaselineSettings
 from ccm_opt.problem import CurvePose, Problem
 
 
@@ -41,20 +41,19 @@ class Follower:
     ends: Ends
     certificate: Certificate
     deadline: float
-    settings: BaselineSettings = field(default_factory=BaselineSettings)
+    settings: BaselineSettings = DEFAULT_BASELINE
 
     @classmethod
-    def from_problem(cls, problem: Problem, settings: BaselineSettings | None = None) -> "Follower":
+    def from_problem(cls, problem: Problem, settings: BaselineSettings = DEFAULT_BASELINE) -> "Follower":
         """The arm of a problem, with its share of the problem's time from now on.
 
         Args:
             problem: to plan for.
-            settings: the planner's; the defaults when None.
+            settings: the planner's.
 
         Raises:
             UnreachableGoal: start or goal cannot be.
         """
-        settings = settings or BaselineSettings()
         ends = resolve_ends(problem)
         deadline = time.monotonic() + settings.planning_share * problem.planner.time_limit
         return cls(problem, ends, _certificate(problem, ends, settings), deadline, settings)

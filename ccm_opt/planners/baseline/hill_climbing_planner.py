@@ -21,7 +21,7 @@ from ccm_opt.hill_climbing.schemas.selection import ranked_selections
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
 from ccm_opt.hill_climbing.world import World
 from ccm_opt.motion.spline_path import certified_spline, spare_kept
-from ccm_opt.planners.baseline.baseline_settings import BaselineSettings
+from ccm_opt.planners.baseline.baseline_settings import DEFAULT_BASELINE, BaselineSettings
 from ccm_opt.planners.baseline.follower import Follower
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
@@ -41,7 +41,7 @@ class HillClimbingPlanner:
     """
 
     stages: Stages = field(default_factory=Stages)
-    settings: BaselineSettings = field(default_factory=BaselineSettings)
+    settings: BaselineSettings = DEFAULT_BASELINE
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.

@@ -11,13 +11,14 @@ from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.ends import ROUNDING, refuse_blocked_tip
+from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.following.feed_path import FeedMotions
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 
 HELD_STRAIGHT = 1e-9
 """Bend that a joint in the guide may have by rounding [rad]."""
-CURVE_STRAIGHT = 5e-4
-"""Distance that the tip may move when what the mapping of a curve bends inside the guide is straightened [m]."""
+OVER_LIMIT = 1e-9
+"""Bend beyond a joint limit that is rounding [rad]."""
 
 
 @dataclass(frozen=True)
@@ -38,19 +39,24 @@ class FedPose:
         return np.append(self.bends, self.feed)
 
 
-def fed_pose(problem: Problem, pose: JointPose | CurvePose, which: str) -> FedPose:
+def fed_pose(
+    problem: Problem, pose: JointPose | CurvePose, which: str, settings: FeedPlannerSettings = DEFAULT_FEED
+) -> FedPose:
     """A pose of a problem; ``which`` names it in messages.
 
     Raises:
         UnreachableGoal: a joint that the guide holds is bent.
     """
     arm = problem.arm
-    held, tolerance = arm.held(pose.feed), HELD_STRAIGHT
+    held = arm.held(pose.feed)
     if isinstance(pose, JointPose):
         bends = np.array(pose.bends, dtype=np.float64)
+        tolerance = HELD_STRAIGHT
     else:
         bends = arm.bends(map_curve(arm, pose.configuration, problem.planner.mapping))
-        tolerance = CURVE_STRAIGHT / (arm.length * max(int(held.sum()), 1))
+        # A bend moves the tip by no more than itself times the arm's length.
+        tolerance = settings.straightening / (arm.length * max(int(held.sum()), 1))
+
     bent = held & (np.abs(bends) > tolerance)
     if bent.any():
         joint = int(np.argmax(bent))
@@ -68,11 +74,12 @@ def refuse_bad_pose(motions: FeedMotions, pose: FedPose, which: str) -> float:
     """
     arm = motions.arm
     over = np.abs(pose.bends) - arm.bend_limits
-    if over.max() > 1e-9:
+    if over.max() > OVER_LIMIT:
         raise UnreachableGoal(_over_limit(arm, pose, which, int(np.argmax(over))))
     contacts, finder, crosses = motions.contacts(pose.bends, pose.feed)
     least = -ROUNDING if allowed_contact(arm, motions.workspace) > 0.0 else TOUCH
     touches = bool(np.any(contacts.gap < least)) or crosses
+    # A pose that stands still is a motion too: its certificate sees links inside obstacles, far from any wall.
     if touches or not motions.touching_nothing(np.stack((pose.row, pose.row))):
         what = finder.describe(contacts) if touches else "a link lies inside an obstacle"
         advice = (f"change the {which}", "use a smaller arm.radius or workspace.clearance")
@@ -87,15 +94,18 @@ def refuse_bad_tip(problem: Problem, goal: TipGoal) -> float:
         UnreachableGoal: the tip is deeper in a wall than tolerances allow.
     """
     refuse_blocked_tip(problem, goal)
-    arm, last = problem.arm, np.stack((goal.position, goal.position))
+    arm = problem.arm
+    last_link = np.stack((goal.position, goal.position))
     if goal.heading is not None:
-        last[0] -= arm.link_length * np.array([np.cos(goal.heading), np.sin(goal.heading)])
-    line = shapely.LineString(last)
+        last_link[0] -= arm.link_length * np.array([np.cos(goal.heading), np.sin(goal.heading)])
+    line = shapely.LineString(last_link)
     need = arm.radius + problem.workspace.clearance
-    return min(float(shapely.distance(line, wall.core)) - wall.rounding for wall in problem.workspace.walls) - need
+    distances = [float(shapely.distance(line, wall.core)) - wall.rounding for wall in problem.workspace.walls]
+    return min(distances) - need
 
 
 def _over_limit(arm: Arm, pose: FedPose, which: str, joint: int) -> Diagnosis:
-    angle, limit = np.rad2deg(pose.bends[joint]), np.rad2deg(arm.bend_limits[joint])
+    angle = np.rad2deg(pose.bends[joint])
+    limit = np.rad2deg(arm.bend_limits[joint])
     reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, its limit is {limit:.2f}°"
     return Diagnosis(reason, which, (f"change the {which}", "raise arm.joint_limit_deg"))

@@ -3,29 +3,24 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import chain, product
+from itertools import product
 
 from scipy.interpolate import BSpline
 
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.link_space import nearest_curve
+from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.feed.leader_paths import LeaderPaths, Reach
 from ccm_opt.planners.feed.query import FeedQuery
-from ccm_opt.planners.feed.tactics import Way, following, reshaping, reshaping_at_once, straightened
+from ccm_opt.planners.feed.tactics import ProposedMotion, following, reshaping, reshaping_at_once, straightened
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
 
-PLANNING_SHARE = 0.9
-"""Share of the time limit that planning may use."""
-FOLLOWING_SHARE = 0.4
-"""Share of the time limit that following alone may use."""
-CURVES_TO_TRY, MOST_CURVES = 5, 60
-"""Curves asked for where others may do as well, and at most."""
-PATHS_RESHAPED_TO = 3
-"""Leaders' paths to which a change of shape is tried."""
+REFUSALS_LISTED = 20
+"""Of the reasons why motions were refused a diagnosis lists so many."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +29,11 @@ class FeedPlanner:
 
     Attributes:
         stages: names and times the stages.
+        settings: shares of the time, margins and tolerances.
     """
 
     stages: Stages = field(default_factory=Stages)
+    settings: FeedPlannerSettings = DEFAULT_FEED
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion of bends and feed.
@@ -47,110 +44,131 @@ class FeedPlanner:
         """
         if problem.arm.feed is None:
             raise ProblemError("the feed planner needs an arm with arm.feed, got one whose base is fixed")
-        deadline = Deadline(time.monotonic() + PLANNING_SHARE * problem.planner.time_limit)
+        deadline = Deadline(time.monotonic() + self.settings.planning_share * problem.planner.time_limit)
         with self.stages("mapping"):
-            query = FeedQuery.of(problem, problem.arm.feed, deadline)
+            query = FeedQuery.from_problem(problem, problem.arm.feed, deadline, self.settings)
         with self.stages("motion"):
-            return _Search(query).answer()
+            return _FeedSearch(query).run()
 
 
 @dataclass
-class _Search:
+class _FeedSearch:
     """The search for one motion, and what it has seen on the way.
 
     Attributes:
         query: what is asked.
-        paths: leaders' paths found so far.
-        finder: finds more of them for a goal of the tip.
-        refused: why ways were refused.
+        leader_paths: finds leaders' paths for a goal of the tip; None when the goal is the whole arm's.
+        found: leaders' paths found so far.
+        refused: why motions were refused.
     """
 
     query: FeedQuery
+    leader_paths: LeaderPaths | None = field(init=False)
+    found: list[LeaderPath] = field(init=False, default_factory=list)
+    refused: list[str] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        goal, limit = self.query.problem.goal, self.query.problem.planner.time_limit
-        until = Deadline(min(self.query.deadline.at, time.monotonic() + FOLLOWING_SHARE * limit))
-        self.finder = LeaderPaths(self.query.problem, goal, until) if isinstance(goal, TipGoal) else None
-        self.paths: list[LeaderPath] = []
-        self.refused: list[str] = []
+        problem = self.query.problem
+        settings = self.query.settings
+        until = time.monotonic() + settings.following_share * problem.planner.time_limit
+        self.leader_paths = None
+        if isinstance(problem.goal, TipGoal):
+            deadline = Deadline(min(self.query.deadline.at, until))
+            self.leader_paths = LeaderPaths(problem, problem.goal, deadline, settings)
 
-    def answer(self) -> JointPath:
-        """The first way that is certified.
+    def run(self) -> JointPath:
+        """The first motion that is certified.
 
         Raises:
             NoPlanFound: when none is.
         """
-        for way in self._ways():
-            found = self.query.motions.path(way.keyframes)
-            if found is not None:
-                return self._joint_path(way, *found)
-            self.refused.append(f"{way.name}: not certified")
+        for motion in self._motions():
+            certified = self.query.motions.path(motion.keyframes)
+            if certified is not None:
+                spline, spare = certified
+                return self._joint_path(motion, spline, spare)
+            self.refused.append(f"{motion.name}: not certified")
             if self.query.deadline.passed():
                 break
         raise self._nothing_found()
 
-    def _ways(self) -> Iterator[Way]:
-        """All ways, those that follow a leader all the time first."""
+    def _motions(self) -> Iterator[ProposedMotion]:
+        """All motions to try; those that follow a leader all the time first, but where an end cannot be drawn back."""
         query = self.query
-        at_once = query.goal is not None and (query.start_path is None or query.goal_path is None)
-        if at_once:
-            yield from reshaping_at_once(query)
-        ends = [straightened(query, query.start, query.start_path)]
-        if query.goal is not None:
-            ends.append(straightened(query, query.goal, query.goal_path))
-        for head, *tail in product(*ends):
-            goal = tail[0].pose if tail else None
-            for way in self._between(query.between(head.pose, goal)):
-                yield way.from_to(head, *tail)
-        if not at_once:
+        end_bends_at_hole = query.start_path is None or query.goal_path is None
+        at_once_first = query.goal is not None and end_bends_at_hole
+        if at_once_first:
             yield from reshaping_at_once(query)
 
-    def _between(self, query: FeedQuery) -> Iterator[Way]:
-        """Ways between ends from which the arm can be drawn back.
+        starts = straightened(query, query.start, query.start_path)
+        if query.goal is None:
+            for start in starts:
+                for motion in self._between(query.between(start.pose, None)):
+                    yield motion.between(start)
+        else:
+            for start, goal in product(starts, straightened(query, query.goal, query.goal_path)):
+                for motion in self._between(query.between(start.pose, goal.pose)):
+                    yield motion.between(start, goal)
+
+        if not at_once_first:
+            yield from reshaping_at_once(query)
+
+    def _between(self, query: FeedQuery) -> Iterator[ProposedMotion]:
+        """Motions between ends from which the arm can be drawn back.
 
         When the first paths cannot be followed all the way, others hardly can: shapes are changed to them first.
         """
-        aside = list[LeaderPath]()
+        most = query.settings.paths_reshaped_to
+        not_followed: list[LeaderPath] = []
         for path in self._leaders(query):
-            self.paths.append(path)
-            ways = list(following(query, path))
-            yield from ways
-            if not ways and query.end_on(path) is not None:
-                aside.append(path)
-                if len(aside) == PATHS_RESHAPED_TO:
-                    yield from chain.from_iterable(reshaping(query, each) for each in aside)
-        if len(aside) < PATHS_RESHAPED_TO:
-            others = [path for path in self.paths if path not in aside]
-            for path in (aside + others)[:PATHS_RESHAPED_TO]:
-                yield from reshaping(query, path)
+            self.found.append(path)
+            motions = list(following(query, path))
+            yield from motions
+            if not motions and query.end_on(path) is not None:
+                not_followed.append(path)
+                if len(not_followed) == most:
+                    yield from self._reshaping_to(query, not_followed)
+
+        if len(not_followed) < most:
+            others = [path for path in self.found if path not in not_followed]
+            yield from self._reshaping_to(query, (not_followed + others)[:most])
+
+    def _reshaping_to(self, query: FeedQuery, paths: list[LeaderPath]) -> Iterator[ProposedMotion]:
+        """Motions that change shape to that of some paths."""
+        for path in paths:
+            yield from reshaping(query, path)
 
     def _leaders(self, query: FeedQuery) -> Iterator[LeaderPath]:
         """Leaders' paths, most promising first."""
         if query.goal_path is not None:
             yield query.goal_path
-        if self.finder is not None:
-            reach = Reach.of(query.arm, query.feed)
-            straights = _straights(query)
-            for straight, _ in straights:
-                yield from self.finder.bands(straight, reach)
-            for straight, most in straights:
-                yield from self.finder.curves(straight, reach, most)
+        if self.leader_paths is None:
+            return
+        reach = Reach.from_feed(query.arm, query.feed)
+        straights = _straights(query)
+        for straight, _ in straights:
+            yield from self.leader_paths.bands(straight, reach)
+        for straight, most in straights:
+            yield from self.leader_paths.curves(straight, reach, most)
 
-    def _joint_path(self, way: Way, spline: BSpline, spare: float) -> JointPath:
+    def _joint_path(self, motion: ProposedMotion, spline: BSpline, spare: float) -> JointPath:
         arm = self.query.arm
-        curves = tuple(nearest_curve(arm, headings) for headings in arm.headings(way.keyframes[:, :-1]))
-        return JointPath(spline, way.keyframes, curves, way.name, way.leaders, spare)
+        curves = tuple(nearest_curve(arm, headings) for headings in arm.headings(motion.keyframes[:, :-1]))
+        return JointPath(spline, motion.keyframes, curves, motion.name, motion.leaders, spare)
 
     def _nothing_found(self) -> NoPlanFound:
-        if self.finder is not None and not self.paths:
-            necessary = _unreachable(self.query, self.finder.shortest)
+        if self.leader_paths is not None and not self.found:
+            necessary = _unreachable(self.query, self.leader_paths.shortest)
             if necessary is not None:
                 return UnreachableGoal(necessary)
-        refused = self.refused + list(self.finder.refusals if self.finder is not None else ())
+
+        refused = list(self.refused)
+        if self.leader_paths is not None:
+            refused.extend(self.leader_paths.refusals)
         reason = (
-            f"no motion found along {len(self.paths)} leaders' paths, {len(self.refused)} ways could not be certified"
+            f"no motion found along {len(self.found)} leaders' paths, {len(self.refused)} ways could not be certified"
         )
-        evidence: dict[str, object] = {"refused": refused[:20]}
+        evidence: dict[str, object] = {"refused": refused[:REFUSALS_LISTED]}
         if self.query.deadline.passed():
             slow = Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence)
             return TimeLimitReached(slow)
@@ -163,28 +181,33 @@ def _straights(query: FeedQuery) -> list[tuple[float, int]]:
 
     A straight start lies on a path that is straight up to its tip; else it is drawn back as far as it must.
     """
+    settings = query.settings.leaders
     least = query.least_straight
-    lengths = [(least, MOST_CURVES)]
-    if query.feed.low + query.arm.length > least:
-        lengths.insert(0, (query.feed.low + query.arm.length, CURVES_TO_TRY))
-    if not query.start.bends.any() and query.start.feed + query.arm.length > least:
-        lengths.insert(0, (query.start.feed + query.arm.length, CURVES_TO_TRY))
+    tip_drawn_back = query.feed.low + query.arm.length
+    tip_at_start = query.start.feed + query.arm.length
+
+    straights: list[tuple[float, int]] = []
+    if not query.start.bends.any() and tip_at_start > least:
+        straights.append((tip_at_start, settings.first_curves))
+    if tip_drawn_back > least:
+        straights.append((tip_drawn_back, settings.first_curves))
+    straights.append((least, settings.curves))
     if query.feed.high > least:
-        lengths.append((query.feed.high + 2.0 * query.motions.travel, MOST_CURVES))
-    return lengths
+        straights.append((query.feed.high + 2.0 * query.motions.travel, settings.curves))
+    return straights
 
 
 def _unreachable(query: FeedQuery, shortest: float) -> Diagnosis | None:
-    """Why no path to the goal can exist, given the shortest way seen [m]; None when one might."""
-    arm, most = query.arm, Reach.of(query.arm, query.feed).most
+    """Why no path to the goal can exist, given the shortest route seen [m]; None when one might."""
+    arm = query.arm
+    most = Reach.from_feed(arm, query.feed).most
     if shortest == float("inf"):
         reason = (
             f"no way from the hole to the goal is wide enough for the arm: diameter {2e3 * arm.radius:.1f} mm, "
             f"clearance {1e3 * query.problem.workspace.clearance:.1f} mm"
         )
-        return Diagnosis(
-            reason, "free space", ("use a smaller arm.radius or workspace.clearance", "remove an obstacle")
-        )
+        advice = ("use a smaller arm.radius or workspace.clearance", "remove an obstacle")
+        return Diagnosis(reason, "free space", advice)
     if shortest > most:
         reason = (
             f"the shortest way along the feed axis to the goal is {shortest:.3f} m long from arm.base, "

@@ -1,4 +1,4 @@
-"""One question to the feed planner: a problem with both ends resolved, and the lengths that follow from it."""
+"""What is asked of the feed planner: a problem with both ends resolved, and the lengths that follow from it."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -6,10 +6,11 @@ from functools import cached_property
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.planners.feed.fed_poses import FedPose, fed_pose, refuse_bad_pose, refuse_bad_tip
+from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.following.feed_path import FeedMotions
 from ccm_opt.planners.following.gating import travel_between_samples
 from ccm_opt.planners.following.leader import LeaderPath
-from ccm_opt.planners.following.path_of_shape import own_path
+from ccm_opt.planners.following.path_of_shape import path_of_pose
 from ccm_opt.planners.following.slide import feed_step
 from ccm_opt.problem import Problem, TipGoal
 
@@ -25,6 +26,7 @@ class FeedQuery:
         goal: the whole arm's goal, or None when only the tip's is given.
         motions: what makes motions safe.
         deadline: when to stop.
+        settings: of the planner.
     """
 
     problem: Problem
@@ -33,26 +35,34 @@ class FeedQuery:
     goal: FedPose | None
     motions: FeedMotions
     deadline: Deadline
+    settings: FeedPlannerSettings = DEFAULT_FEED
 
     @classmethod
-    def of(cls, problem: Problem, feed: Feed, deadline: Deadline) -> "FeedQuery":
+    def from_problem(
+        cls, problem: Problem, feed: Feed, deadline: Deadline, settings: FeedPlannerSettings = DEFAULT_FEED
+    ) -> "FeedQuery":
         """Resolve the ends of a problem.
 
         Raises:
             UnreachableGoal: the start or the goal cannot be.
         """
-        motions = FeedMotions(problem.arm, problem.workspace, travel_between_samples(problem.arm, problem.limits))
-        start, goal = fed_pose(problem, problem.start, "start"), None
+        following = settings.following
+        travel = travel_between_samples(problem.arm, problem.limits, following)
+        motions = FeedMotions(problem.arm, problem.workspace, travel, settings=following)
+
+        start = fed_pose(problem, problem.start, "start", settings)
         gap = refuse_bad_pose(motions, start, "start")
+        goal = None
         if isinstance(problem.goal, TipGoal):
-            gap = min(gap, max(refuse_bad_tip(problem, problem.goal), 0.0))
+            gap_at_goal = max(refuse_bad_tip(problem, problem.goal), 0.0)
         else:
-            goal = fed_pose(problem, problem.goal, "goal")
-            gap = min(gap, refuse_bad_pose(motions, goal, "goal"))
-        return cls(problem, feed, start, goal, replace(motions, gap=gap), deadline)
+            goal = fed_pose(problem, problem.goal, "goal", settings)
+            gap_at_goal = refuse_bad_pose(motions, goal, "goal")
+        motions = replace(motions, gap=min(gap, gap_at_goal))
+        return cls(problem, feed, start, goal, motions, deadline, settings)
 
     def between(self, start: FedPose, goal: FedPose | None) -> "FeedQuery":
-        """The question with other ends."""
+        """The same with other ends."""
         return replace(self, start=start, goal=goal)
 
     @property
@@ -66,7 +76,7 @@ class FeedQuery:
 
         Three control points of the smooth path shape each of its spans, and samples are taken as linear between.
         """
-        return self.feed.hole + 3.0 * feed_step(self.arm) + 2.0 * self.motions.travel
+        return self.feed.hole + 3.0 * feed_step(self.arm, self.settings.following) + 2.0 * self.motions.travel
 
     @property
     def least_straight(self) -> float:
@@ -79,14 +89,16 @@ class FeedQuery:
     @cached_property
     def start_path(self) -> LeaderPath | None:
         """The path that the arm lies on at the start; None when it bends too near to the hole to have come by one."""
-        return own_path(self.arm, self.start.bends, self.start.feed, self.least_straight)
+        return self.path_of(self.start)
 
     @cached_property
     def goal_path(self) -> LeaderPath | None:
         """The path that leads to a goal of the whole arm, or None."""
-        if self.goal is None:
-            return None
-        return own_path(self.arm, self.goal.bends, self.goal.feed, self.least_straight)
+        return None if self.goal is None else self.path_of(self.goal)
+
+    def path_of(self, pose: FedPose) -> LeaderPath | None:
+        """The path that the arm lies on in a pose; None when it bends too near to the hole to have come by one."""
+        return path_of_pose(self.arm, pose.bends, pose.feed, self.least_straight, self.settings.following)
 
     def fully_drawn_back(self, path: LeaderPath) -> float:
         """The greatest feed at which the whole arm lies on the straight part of a path [m]; may be below the range."""
@@ -96,5 +108,6 @@ class FeedQuery:
         """The feed at which the tip is at the end of a path [m]; None when the base is not in its range then."""
         end = path.base_with_tip_at_end(self.arm.links, self.arm.link_length)
         if path is self.goal_path and self.goal is not None:
-            end = self.goal.feed
-        return end if self.feed.low <= end <= min(self.feed.high, path.straight) else None
+            end = self.goal.feed  # the same but for rounding
+        in_range = self.feed.low <= end <= min(self.feed.high, path.straight)
+        return end if in_range else None

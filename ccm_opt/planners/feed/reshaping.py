@@ -13,10 +13,11 @@ from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.planners.feed.fed_poses import FedPose
+from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 
-LEAST_LINKS = 2
-"""Fewer links beyond the hole are not planned for."""
+_ROUNDING = 1e-9
+"""Distance before the hole at which a joint counts as beyond it [m], as the guide's own test has some too."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +27,15 @@ class Reshaping:
     Attributes:
         problem: of the whole arm, with a feed axis.
         deadline: when to stop.
+        settings: of the planner.
     """
 
     problem: Problem
     deadline: Deadline
+    settings: FeedPlannerSettings = DEFAULT_FEED
 
     def keyframes(self, start: FedPose, goal: FloatArray | TipGoal, outside: float) -> FloatArray | None:
-        """Keyframes from a pose to others bends, or to a goal of the tip, at the feed of the pose.
+        """Keyframes from a pose to other bends, or to a goal of the tip, at the feed of the pose.
 
         Args:
             start: where the motion begins.
@@ -42,25 +45,29 @@ class Reshaping:
         Returns:
             Shape (K, links + 1), or None when no motion was found.
         """
+        links = self.problem.arm.links
         first = self._first_joint(start, outside)
-        if self.problem.arm.links - first < LEAST_LINKS or np.any(start.bends[:first]):
+        too_few = links - first < self.settings.least_links_reshaped
+        start_bent = bool(np.any(start.bends[:first]))
+        goal_bent = not isinstance(goal, TipGoal) and bool(np.any(goal[:first]))
+        if too_few or start_bent or goal_bent:
             return None
-        if not isinstance(goal, TipGoal) and np.any(goal[:first]):
-            return None
-        clamped = (self.problem.arm.links - first) % 2 == 1
+
+        # An arm has an even number of links: an odd part gets one link more, which the guide keeps straight.
+        clamped = (links - first) % 2 == 1
         part = self._part(start, goal, first - int(clamped))
         try:
             ends = resolve_ends(part)
             ends = replace(ends, clamped=clamped or ends.clamped)
-            _, motion = CurvePlanner().motion_between(part, ends, self.deadline)
+            _, motion = CurvePlanner(settings=self.settings.curve).motion_between(part, ends, self.deadline)
         except NoPlanFound:
             return None
         return self._whole(start, part.arm.bends(motion.headings), clamped=clamped)
 
     def _first_joint(self, start: FedPose, outside: float) -> int:
-        """The first joint that is beyond an arc length; with some rounding, as the guide's hole is."""
+        """The first joint that is beyond an arc length [m]."""
         joints = start.feed + self.problem.arm.link_length * np.arange(self.problem.arm.links)
-        return int(np.searchsorted(joints, outside - 1e-9))
+        return int(np.searchsorted(joints, outside - _ROUNDING))
 
     def _part(self, start: FedPose, goal: FloatArray | TipGoal, first: int) -> Problem:
         """The problem of the arm from a joint on, what is before it an obstacle."""
@@ -80,7 +87,8 @@ class Reshaping:
 
     def _with_held_links(self, start: FedPose, first: int) -> Workspace:
         """The workspace with those links in the guide that the arm from a joint on might meet."""
-        problem, arm = self.problem, self.problem.arm
+        problem = self.problem
+        arm = problem.arm
         held = first + 1 - arm.first_self_pair
         if held < 1 or not arm.self_collision:
             return problem.workspace
@@ -92,10 +100,11 @@ class Reshaping:
     def _whole(self, start: FedPose, bends: FloatArray, *, clamped: bool) -> FloatArray:
         """Keyframes of the whole arm, the part before straight."""
         links = self.problem.arm.links
+        first = links - bends.shape[1]
         whole = np.zeros((len(bends), links + 1))
-        whole[:, links - bends.shape[1] : links] = bends
+        whole[:, first:links] = bends
         if clamped:
-            whole[:, links - bends.shape[1]] = 0.0
+            whole[:, first] = 0.0
         whole[:, -1] = start.feed
         return whole
 

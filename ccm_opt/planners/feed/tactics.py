@@ -1,4 +1,4 @@
-"""Ways from the start to the end of a leader's path: by following alone, or with a change of shape on the way."""
+"""Motions from the start to the end of a leader's path: by following alone, or with a change of shape on the way."""
 
 import time
 from collections.abc import Iterator
@@ -12,22 +12,12 @@ from ccm_opt.planners.feed.fed_poses import FedPose
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.reshaping import Reshaping
 from ccm_opt.planners.following.leader import LeaderPath
-from ccm_opt.planners.following.path_of_shape import own_path
 from ccm_opt.planners.following.slide import joined, pose_on, slide
 from ccm_opt.problem import TipGoal
 
-SAME_POSE = 1e-7
-"""Bends that differ by less are the same [rad]."""
-OUT, OUT_SHARE = 0.25, 0.5
-"""Where bends are moved on to, in link lengths beyond where joints may bend; share of its limit that a joint takes."""
-RESHAPING_SHARE = 0.25
-"""Share of the time limit that one change of shape may use."""
-SEPARATION = 2
-"""Further keyframes where a change of shape ends, so that no span of the smooth path mixes it with moving feed."""
-
 
 @dataclass(frozen=True)
-class Straightened:
+class StraightenedEnd:
     """An end that bends too near to the hole, and a pose like it that does not.
 
     Attributes:
@@ -40,8 +30,8 @@ class Straightened:
 
 
 @dataclass(frozen=True)
-class Way:
-    """Keyframes from start to goal, and what they came from.
+class ProposedMotion:
+    """Keyframes from start to goal that nobody has certified yet, and what they came from.
 
     Attributes:
         keyframes: bends and feed, shape (K, links + 1) [rad, m].
@@ -53,34 +43,50 @@ class Way:
     leaders: tuple[FloatArray, ...]
     name: str
 
-    def from_to(self, start: Straightened, goal: Straightened | None = None) -> "Way":
-        """The way with what straightens its ends before and after it."""
-        after = () if goal is None else (goal.keyframes[::-1],)
-        bent = len(start.keyframes) > 1 or any(len(keyframes) > 1 for keyframes in after)
-        keyframes = joined(start.keyframes, self.keyframes, *after)
-        return Way(keyframes, () if bent else self.leaders, f"straighten, {self.name}" if bent else self.name)
+    def between(self, start: StraightenedEnd, goal: StraightenedEnd | None = None) -> "ProposedMotion":
+        """The motion with what straightens its ends before and after it."""
+        pieces = [start.keyframes, self.keyframes]
+        straightens = len(start.keyframes) > 1
+        if goal is not None:
+            pieces.append(goal.keyframes[::-1])
+            straightens = straightens or len(goal.keyframes) > 1
+        keyframes = joined(*pieces)
+        if straightens:
+            return ProposedMotion(keyframes, (), f"straighten, {self.name}")
+        return ProposedMotion(keyframes, self.leaders, self.name)
 
 
-def following(query: FeedQuery, path: LeaderPath) -> Iterator[Way]:
-    """Ways that follow a leader all the time: ahead from the start, or back along the start's own shape first."""
+def following(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
+    """Motions that follow a leader all the time: ahead from the start, or first back along the start's shape."""
     end = query.end_on(path)
     if end is None:
         return
-    arm, start, own = query.arm, query.start, query.start_path
-    if np.max(np.abs(pose_on(arm, path, start.feed) - start.bends)) < SAME_POSE:
-        before = () if own is None or end >= start.feed else (own.points,)
-        name = f"follow the leader, {path.name}"
-        yield Way(_pinned(query, slide(arm, path, start.feed, end)), (*before, path.points), name)
-    if own is None:
+    arm = query.arm
+    settings = query.settings.following
+    start = query.start
+    start_path = query.start_path
+
+    lies_on_path = np.max(np.abs(pose_on(arm, path, start.feed) - start.bends)) < query.settings.same_pose
+    if lies_on_path:
+        leaders = [path.points]
+        # Drawn back it lies on the path that it came by, which behind the tip is not the leader's.
+        if start_path is not None and end < start.feed:
+            leaders.insert(0, start_path.points)
+        keyframes = slide(arm, path, start.feed, end, settings)
+        yield ProposedMotion(_pinned(query, keyframes), tuple(leaders), f"follow the leader, {path.name}")
+
+    if start_path is None:
         return
-    back = min(query.fully_drawn_back(path), query.fully_drawn_back(own), start.feed, end)
+    # Where the arm has been drawn back far enough it lies on the axis, which is common to both paths.
+    back = min(query.fully_drawn_back(path), query.fully_drawn_back(start_path), start.feed, end)
     if back >= query.feed.low:
-        keyframes = joined(slide(arm, own, start.feed, back), slide(arm, path, back, end))
+        out = slide(arm, start_path, start.feed, back, settings)
+        in_again = slide(arm, path, back, end, settings)
         name = f"draw back, then follow the leader, {path.name}"
-        yield Way(_pinned(query, keyframes), (own.points, path.points), name)
+        yield ProposedMotion(_pinned(query, joined(out, in_again)), (start_path.points, path.points), name)
 
 
-def straightened(query: FeedQuery, end: FedPose, path: LeaderPath | None) -> Iterator[Straightened]:
+def straightened(query: FeedQuery, end: FedPose, path: LeaderPath | None) -> Iterator[StraightenedEnd]:
     """Poses near an end from which the arm can be drawn back; the end itself when it can.
 
     Args:
@@ -89,86 +95,93 @@ def straightened(query: FeedQuery, end: FedPose, path: LeaderPath | None) -> Ite
         path: along which the end lies, or None when it bends too near to the hole.
     """
     if path is not None:
-        yield Straightened(end.row[None], end)
+        yield StraightenedEnd(end.row[None], end)
         return
     for bends in (_bent_further_out(query, end), np.zeros(query.arm.links)):
-        if own_path(query.arm, bends, end.feed, query.least_straight) is not None:
-            keyframes = _reshaper(query).keyframes(end, bends, query.feed.hole)
-            if keyframes is not None:
-                pose = FedPose(bends, end.feed)
-                rest = np.tile(pose.row, (1 + SEPARATION, 1))
-                yield Straightened(np.concatenate((keyframes[:-1], rest)), pose)
+        pose = FedPose(bends, end.feed)
+        if query.path_of(pose) is None:
+            continue
+        keyframes = _reshaper(query).keyframes(end, bends, query.feed.hole)
+        if keyframes is not None:
+            rest = np.tile(pose.row, (1 + query.settings.separation, 1))
+            yield StraightenedEnd(np.concatenate((keyframes[:-1], rest)), pose)
 
 
 def _bent_further_out(query: FeedQuery, end: FedPose) -> FloatArray:
     """Bends of a pose, those too near to the hole moved on to the next joints that may bend, shape (links,) [rad]."""
-    arm, bends = query.arm, end.bends.copy()
+    arm = query.arm
+    settings = query.settings
     places = end.feed + arm.link_length * np.arange(arm.links)
-    first = int(np.searchsorted(places, query.outside + OUT * arm.link_length))
+    first = int(np.searchsorted(places, query.outside + settings.bends_moved_out * arm.link_length))
     if first >= arm.links:
         return np.zeros(arm.links)
+
+    bends = end.bends.copy()
     left = float(bends[:first].sum())
     bends[:first] = 0.0
+    # Each joint takes as much of what is left as it may, so that the arm beyond points where it did.
     for joint in range(first, arm.links):
-        limit = max(OUT_SHARE * float(arm.bend_limits[joint]), abs(float(bends[joint])))
+        limit = max(settings.bends_moved_share * float(arm.bend_limits[joint]), abs(float(bends[joint])))
         wanted = bends[joint] + left
         bends[joint] = float(np.clip(wanted, -limit, limit))
         left = wanted - bends[joint]
     return bends
 
 
-def reshaping_at_once(query: FeedQuery) -> Iterator[Way]:
-    """Ways without any feed, for goals that are reached from where the base is."""
-    goal = query.problem.goal if query.goal is None else query.goal.bends
+def reshaping_at_once(query: FeedQuery) -> Iterator[ProposedMotion]:
+    """Motions without any feed, for goals that are reached from where the base is."""
     if query.goal is not None and query.goal.feed != query.start.feed:
         return
+    goal = query.problem.goal if query.goal is None else query.goal.bends
     if not isinstance(goal, TipGoal | np.ndarray):
         return
     keyframes = _reshaper(query).keyframes(query.start, goal, query.feed.hole)
     if keyframes is not None:
-        yield Way(_pinned(query, keyframes), (), "change shape at the start's feed")
+        yield ProposedMotion(_pinned(query, keyframes), (), "change shape at the start's feed")
 
 
-def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[Way]:
-    """Ways that go along the start's own shape to some feed, change there to the shape of a path, and follow it."""
+def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
+    """Motions along the start's shape to some feed, there a change to the shape of a path, and on along that."""
     end = query.end_on(path)
     if end is None:
         return
-    for turn in _turns(query, end):
-        arm = query.arm
-        own = _to_feed(query, turn)
-        if own is None:
+    arm = query.arm
+    for feed in _feeds_to_reshape_at(query, end):
+        there = _to_feed(query, feed)
+        if there is None:
             continue
-        before = FedPose(own[-1, :-1], turn)
-        wanted = pose_on(arm, path, turn)
-        outside = query.feed.hole if len(own) == 1 else query.outside
-        changed = _reshaper(query).keyframes(before, wanted, outside)
+        before = FedPose(there[-1, :-1], feed)
+        # Where the feed does not move before the change, joints may bend right up to the hole.
+        outside = query.feed.hole if len(there) == 1 else query.outside
+        changed = _reshaper(query).keyframes(before, pose_on(arm, path, feed), outside)
         if changed is not None:
-            keyframes = joined(own, changed, slide(arm, path, turn, end))
-            yield Way(_pinned(query, keyframes), (), f"change shape at a feed of {turn:.3f} m, {path.name}")
+            onward = slide(arm, path, feed, end, query.settings.following)
+            keyframes = joined(there, changed, onward)
+            yield ProposedMotion(_pinned(query, keyframes), (), f"change shape at a feed of {feed:.3f} m, {path.name}")
 
 
-def _turns(query: FeedQuery, end: float) -> list[float]:
+def _feeds_to_reshape_at(query: FeedQuery, end: float) -> list[float]:
     """Feeds at which to change shape, the start's first, then farther back."""
-    start, low = query.start.feed, query.feed.low
+    start = query.start.feed
+    low = query.feed.low
     first = min(start, end)
-    feeds = [first, low, 0.5 * (first + low)]
-    return [feed for k, feed in enumerate(feeds) if feed not in feeds[:k]]
+    in_order = (first, low, 0.5 * (first + low))
+    return list(dict.fromkeys(in_order))
 
 
-def _to_feed(query: FeedQuery, turn: float) -> FloatArray | None:
+def _to_feed(query: FeedQuery, feed: float) -> FloatArray | None:
     """Keyframes along the start's own shape to a feed, or None when the shape bends too near to the hole."""
-    if turn == query.start.feed:
+    if feed == query.start.feed:
         return query.start.row[None]
     if query.start_path is None:
         return None
-    return slide(query.arm, query.start_path, query.start.feed, turn)
+    return slide(query.arm, query.start_path, query.start.feed, feed, query.settings.following)
 
 
 def _reshaper(query: FeedQuery) -> Reshaping:
     """Changes of shape, none of which may use up all the time."""
-    until = time.monotonic() + RESHAPING_SHARE * query.problem.planner.time_limit
-    return Reshaping(query.problem, Deadline(min(query.deadline.at, until)))
+    until = time.monotonic() + query.settings.reshaping_share * query.problem.planner.time_limit
+    return Reshaping(query.problem, Deadline(min(query.deadline.at, until)), query.settings)
 
 
 def _pinned(query: FeedQuery, keyframes: FloatArray) -> FloatArray:

@@ -9,13 +9,7 @@ import shapely
 
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.jointed.arm import Arm
-
-POINTS_A_LINK = 8
-"""Places on every link whose distance from the path is taken."""
-POSES = 400
-"""Poses of a motion that are looked at, at most; the first and the last are among them."""
-STRAIGHT_TURN = float(np.deg2rad(0.5))
-"""A place of the path is straight when the path turns by no more than this within a link length to either side."""
+from ccm_opt.planners.following.following_settings import DEFAULT_DEVIATION, DeviationSettings
 
 
 @dataclass(frozen=True)
@@ -37,7 +31,13 @@ class Deviation:
     straight_worst: float
 
 
-def deviation(arm: Arm, bends: FloatArray, feeds: FloatArray, leaders: Sequence[FloatArray]) -> Deviation:
+def deviation(
+    arm: Arm,
+    bends: FloatArray,
+    feeds: FloatArray,
+    leaders: Sequence[FloatArray],
+    settings: DeviationSettings = DEFAULT_DEVIATION,
+) -> Deviation:
     """The deviation of a motion from its leader's paths.
 
     Args:
@@ -46,23 +46,31 @@ def deviation(arm: Arm, bends: FloatArray, feeds: FloatArray, leaders: Sequence[
         feeds: shape (T,) [m].
         leaders: finely sampled polylines, each of shape (m, 2) [m]; of several the nearest counts, since an arm that is
             drawn back along one before it follows the next lies on either.
+        settings: how finely to look.
     """
-    chosen = np.unique(np.linspace(0, len(feeds) - 1, min(POSES, len(feeds))).astype(int))
-    joints = arm.joint_positions(arm.headings(bends[chosen]), feeds[chosen])
-    shares = (np.arange(POINTS_A_LINK) + 0.5) / POINTS_A_LINK
+    poses = np.linspace(0, len(feeds) - 1, min(settings.poses, len(feeds)))
+    chosen = np.unique(poses.astype(int))
+    feeds = feeds[chosen]
+    joints = arm.joint_positions(arm.headings(bends[chosen]), feeds)
+
+    # Places on the links, shape (poses, links, places, 2), of which those in the guide follow no leader.
+    shares = (np.arange(settings.places_per_link) + 0.5) / settings.places_per_link
     places = joints[:, :-1, None] + shares[:, None] * (joints[:, 1:, None] - joints[:, :-1, None])
-    pose, link, share = np.nonzero(_beyond_hole(arm, feeds[chosen], shares))
+    pose, link, place = np.nonzero(_beyond_hole(arm, feeds, shares))
     if len(pose) == 0:
         return Deviation(0.0, 0.0, "the arm stays in its guide", 0.0, 0.0)
-    points = np.asarray(shapely.points(places[pose, link, share]))
-    each = [_distances(points, leader, arm.link_length) for leader in leaders]
-    nearest = np.argmin([distance for distance, _ in each], axis=0)
-    every = np.arange(len(points))
-    distance, straight = (np.stack(values)[nearest, every] for values in zip(*each, strict=True))
-    k = int(np.argmax(distance))
-    where = f"link {link[k] + 1} at a feed of {feeds[chosen][pose[k]]:.3f} m"
-    inside = distance[straight] if straight.any() else np.zeros(1)
-    return Deviation(float(distance.mean()), float(distance[k]), where, float(inside.mean()), float(inside.max()))
+
+    points = np.asarray(shapely.points(places[pose, link, place]))
+    distance, straight = _nearest_leader(points, leaders, arm.link_length, settings.straight_turn)
+    worst = int(np.argmax(distance))
+    on_straight = distance[straight] if straight.any() else np.zeros(1)
+    return Deviation(
+        mean=float(distance.mean()),
+        worst=float(distance[worst]),
+        where=f"link {link[worst] + 1} at a feed of {feeds[pose[worst]]:.3f} m",
+        straight_mean=float(on_straight.mean()),
+        straight_worst=float(on_straight.max()),
+    )
 
 
 def _beyond_hole(arm: Arm, feeds: FloatArray, shares: FloatArray) -> BoolArray:
@@ -72,20 +80,45 @@ def _beyond_hole(arm: Arm, feeds: FloatArray, shares: FloatArray) -> BoolArray:
     return beyond
 
 
-def _distances(points: npt.NDArray[np.object_], leader: FloatArray, reach: float) -> tuple[FloatArray, BoolArray]:
+def _nearest_leader(
+    points: npt.NDArray[np.object_], leaders: Sequence[FloatArray], reach: float, straight_turn: float
+) -> tuple[FloatArray, BoolArray]:
+    """Distances of points from the nearest leader's path [m], and whether that path is straight there."""
+    distances = []
+    straights = []
+    for leader in leaders:
+        distance, straight = _distances(points, leader, reach, straight_turn)
+        distances.append(distance)
+        straights.append(straight)
+    nearest = np.argmin(distances, axis=0)
+    every = np.arange(len(points))
+    return np.stack(distances)[nearest, every], np.stack(straights)[nearest, every]
+
+
+def _distances(
+    points: npt.NDArray[np.object_], leader: FloatArray, reach: float, straight_turn: float
+) -> tuple[FloatArray, BoolArray]:
     """Distances of points from a leader's path [m], and whether the path is straight there."""
     legs = shapely.STRtree(np.asarray(shapely.linestrings(np.stack((leader[:-1], leader[1:]), axis=1))))
     (_, leg), distance = legs.query_nearest(points, return_distance=True, all_matches=False)
-    return distance, _straight_legs(leader, reach)[leg]
+    return distance, _straight_legs(leader, reach, straight_turn)[leg]
 
 
-def _straight_legs(leader: FloatArray, reach: float) -> BoolArray:
-    """Whether the leader's path is straight around each of its legs, shape (m - 1,)."""
+def _straight_legs(leader: FloatArray, reach: float, straight_turn: float) -> BoolArray:
+    """Whether the leader's path is straight around each of its legs, shape (m - 1,).
+
+    Args:
+        leader: shape (m, 2) [m].
+        reach: how far to either side counts [m].
+        straight_turn: total turn within reach up to which the path is straight [rad].
+    """
     steps = np.diff(leader, axis=0)
-    turned = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
     ends = np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
     middles = 0.5 * (ends[:-1] + ends[1:])
-    total = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(turned)))))
-    spread = np.interp(middles + reach, middles, total) - np.interp(middles - reach, middles, total)
-    straight: BoolArray = spread <= STRAIGHT_TURN
+
+    # The total turn grows with arc length, whichever way the path turns, so an S is not taken for a straight.
+    total_turn = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(headings)))))
+    spread = np.interp(middles + reach, middles, total_turn) - np.interp(middles - reach, middles, total_turn)
+    straight: BoolArray = spread <= straight_turn
     return straight

@@ -16,17 +16,10 @@ from scipy.interpolate import CubicSpline
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.collision.walls import Walls
 from ccm_opt.geometry.polygons import nearest_on_segments
+from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, ElasticBandSettings
 
-STEPS = 80
-"""Steps at most."""
-SETTLED = 2e-3
-"""Step, in distances between points, below which the band counts as settled."""
-_LARGEST_STEP = 0.3
-_TENSION = 0.02
-_TIGHT, _TIGHT_POWER = 30.0, 6
-_RIDGE = 1e-3
-_LEAST_SLANT = 0.3
 _TINY = 1e-12
+"""Keeps divisions by lengths finite."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +33,7 @@ class ElasticBand:
         curvature_limit: bound on |κ| that the band tries to keep [1/m].
         spacing: h, distance between points [m].
         evenness: length over which a change of curvature weighs as much as the curvature itself [m].
+        settings: of the steps.
     """
 
     walls: Walls
@@ -48,22 +42,23 @@ class ElasticBand:
     curvature_limit: float
     spacing: float
     evenness: float
+    settings: ElasticBandSettings = DEFAULT_FOLLOWING.band
 
-    def smoothed(self, way: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
-        """A smooth band from a way.
+    def smoothed(self, taut: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
+        """A smooth band from a taut path.
 
         Args:
-            way: a polyline, shape (k, 2) [m]; the band keeps its ends.
+            taut: a polyline, shape (k, 2) [m]; the band keeps its ends.
             headings: at its beginning and at its end [rad]; None when any will do there.
 
         Returns:
             Points, shape (m, 2) [m].
         """
-        band = divided(way, self.spacing)
-        for _ in range(STEPS):
+        band = divided(taut, self.spacing)
+        for _ in range(self.settings.steps):
             shift, normals = self._step(band, headings)
             band = divided(band + shift[:, None] * normals, self.spacing)
-            if np.max(np.abs(shift)) < SETTLED * self.spacing:
+            if np.max(np.abs(shift)) < self.settings.settled * self.spacing:
                 break
         return band
 
@@ -71,42 +66,75 @@ class ElasticBand:
         """Shift of every point along its normal [m], shape (m,), and the normals, shape (m, 2)."""
         h = float(np.hypot(*(band[1] - band[0])))
         around = _with_ghosts(band, headings, h)
+
+        # Central differences; κ h² is what the second one has along the normal.
         ahead = around[2:] - around[:-2]
         tangents = ahead / np.maximum(np.hypot(*ahead.T), _TINY)[:, None]
         normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
         second = around[:-2] - 2.0 * band + around[2:]
-        curvature = np.einsum("ij,ij->i", second, normals)  # times h²
-        hessian, gradient = self._bending(curvature, h)
-        low, high = self._bounds(band, tangents, np.abs(curvature) / h**2)
-        low[[0, -1]], high[[0, -1]] = 0.0, 0.0
+        scaled_curvature = np.einsum("ij,ij->i", second, normals)
+
+        hessian, gradient = self._quadratic_cost(scaled_curvature, h)
+        low, high = self._bounds(band, tangents, np.abs(scaled_curvature) / h**2)
+        low[[0, -1]] = 0.0
+        high[[0, -1]] = 0.0
+
         m = len(band)
         shift, _, flag, _ = daqp.solve(hessian, gradient, np.zeros((0, m)), high, low, np.zeros(m, dtype=np.intc))
         return (np.asarray(shift) if flag > 0 else np.zeros(m)), normals
 
-    def _bending(self, curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
-        """Hessian and gradient of what a step minimises, by the shifts, from κ h² at the points."""
-        m = len(curvature)
-        rows = np.diag(-2.0 + (curvature / h) ** 2) + np.eye(m, k=1) + np.eye(m, k=-1)
-        share = np.minimum(np.abs(curvature) / (self.curvature_limit * h * h), 1.5)
-        weight = 1.0 + _TIGHT * share**_TIGHT_POWER
-        even = (self.evenness / h) ** 2
+    def _quadratic_cost(self, scaled_curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
+        """Hessian (m, m) and gradient (m,) by the shifts of what a step minimises.
+
+        The sum of bending Σ w (κ h²)², its change (e/h)² Σ (Δκ h²)², length -2t Σ κ h² a and a ridge, over two.
+
+        Args:
+            scaled_curvature: κ h² at the points, shape (m,) [m].
+            h: distance between points [m].
+        """
+        settings = self.settings
+        m = len(scaled_curvature)
+        # Row i: derivative of κ h² at point i by the shifts, a'' + κ² a in differences.
+        rows = np.diag(-2.0 + (scaled_curvature / h) ** 2) + np.eye(m, k=1) + np.eye(m, k=-1)
+
+        tightness = np.abs(scaled_curvature) / (self.curvature_limit * h * h)
+        tightness = np.minimum(tightness, settings.most_tight)
+        weight = 1.0 + settings.tightness * tightness**settings.tightness_power
+
         straight = np.zeros((1, m))  # before and after the band
-        change = np.diff(curvature, prepend=0.0, append=0.0)
-        changes = np.diff(np.vstack((straight, rows, straight)), axis=0)
-        hessian = rows.T @ (weight[:, None] * rows) + even * changes.T @ changes + _RIDGE * np.eye(m)
-        gradient = rows.T @ (weight * curvature) + even * changes.T @ change - _TENSION * curvature
+        change = np.diff(scaled_curvature, prepend=0.0, append=0.0)
+        change_rows = np.diff(np.vstack((straight, rows, straight)), axis=0)
+        even = (self.evenness / h) ** 2
+
+        bending = rows.T @ (weight[:, None] * rows)
+        evenness = even * change_rows.T @ change_rows
+        hessian = bending + evenness + settings.ridge * np.eye(m)
+        gradient = (
+            rows.T @ (weight * scaled_curvature) + even * change_rows.T @ change - settings.tension * scaled_curvature
+        )
         return hessian, gradient
 
     def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far every point may move to the right (negative) and left; to the middle where it is too narrow."""
-        need = self.least + np.minimum(curvature, self.curvature_limit) * self.chord**2 / 8.0
+        """How far every point may move to the right (negative) and left; to the middle where it is too narrow.
+
+        Args:
+            band: shape (m, 2) [m].
+            tangents: unit vectors, shape (m, 2).
+            curvature: |κ|, shape (m,) [1/m].
+        """
+        least_slant = self.settings.least_slant
+        sagitta = np.minimum(curvature, self.curvature_limit) * self.chord**2 / 8.0
+        need = self.least + sagitta
         gaps, slants = self._gaps(band, tangents)
-        room = (gaps - need[:, None]) / np.maximum(np.abs(slants), _LEAST_SLANT)
-        largest = _LARGEST_STEP * self.spacing
-        left = np.min(np.where(slants > _LEAST_SLANT, room, np.inf), axis=1, initial=np.inf)
-        right = np.min(np.where(slants < -_LEAST_SLANT, room, np.inf), axis=1, initial=np.inf)
+
+        # A shift by a towards a wall at slant s brings the point nearer by about s a.
+        room = (gaps - need[:, None]) / np.maximum(np.abs(slants), least_slant)
+        left = np.min(np.where(slants > least_slant, room, np.inf), axis=1, initial=np.inf)
+        right = np.min(np.where(slants < -least_slant, room, np.inf), axis=1, initial=np.inf)
+
         middle = 0.5 * (left - right)
         narrow: BoolArray = left + right < 0.0
+        largest = self.settings.largest_step * self.spacing
         high = np.clip(np.where(narrow, middle, left), -largest, largest)
         low = np.clip(np.where(narrow, middle, -right), -largest, largest)
         return np.minimum(low, high), high
@@ -114,6 +142,7 @@ class ElasticBand:
     def _gaps(self, band: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distances of points from edges and vertices, and how far to the left each lies in [-1, 1]; (m, walls)."""
         walls = self.walls
+        # A vertex is an edge whose two ends are one.
         vertices = np.repeat(walls.vertices[:, None], 2, axis=1)
         edges = np.concatenate((walls.edges, vertices))
         rounding = np.concatenate((walls.rounding[walls.edge_wall], walls.rounding[walls.vertex_wall]))
@@ -125,17 +154,21 @@ class ElasticBand:
 
 def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: float) -> FloatArray:
     """The band with one more point before it and after it, where its headings put them, shape (m + 2, 2) [m]."""
-    last = np.arctan2(*(band[-1] - band[-2])[::-1]) if headings[1] is None else headings[1]
-    first = band[0] - h * np.array([np.cos(headings[0]), np.sin(headings[0])])
+    first, last = headings
+    if last is None:
+        last = float(np.arctan2(*(band[-1] - band[-2])[::-1]))
+    before = band[0] - h * np.array([np.cos(first), np.sin(first)])
     beyond = band[-1] + h * np.array([np.cos(last), np.sin(last)])
-    return np.vstack((first, band, beyond))
+    return np.vstack((before, band, beyond))
 
 
-def divided(way: FloatArray, spacing: float) -> FloatArray:
+def divided(path: FloatArray, spacing: float) -> FloatArray:
     """Points at equal distances along a polyline, or a cubic spline through fine ones, shape (m, 2) [m]."""
-    arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))))
+    arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
+    # At least four pieces, so that there are points between the ends that can move.
     places = np.linspace(0.0, arc[-1], max(4, round(arc[-1] / spacing)) + 1)
-    if np.max(np.diff(arc)) > 2.0 * spacing:
-        return np.column_stack([np.interp(places, arc, way[:, k]) for k in range(2)])
-    points: FloatArray = CubicSpline(arc, way)(places)
+    coarse = np.max(np.diff(arc)) > 2.0 * spacing
+    if coarse:
+        return np.column_stack([np.interp(places, arc, path[:, k]) for k in range(2)])
+    points: FloatArray = CubicSpline(arc, path)(places)
     return points

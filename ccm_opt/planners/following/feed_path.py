@@ -15,6 +15,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.motion_task import SPARE
 from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.planners.following.carried_arm import CarriedArm
+from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.gating import straight_while_held
 
 
@@ -28,12 +29,14 @@ class FeedMotions:
         travel: of the base between two samples of a trajectory [m].
         gap: of the narrower end of the motion [m]; the certificate spares half of it at most, and lets motions touch
             as an end that touches does.
+        settings: of following.
     """
 
     arm: Arm
     workspace: Workspace
     travel: float
     gap: float = np.inf
+    settings: FollowingSettings = DEFAULT_FOLLOWING
 
     @cached_property
     def carried(self) -> CarriedArm:
@@ -44,27 +47,28 @@ class FeedMotions:
     def certificate(self) -> Certificate:
         """The certificate that motions must pass."""
         contact = allowed_contact(self.arm, self.workspace)
-        spare = np.clip(0.5 * self.gap - contact, -contact, SPARE * self.arm.length)
+        spare = np.clip(self.settings.end_gap_share * self.gap - contact, -contact, SPARE * self.arm.length)
         return Certificate(self.carried, self.workspace, float(spare))
 
     def contacts(self, bends: FloatArray, feed: float) -> tuple[Contacts, ContactFinder, bool]:
         """Near pairs of a pose, what describes them, and whether links cross something."""
         points = self.carried.joint_positions(self.carried.poses(np.append(bends, feed)))
-        finder = ContactFinder(
-            self.arm, Walls.of(self.workspace), self.workspace.clearance, 0.0, 0.02 * self.arm.length
-        )
+        reach = self.settings.contact_reach * self.arm.length
+        finder = ContactFinder(self.arm, Walls.of(self.workspace), self.workspace.clearance, 0.0, reach)
         return finder.find(points), finder, finder.crosses(points)
 
     def within_limits(self, keyframes: FloatArray) -> bool:
         """Whether keyframes keep joint limits and the range of the feed."""
         feed = self.arm.feed
-        bends, feeds = keyframes[:, :-1], keyframes[:, -1]
+        bends = keyframes[:, :-1]
+        feeds = keyframes[:, -1]
         in_range = feed is not None and bool(np.all((feeds >= feed.low) & (feeds <= feed.high)))
         return in_range and bool(np.all(np.abs(bends) <= self.arm.bend_limits))
 
     def touching_nothing(self, keyframes: FloatArray) -> bool:
         """Whether keyframes of bends and feed, linear between them, do no more than touch."""
-        return len(Certificate.of_contact(self.carried, self.workspace).failures(self.carried.poses(keyframes))) == 0
+        certificate = Certificate.of_contact(self.carried, self.workspace)
+        return len(certificate.failures(self.carried.poses(keyframes))) == 0
 
     def certified(self, keyframes: FloatArray) -> bool:
         """Whether keyframes of bends and feed, linear between them, are clear of everything."""
@@ -87,6 +91,6 @@ class FeedMotions:
         poses = np.asarray(spline.c)
         control = np.column_stack((self.arm.bends(poses[:, :-1]), poses[:, -1] * self.arm.link_length))
         path = BSpline(spline.t, control, spline.k)
-        if not straight_while_held(self.arm, path, self.travel):
+        if not straight_while_held(self.arm, path, self.travel, self.settings):
             return None
         return path, spare_kept(spline, self.certificate)

@@ -7,21 +7,16 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import BoolArray, IntArray
 from ccm_opt.jointed.arm import HELD_TOLERANCE, Arm
+from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.problem import Limits
 
-SAMPLE_STEP = 5e-3
-"""Longest time between two samples of a trajectory, between which all joints move linearly [s]."""
-LINKS_A_SAMPLE = 0.25
-"""Part of a link that the base passes at most between two samples."""
-_SAMPLES_A_SPAN = 12
 
-
-def travel_between_samples(arm: Arm, limits: Limits) -> float:
+def travel_between_samples(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> float:
     """How far the base can move between two samples of a trajectory [m], given that it is timed by ``feed_limits``."""
-    return SAMPLE_STEP * (feed_limits(arm, limits).feed_velocity or 0.0)
+    return settings.sample_period * (feed_limits(arm, limits, settings).feed_velocity or 0.0)
 
 
-def feed_limits(arm: Arm, limits: Limits) -> Limits:
+def feed_limits(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> Limits:
     """Limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
 
     Joints may bend only once they are out of the guide by what the base can travel from one sample to the next, so a
@@ -29,10 +24,13 @@ def feed_limits(arm: Arm, limits: Limits) -> Limits:
     """
     if arm.feed is None or limits.feed_velocity is None:
         return limits
-    return replace(limits, feed_velocity=min(limits.feed_velocity, LINKS_A_SAMPLE * arm.link_length / SAMPLE_STEP))
+    fastest = settings.links_per_sample * arm.link_length / settings.sample_period
+    return replace(limits, feed_velocity=min(limits.feed_velocity, fastest))
 
 
-def straight_while_held(arm: Arm, spline: BSpline, travel: float) -> bool:
+def straight_while_held(
+    arm: Arm, spline: BSpline, travel: float, settings: FollowingSettings = DEFAULT_FOLLOWING
+) -> bool:
     """Whether every joint is exactly straight while it is held, and for some travel of the base before and after.
 
     A joint is taken as bent on a whole span of the spline when one of the span's control points bends it. Where the
@@ -42,22 +40,29 @@ def straight_while_held(arm: Arm, spline: BSpline, travel: float) -> bool:
         arm: with a feed axis.
         spline: of bends and feed, over [0, 1].
         travel: of the base, around a joint's bending, in which the joint must be outside the guide too [m].
+        settings: of following.
     """
     feed = arm.feed
     if feed is None:
         return True
-    samples = np.asarray(spline(np.linspace(0.0, 1.0, _SAMPLES_A_SPAN * _spans(spline) + 1)))[:, -1]
-    covered = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(samples)))))
-    rests, bent = _SAMPLES_A_SPAN * _rests(spline), _bent_spans(spline)
+    per_span = settings.samples_per_span
+    samples = np.asarray(spline(np.linspace(0.0, 1.0, per_span * _spans(spline) + 1)))[:, -1]
+    travelled = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(samples)))))
+    rests = per_span * _rests(spline)
+    bent = _bent_spans(spline)
+
     for joint in np.flatnonzero(bent.any(axis=0)):
-        begin = _SAMPLES_A_SPAN * np.flatnonzero(bent[:, joint])
-        end = begin + _SAMPLES_A_SPAN
-        first = np.searchsorted(covered, covered[begin] - travel, side="left") - 1
-        last = np.searchsorted(covered, covered[end] + travel, side="right")
+        # Samples of every span that bends the joint, and further those that the base reaches by its travel,
+        begin = per_span * np.flatnonzero(bent[:, joint])
+        end = begin + per_span
+        first = np.searchsorted(travelled, travelled[begin] - travel, side="left") - 1
+        last = np.searchsorted(travelled, travelled[end] + travel, side="right")
+        # but not beyond where the path rests before and after.
         first = np.maximum(first, rests[np.searchsorted(rests, begin, side="right") - 1])
         last = np.minimum(last, rests[np.searchsorted(rests, end, side="left")])
-        least = min(float(samples[a : b + 1].min()) for a, b in zip(first, last, strict=True))
-        if least + joint * arm.link_length < feed.hole - 0.5 * HELD_TOLERANCE:
+
+        least_feed = min(float(samples[a : b + 1].min()) for a, b in zip(first, last, strict=True))
+        if least_feed + joint * arm.link_length < feed.hole - 0.5 * HELD_TOLERANCE:
             return False
     return True
 

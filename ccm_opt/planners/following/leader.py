@@ -8,10 +8,12 @@ from scipy.interpolate import CubicHermiteSpline
 
 from ccm_opt.arrays import FloatArray
 
-FINENESS = 32
-"""Samples of a path to the link; cubic Hermite interpolation between them errs by less than 1e-7 of a link."""
 _ITERATIONS = 40
-_TOLERANCE = 1e-13
+"""Of Newton's method at most; from a chord's length ahead it needs four or five."""
+_CONVERGED = 1e-13
+"""Step at which Newton's method has arrived [m]: rounding."""
+_LEAST_SLOPE = 0.2
+"""Slope of distance over arc that Newton's method assumes at least; a path that bends less than a U-turn has more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +48,8 @@ class LeaderPath:
         """Points of the path, shape (..., 2) [m]; straight on beyond its ends."""
         inside = np.clip(arc, self.arc[0], self.arc[-1])
         beyond = np.asarray(arc - inside)[..., None]
-        ends = np.array([[np.cos(h), np.sin(h)] for h in self.headings[[0, -1]]])
-        points: FloatArray = self._curve(inside) + beyond * np.where(beyond < 0.0, ends[0], ends[1])
+        first, last = np.array([[np.cos(h), np.sin(h)] for h in self.headings[[0, -1]]])
+        points: FloatArray = self._curve(inside) + beyond * np.where(beyond < 0.0, first, last)
         return points
 
     def joints(self, feeds: FloatArray, links: int, link_length: float) -> FloatArray:
@@ -74,15 +76,17 @@ class LeaderPath:
     def _next(self, arc: FloatArray, chord: float) -> FloatArray:
         """The next places on the path a chord away, ahead of ``arc`` or, for a negative chord, behind; Newton."""
         here = self.positions(arc)
-        length, sign = abs(chord), np.sign(chord)
+        length = abs(chord)
+        sign = np.sign(chord)
         guess = arc + chord  # no chord is longer than its arc, so the root lies further on
         for _ in range(_ITERATIONS):
             apart = self.positions(guess) - here
             distance = np.hypot(apart[..., 0], apart[..., 1])
             slope = np.einsum("...i,...i->...", apart, self._tangents(guess)) / distance
-            step = (length - distance) / np.where(sign * slope > 0.2, slope, sign * 0.2)
+            safe_slope = np.where(sign * slope > _LEAST_SLOPE, slope, sign * _LEAST_SLOPE)
+            step = (length - distance) / safe_slope
             guess = guess + np.clip(step, -0.5 * length, 0.5 * length)
-            if np.max(np.abs(step)) < _TOLERANCE:
+            if np.max(np.abs(step)) < _CONVERGED:
                 break
         return guess
 
@@ -95,5 +99,6 @@ class LeaderPath:
         steps = np.diff(self.positions(joints), axis=-2)
         chords = np.arctan2(steps[..., 1], steps[..., 0])
         middle = np.interp(0.5 * (joints[..., :-1] + joints[..., 1:]), self.arc, self.headings)
-        headings: FloatArray = chords + 2.0 * np.pi * np.round((middle - chords) / (2.0 * np.pi))
+        whole_turns = np.round((middle - chords) / (2.0 * np.pi))
+        headings: FloatArray = chords + 2.0 * np.pi * whole_turns
         return headings

@@ -9,13 +9,16 @@ from scipy.interpolate import CubicSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.planners.following.leader import FINENESS, LeaderPath
+from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
+from ccm_opt.planners.following.leader import LeaderPath
 
-LEAST_STEP = 0.1
-"""The first joint off the feed axis is at least this many link lengths ahead of where the path leaves the axis."""
+_ON_AXIS = 1e-6
+"""Samples of the axis nearer than this to where the path leaves it are left out, in link lengths: rounding."""
 
 
-def own_path(arm: Arm, bends: FloatArray, feed: float, straight: float) -> LeaderPath | None:
+def path_of_pose(
+    arm: Arm, bends: FloatArray, feed: float, straight: float, settings: FollowingSettings = DEFAULT_FOLLOWING
+) -> LeaderPath | None:
     """A smooth path through all joints of a pose; it follows the feed axis at least up to a given arc length.
 
     Beyond the axis it is a cubic spline through the joints, so that a joint that slides to its neighbour's place takes
@@ -26,22 +29,32 @@ def own_path(arm: Arm, bends: FloatArray, feed: float, straight: float) -> Leade
         bends: of the pose, shape (links,) [rad].
         feed: of the pose [m].
         straight: arc length that the path follows the axis at least [m].
+        settings: of following.
 
     Returns:
         The path, or None when a joint bends so near to the hole that no such path exists.
     """
-    l, joints = arm.link_length, arm.joint_positions(arm.headings(bends), feed)
+    l = arm.link_length
+    joints = arm.joint_positions(arm.headings(bends), feed)
     bent = np.flatnonzero(bends)
-    first = int(bent[0]) if len(bent) else arm.links
-    leaves = max(straight, feed + first * l)
-    off = joints[first + 1 :]
-    if len(off) and float((off[0] - arm.base) @ arm.feed_direction) - leaves < LEAST_STEP * l:
-        return None
-    return path_through(arm, leaves, off, "own shape")
+    first_bent = int(bent[0]) if len(bent) else arm.links
+    leaves = max(straight, feed + first_bent * l)
+
+    off_axis = joints[first_bent + 1 :]
+    if len(off_axis):
+        lead = float((off_axis[0] - arm.base) @ arm.feed_direction) - leaves
+        if lead < settings.least_lead * l:
+            return None
+    return path_through(arm, leaves, off_axis, "own shape", settings=settings)
 
 
 def path_through(
-    arm: Arm, leaves: float, points: FloatArray, name: str, end_heading: float | None = None
+    arm: Arm,
+    leaves: float,
+    points: FloatArray,
+    name: str,
+    end_heading: float | None = None,
+    settings: FollowingSettings = DEFAULT_FOLLOWING,
 ) -> LeaderPath:
     """The path that follows the feed axis up to an arc length and then, a cubic spline, goes through points.
 
@@ -51,45 +64,61 @@ def path_through(
         points: in order, shape (k, 2) [m]; with none the path is a piece of the axis.
         name: of the path.
         end_heading: heading at the last point [rad], or None when any will do.
+        settings: of following.
     """
     if len(points) == 0:
-        return _with_axis(arm, leaves, np.zeros((0, 4)), np.zeros(0), name)
+        return _axis_alone(arm, leaves, name)
     nodes = np.vstack((arm.base + leaves * arm.feed_direction, points))
     chords = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(nodes, axis=0).T))))
-    order: Literal[1, 2] = 2 if end_heading is None else 1
-    end = np.zeros(2) if end_heading is None else np.array([np.cos(end_heading), np.sin(end_heading)])
+
+    # The first derivative is that of the axis; at the end it is the heading's, or else the second derivative is zero.
+    order: Literal[1, 2]
+    if end_heading is None:
+        order = 2
+        end = np.zeros(2)
+    else:
+        order = 1
+        end = np.array([np.cos(end_heading), np.sin(end_heading)])
     curve = CubicSpline(chords, nodes, bc_type=((1, arm.feed_direction), (order, end)))
-    return _with_axis(arm, leaves, *_sampled(curve, chords), name)
+
+    parameters = _parameters(chords, settings.samples_per_link)
+    tangents = np.asarray(curve(parameters, 1))
+    speed = np.hypot(*tangents.T)
+    arc = np.asarray(cumulative_simpson(speed, x=parameters, initial=0.0))
+    return _with_axis(arm, leaves, arc, curve(parameters), tangents, name)
 
 
-def _sampled(curve: CubicSpline, chords: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Parameters and the curve's points, joints among the samples; the parameters are turned into arc lengths."""
-    places = np.concatenate([a + (b - a) * np.arange(FINENESS) / FINENESS for a, b in pairwise(chords)] + [chords[-1:]])
-    speed = np.hypot(*np.asarray(curve(places, 1)).T)
-    arc = cumulative_simpson(speed, x=places, initial=0.0)
-    return np.column_stack((curve(places), curve(places, 1))), np.asarray(arc)
+def _parameters(chords: FloatArray, count: int) -> FloatArray:
+    """Parameters of the curve at which it is sampled: so many to a chord, all joints among them."""
+    inner = [a + (b - a) * np.arange(count) / count for a, b in pairwise(chords)]
+    return np.concatenate([*inner, chords[-1:]])
 
 
-def _with_axis(arm: Arm, leaves: float, samples: FloatArray, arc: FloatArray, name: str) -> LeaderPath:
-    """The feed axis up to an arc length, then a sampled curve of points and tangents, shape (m, 4)."""
-    low = arm.feed.low if arm.feed is not None else 0.0
-    before = np.arange(min(low, leaves) - arm.link_length, leaves, arm.link_length)
-    before = before[before < leaves - 1e-6 * arm.link_length]
-    if len(arc) == 0:
-        before = np.append(before, leaves)
-        return LeaderPath(
-            before,
-            arm.base + before[:, None] * arm.feed_direction,
-            np.full(len(before), arm.base_heading),
-            leaves,
-            name,
-        )
-    headings = arm.base_heading + np.unwrap(np.arctan2(samples[:, 3], samples[:, 2]) - arm.base_heading)
+def _axis_alone(arm: Arm, leaves: float, name: str) -> LeaderPath:
+    """The feed axis up to an arc length [m]."""
+    arc = np.append(_on_axis(arm, leaves), leaves)
+    points = arm.base + arc[:, None] * arm.feed_direction
+    return LeaderPath(arc, points, np.full(len(arc), arm.base_heading), leaves, name)
+
+
+def _with_axis(
+    arm: Arm, leaves: float, arc: FloatArray, points: FloatArray, tangents: FloatArray, name: str
+) -> LeaderPath:
+    """The feed axis up to an arc length, then a sampled curve with arc lengths from there, points and tangents."""
+    before = _on_axis(arm, leaves)
+    headings = arm.base_heading + np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]) - arm.base_heading)
     headings -= 2.0 * np.pi * np.round((headings[0] - arm.base_heading) / (2.0 * np.pi))
     return LeaderPath(
         np.concatenate((before, leaves + arc)),
-        np.concatenate((arm.base + before[:, None] * arm.feed_direction, samples[:, :2])),
+        np.concatenate((arm.base + before[:, None] * arm.feed_direction, points)),
         np.concatenate((np.full(len(before), arm.base_heading), headings)),
         leaves,
         name,
     )
+
+
+def _on_axis(arm: Arm, leaves: float) -> FloatArray:
+    """Arc lengths of samples of the feed axis before the path leaves it, a link length behind the base's range on."""
+    low = arm.feed.low if arm.feed is not None else 0.0
+    arc = np.arange(min(low, leaves) - arm.link_length, leaves, arm.link_length)
+    return arc[arc < leaves - _ON_AXIS * arm.link_length]

@@ -7,20 +7,24 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.leader import LeaderPath
 
-STEP, LEAST_STEP = 1.0 / 8.0, 1.0 / 300.0
-"""Feed between two keyframes, in link lengths; but for arms of many links this share of the arm's length."""
 _NO_BEND = 1e-10
-"""Bends below this are rounding of straight chords [rad]."""
+"""Bends below this are rounding of straight chords [rad]; the guide asks for exactly straight joints."""
+_WHOLE_STEPS = 1e-9
+"""A distance that is this part of a step more than whole steps is taken as whole: rounding."""
 
 
-def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
+def slide(
+    arm: Arm, path: LeaderPath, start: float, end: float, settings: FollowingSettings = DEFAULT_FOLLOWING
+) -> FloatArray:
     """Keyframes of the arm carried along a path from one feed to another, shape (K, links + 1)."""
-    feeds = feeds_between(arm, start, end)
+    feeds = feeds_between(arm, start, end, settings)
     joints = path.joints(feeds, arm.links, arm.link_length)
     bends = arm.bends(path.link_headings(joints))
-    return np.column_stack((np.where(np.abs(bends) < _NO_BEND, 0.0, bends), feeds))
+    bends = np.where(np.abs(bends) < _NO_BEND, 0.0, bends)
+    return np.column_stack((bends, feeds))
 
 
 def pose_on(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
@@ -28,19 +32,21 @@ def pose_on(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
     return slide(arm, path, feed, feed)[0, :-1]
 
 
-def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
+def feeds_between(arm: Arm, start: float, end: float, settings: FollowingSettings = DEFAULT_FOLLOWING) -> FloatArray:
     """Feeds from one to another, both held, at most a ``feed_step`` apart [m]."""
     if start == end:
         return np.array([start])
-    return np.linspace(start, end, 1 + int(np.ceil(abs(end - start) / feed_step(arm) - 1e-9)))
+    steps = np.ceil(abs(end - start) / feed_step(arm, settings) - _WHOLE_STEPS)
+    return np.linspace(start, end, 1 + int(steps))
 
 
-def feed_step(arm: Arm) -> float:
+def feed_step(arm: Arm, settings: FollowingSettings = DEFAULT_FOLLOWING) -> float:
     """Feed between two keyframes [m]."""
-    return max(STEP * arm.link_length, LEAST_STEP * arm.length)
+    return max(settings.feed_step * arm.link_length, settings.least_feed_step * arm.length)
 
 
 def joined(*pieces: FloatArray) -> FloatArray:
     """Keyframes of several pieces in a row, each beginning where the one before ends."""
     first, *others = [piece for piece in pieces if len(piece)]
-    return np.concatenate((first, *(piece[1:] for piece in others)))
+    beginnings_dropped = [piece[1:] for piece in others]
+    return np.concatenate((first, *beginnings_dropped))

@@ -1,0 +1,85 @@
+"""The numbers of the planner of a feed axis, in one place."""
+
+from dataclasses import dataclass, field
+
+from ccm_opt.planners.curve_settings import CurvePlannerSettings
+from ccm_opt.planners.following.following_settings import FollowingSettings
+
+
+@dataclass(frozen=True)
+class LeaderPathSettings:
+    """Numbers of the search for paths that a leader may take.
+
+    Attributes:
+        curvature_share: share of the tightest bend that a path may use, so that the arm can still be steered. Taste.
+        free_space_margins: room that free space keeps beyond radius and clearance, widest first, as shares of a link's
+            sagitta at its joint limit: links are chords of the path and cut its corners by that much. Taste.
+        band_margins: room that elastic bands keep beyond radius and clearance where there is so much, in link lengths.
+            Taste.
+        band_spacing: distance between the points of a band, in link lengths. Taste.
+        least_band_spacing: the same as a share of the arm's length, for arms of many links; the larger of both counts,
+            since a step costs the cube of the number of points. Taste.
+        band_evenness: length over which a band's change of curvature weighs as much as its curvature, as a share of
+            the arm's length. Taste.
+        chord_allowance: share of a path's length by which the arm on it may be longer than its chords. Taste.
+        curve_stretches: lengths of the continuous curve that are tried, over that of the taut path. Taste.
+        curve_attempts: attempts of the configuration's NLP at one curve. Taste.
+        curves: curves that are asked for, at most. Taste.
+        first_curves: the same where other straight beginnings may do as well. Taste.
+    """
+
+    curvature_share: float = 0.9
+    free_space_margins: tuple[float, ...] = (1.0, 0.4, 0.1)
+    band_margins: tuple[float, ...] = (0.2, 0.05, 0.01)
+    band_spacing: float = 1.0 / 3.0
+    least_band_spacing: float = 1.0 / 96.0
+    band_evenness: float = 1.0 / 16.0
+    chord_allowance: float = 1e-2
+    curve_stretches: tuple[float, ...] = (1.03, 1.1, 1.25, 1.5, 2.0)
+    curve_attempts: int = 3
+    curves: int = 60
+    first_curves: int = 5
+
+
+@dataclass(frozen=True)
+class FeedPlannerSettings:
+    """Numbers of the planner of arms on a feed axis.
+
+    Attributes:
+        planning_share: share of the time limit that planning may use; timing and verification need the rest. Taste.
+        following_share: share of the time limit that paths for a leader may be looked for. Taste.
+        reshaping_share: share of the time limit that one change of shape may use. Taste.
+        paths_reshaped_to: leaders' paths to which a change of shape is tried. Taste.
+        least_links_reshaped: shapes of fewer links beyond the hole are not changed. Derived: a single link has no
+            shape.
+        straightening: distance that the tip may move when what the mapping of a curve bends inside the guide is
+            straightened [m]. Taste.
+        same_pose: bends that differ by less are the same [rad]. Taste; far above the rounding of chords, far below
+            anything that shows.
+        bends_moved_out: how far beyond the first place where joints may bend those bends are moved to that are too
+            near to the hole, in link lengths. Taste.
+        bends_moved_share: share of its limit that a joint takes over of such bends. Taste.
+        separation: further keyframes where a change of shape ends. Derived: with two more of the same pose no span of
+            the cubic spline, which four control points shape, mixes the change with a moving feed.
+        leaders: of the search for paths that a leader may take.
+        following: of paths for a leader and of the motions along them.
+        curve: of the planner that changes shapes at a fixed feed.
+    """
+
+    planning_share: float = 0.9
+    following_share: float = 0.4
+    reshaping_share: float = 0.25
+    paths_reshaped_to: int = 3
+    least_links_reshaped: int = 2
+    straightening: float = 5e-4
+    same_pose: float = 1e-7
+    bends_moved_out: float = 0.25
+    bends_moved_share: float = 0.5
+    separation: int = 2
+    leaders: LeaderPathSettings = field(default_factory=LeaderPathSettings)
+    following: FollowingSettings = field(default_factory=FollowingSettings)
+    curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)
+
+
+DEFAULT_FEED = FeedPlannerSettings()
+"""What the planner takes when it is not given other settings."""
