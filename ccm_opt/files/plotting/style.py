@@ -14,3 +14,11 @@ FONT_FAMILY, FONT_SIZE = "DejaVu Sans", 8
 MAX_NAMED_OBSTACLES = 12
 """With more obstacles than this their names would hide the picture."""
 POSES_ON_THE_WAY = 7
+
+FREE, FREE_EDGE = "#e3eef4", "#8fb0c2"
+INFLATED = "#f3e6d3"
+"""Room that the arm's axis has to stay out of, beside walls."""
+REGION, REGION_TINT = "#2a6f97", "#dbe7ee"
+PORTAL = "#c1440e"
+"""Colours of the concept pages; each pair that meets differs in lightness too."""
+FOLD, FOLD_EDGE = "#f0b429", "#9a6b00"

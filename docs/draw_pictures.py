@@ -1,0 +1,173 @@
+"""Draw the pictures of the concept pages, from runs of the package itself.
+
+Run it from the project's folder, with the folder for the pictures::
+
+    python docs/draw_pictures.py docs/images
+
+Nothing is drawn by hand: routes, corridors, the hairpin's moments and the certificate's verdicts are what the package
+finds. It takes some seconds; a run gives the same pictures on every machine but for rounding.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+import ccm_opt
+from ccm_opt.arrays import FloatArray
+from ccm_opt.collision.certificate import Certificate
+from ccm_opt.collision.contacts import ContactFinder
+from ccm_opt.collision.walls import Walls
+from ccm_opt.files.plotting.corridor_concept import CorridorScene, corridor_png
+from ccm_opt.files.plotting.gap_concept import gaps_png
+from ccm_opt.files.plotting.hairpin_concept import HairpinMoment, HairpinScene, hairpin_png
+from ccm_opt.files.plotting.sag_concept import SagScene, sag_png
+from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.motion.continuation import Deadline, follow
+from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.motion.guides.hairpin import Hairpin
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.portfolio import pulled_over
+from ccm_opt.motion.step import Pose, Stepper, Term
+from ccm_opt.nlp.configuration_task import ConfigurationTask
+from ccm_opt.nlp.find_configuration import find_configuration
+from ccm_opt.planners.curve import find_routes, route_margin, tip_paths_along
+
+BLOCKS = {
+    "block": [(0.24, -0.13), (0.44, -0.07), (0.42, 0.17), (0.25, 0.12)],
+    "pillar": [(0.60, -0.42), (0.74, -0.42), (0.72, -0.10), (0.63, -0.12)],
+    "shelf": [(0.62, 0.11), (0.84, 0.06), (0.88, 0.27), (0.66, 0.30)],
+}
+LENGTH, RADIUS, MARGIN = 1.3, 0.02, 0.005
+LINKS = 26
+
+
+def corridor_scene() -> CorridorScene:
+    """A room with three obstacles and three ways to a goal that is entered from below."""
+    obstacles = tuple(Obstacle(name, shapely.Polygon(corners)) for name, corners in BLOCKS.items())
+    workspace = Workspace(shapely.box(-0.08, -0.42, 1.2, 0.45), obstacles, 0.0)
+    room = FreeSpace.of(workspace, RADIUS + MARGIN)
+    base, goal, heading = np.array([0.0, 0.0]), np.array([1.02, 0.24]), 0.5 * np.pi
+    routes = room.routes(base, goal, 3, longest=0.985 * LENGTH, shrink=0.016 * LENGTH)
+    corridor = room.corridor(routes[2])
+    task = ConfigurationTask(
+        base=base,
+        base_heading_range=(-np.pi, np.pi),
+        length=LENGTH,
+        curvature_limit=12.0,
+        goal=goal,
+        goal_heading=heading,
+        corridor=corridor,
+        mount_length=RADIUS,
+    )
+    configuration = find_configuration(task, 4)
+    points = configuration.positions_at(np.linspace(0.0, LENGTH, LINKS + 1))
+    return CorridorScene(room, base, goal, heading, routes, corridor, configuration, points, RADIUS)
+
+
+PROBLEMS = Path(__file__).parent.parent / "problems"
+MOMENTS = (
+    (0.10, "the tip turns back: a fold begins"),
+    (0.36, "the fold travels towards the base"),
+    (0.70, "the arm follows it out, as a rope does"),
+    (1.00, "the fold has opened; settling comes next"),
+)
+"""Shares of the motion that are drawn, with what they show."""
+
+
+class Recorder:
+    """A hairpin as a guide that notes after every step where its fold and its target are."""
+
+    def __init__(self, guide: Hairpin) -> None:
+        self.guide = guide
+        self.states = [(guide.fold_at, guide.target())]
+
+    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+        """What draws the arm on from a pose."""
+        return self.guide.terms(pose, jacobians)
+
+    def progress(self, pose: Pose) -> bool:
+        """Let the fold travel if the tip keeps up."""
+        moved = self.guide.progress(pose)
+        self.states.append((self.guide.fold_at, self.guide.target()))
+        return moved
+
+    def finished(self, pose: Pose) -> bool:
+        """Whether the fold has come to its end."""
+        return self.guide.finished(pose)
+
+    def describe(self, pose: Pose) -> str:
+        """How far the fold has come."""
+        return self.guide.describe(pose)
+
+
+def hairpin_scene() -> HairpinScene:
+    """The hairpin of the shared problem *horn-wide*, which begins inside a horn and ends outside."""
+    problem = ccm_opt.load_problem(PROBLEMS / "horn-wide.toml")
+    ends = resolve_ends(problem)
+    room = FreeSpace.of(problem.workspace, route_margin(problem, ends))
+    tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room))
+    space, v = LinkSpace.through(problem.arm, ends.start)
+    margin, reach = 0.06 * space.unit, 0.96 * space.unit
+    finder = ContactFinder(problem.arm, Walls.of(problem.workspace), problem.workspace.clearance, margin, reach)
+    stepper = Stepper(space, finder)
+    start = stepper.pose(v)
+    guide = next(pulled_over(stepper, start, None, tip_paths[0], (5.0,))).guide()
+    recorder = Recorder(guide)
+    poses = follow(stepper, recorder, start, Deadline(time.monotonic() + 60.0))
+    moments = []
+    for share, title in MOMENTS:
+        k = round(share * (len(poses) - 1))
+        fold_at, target = recorder.states[k]
+        moments.append(HairpinMoment(title, poses[k].points, fold_at, guide.fold_length, target))
+    return HairpinScene(problem.workspace, problem.arm.radius, guide.track.points, moments, (-1.06, -0.16, 0.52, 0.80))
+
+
+ARM_BESIDE_A_WALL = """
+schema = 1
+name = "sag"
+[workspace]
+bounds = [-1.0, -1.0, 1.0, 1.0]
+[[workspace.obstacles]]
+name = "wall"
+box = [0.416, -0.06, 0.46, 0.28]
+[arm]
+links = 4
+link_length = 0.1
+radius = 0.008
+base = [0.0, 0.0]
+joint_limit_deg = 60.0
+[limits]
+velocity = 1.0
+acceleration = 1.0
+[start]
+shape = "straight"
+[goal]
+position = [0.2, 0.2]
+"""
+
+
+def sag_scene() -> SagScene:
+    """Four links that turn by 40° in one interval, many times what a step does, beside a wall."""
+    problem = parse_problem(ARM_BESIDE_A_WALL)
+    start = np.deg2rad([-14.0, -6.0, 4.0, 16.0])
+    end = start + np.deg2rad([34.0, 38.0, 40.0, 42.0])
+    certificate = Certificate(problem.arm, problem.workspace, 0.002)
+    return SagScene(certificate, start, end, 3, (-0.02, -0.08, 0.47, 0.29))
+
+
+def main() -> None:
+    """Draw all pictures into the folder named on the command line."""
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images")
+    (folder / "route-and-corridor.png").write_bytes(corridor_png(corridor_scene()))
+    (folder / "travelling-hairpin.png").write_bytes(hairpin_png(hairpin_scene()))
+    (folder / "sag-and-certificate.png").write_bytes(sag_png(sag_scene()))
+    (folder / "clearance-margin-spare.png").write_bytes(gaps_png())
+
+
+if __name__ == "__main__":
+    main()
