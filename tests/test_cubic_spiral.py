@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
 from ccm_opt.continuum.cubic_spiral import LARGEST_TURN, CubicSpiral, chord_ratio, join_poses
-from ccm_opt.continuum.segment_types import wrap
 from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.angles import wrap
 from ccm_opt.nlp.centre_path import CentrePath, centre_path
 
 from .nlp_corridors import box, corridor, s_bend

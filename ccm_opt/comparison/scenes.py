@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal
 
@@ -116,7 +117,7 @@ def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Poly
         corners = rng.integers(3, 9)
         angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, corners))
         radii = rng.uniform(0.03, 0.09, corners)
-        polygon = shapely.Polygon(middle + radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles))))
+        polygon = shapely.Polygon(middle + radii[:, None] * unit_vector(angles))
         if polygon.is_valid and polygon.area > 1e-4:
             return polygon
 

@@ -18,8 +18,8 @@ from scipy.optimize import minimize_scalar
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.kinematics import integrate_positions
-from ccm_opt.continuum.segment_types import wrap
 from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.angles import heading_of, unit_vector, wrap
 
 LARGEST_TURN = 4.0
 """Turns beyond this are refused [rad]: the chord of a cubic spiral shrinks to nothing a little later."""
@@ -70,7 +70,7 @@ class CubicSpiral:
         """
         chord = np.asarray(end, dtype=np.float64) - np.asarray(start, dtype=np.float64)
         distance = float(np.hypot(*chord))
-        turn = 2.0 * wrap(float(np.arctan2(chord[1], chord[0])) - heading)
+        turn = 2.0 * wrap(heading_of(chord) - heading)
         if distance == 0.0 or abs(turn) > LARGEST_TURN:
             raise ProblemError(
                 f"no cubic spiral turns by {turn:.4g} rad over a chord of {distance:.4g} m; expected a chord, and at "
@@ -92,7 +92,7 @@ class CubicSpiral:
     def end(self) -> FloatArray:
         """The end point, shape (2,) [m]: a chord of ℓ D(α) at half the turn."""
         middle, chord = self.heading + 0.5 * self.turn, self.length * chord_ratio(self.turn)
-        return self.start + chord * np.array([np.cos(middle), np.sin(middle)])
+        return self.start + chord * unit_vector(middle)
 
     @property
     def jerk(self) -> float:
@@ -140,7 +140,7 @@ def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: 
     """
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     chord = end - start
-    direction = float(np.arctan2(chord[1], chord[0]))
+    direction = heading_of(chord)
     before, after = wrap(direction - heading), wrap(end_heading - direction)
     if abs(before - after) <= _SYMMETRY and 2.0 * abs(before) <= LARGEST_TURN:
         return (CubicSpiral.to_point(start, heading, end),)
@@ -176,9 +176,9 @@ def _halves(
 ) -> tuple[CubicSpiral, CubicSpiral]:
     """The two turns through the mean pose at place t."""
     half, distance = 0.5 * (bends[0] + bends[1]), float(np.hypot(*chord))
-    direction = float(np.arctan2(chord[1], chord[0])) - t * half
+    direction = heading_of(chord) - t * half
     share = (1.0 - t) * np.sinc((1.0 - t) * half / np.pi) / np.sinc(half / np.pi)
-    middle = start + distance * share * np.array([np.cos(direction), np.sin(direction)])
+    middle = start + distance * share * unit_vector(direction)
     first = _between(start, heading, middle, 2.0 * (bends[0] - t * half))
     return first, _between(middle, first.end_heading, start + chord, 2.0 * (bends[1] - (1.0 - t) * half))
 

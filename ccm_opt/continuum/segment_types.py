@@ -9,6 +9,7 @@ from scipy.special import j0
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.angles import heading_of, wrap
 
 _FIRST_ZERO_OF_J0 = 2.404825557695773
 _SAMPLES_PER_PIECE = 32
@@ -83,7 +84,7 @@ def select_segment_type(
         tolerance: angles below it count as zero [rad].
     """
     chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
-    direction = float(np.arctan2(chord[1], chord[0]))
+    direction = heading_of(chord)
     alpha = None if base_heading is None else wrap(direction - base_heading)
     beta = None if tip_heading is None else wrap(tip_heading - direction)
     alpha, beta = (beta or 0.0) if alpha is None else alpha, (alpha or 0.0) if beta is None else beta
@@ -114,7 +115,8 @@ def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length
         ProblemError: the tip is farther than the length.
     """
     chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
-    direction, ratio = float(np.arctan2(chord[1], chord[0])), float(np.hypot(*chord)) / length
+    direction = heading_of(chord)
+    ratio = float(np.hypot(*chord)) / length
     if ratio > 1.0 + 1e-9:
         raise ProblemError(f"a segment of {length:g} m cannot span {ratio * length:g} m; give it more length")
     amplitude = end_angle(kind, min(ratio, 1.0))
@@ -133,11 +135,6 @@ def end_angle(kind: SegmentType, ratio: float) -> float:
     if kind in {SegmentType.LEFT, SegmentType.RIGHT}:
         return float(brentq(lambda a: np.sinc(a / np.pi) - ratio, 0.0, np.pi))
     return float(brentq(lambda a: j0(a) - ratio, 0.0, _FIRST_ZERO_OF_J0))
-
-
-def wrap(angle: float) -> float:
-    """The same direction in (-π, π] [rad]."""
-    return float(np.pi - np.mod(np.pi - angle, 2.0 * np.pi))
 
 
 def _sign(angle: float, tolerance: float) -> int:

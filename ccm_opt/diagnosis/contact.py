@@ -10,6 +10,7 @@ from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole
 from ccm_opt.diagnosis.words import millimetres, point
 from ccm_opt.errors import Finding
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle
+from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
 
@@ -89,7 +90,7 @@ def _tip_blocked(problem: Problem, place: TipPlace) -> Iterator[Finding]:
     body: shapely.Geometry = shapely.Point(place.goal.position)
     if place.goal.heading is not None:
         visible = min(arm.link_length, arm.length - arm.mount_length)
-        back = visible * np.array([np.cos(place.goal.heading), np.sin(place.goal.heading)])
+        back = visible * unit_vector(place.goal.heading)
         body, what = shapely.LineString([place.goal.position - back, place.goal.position]), f"link {arm.links}"
         play += arm.link_length * tolerances.heading
     need = arm.radius + problem.workspace.clearance

@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
 from ccm_opt.diagnosis.words import degrees, metres, point
 from ccm_opt.errors import Finding
+from ccm_opt.geometry.angles import heading_of, wrap
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
 
@@ -73,7 +74,7 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     """
     towards = place.goal.position - arm.base
     distance, bends = float(np.hypot(*towards)), (arm.links - 1) * arm.joint_limit
-    direction = float(np.arctan2(towards[1], towards[0])) if distance > place.tolerances.position else None
+    direction = heading_of(towards) if distance > place.tolerances.position else None
     aside = float(np.arcsin(min(place.tolerances.position / max(distance, 1e-300), 1.0)))
     heading = place.goal.heading
     if heading is not None:
@@ -89,7 +90,7 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
 
 def _turn(angle: float) -> float:
     """The angle the short way round, without its sign [rad]."""
-    return abs(float((angle + np.pi) % (2.0 * np.pi) - np.pi))
+    return abs(wrap(angle))
 
 
 def _short_of_turn(arm: Arm, place: TipPlace, what: str, turn: float, most: float) -> Iterator[Finding]:

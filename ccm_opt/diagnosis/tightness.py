@@ -12,6 +12,7 @@ from ccm_opt.freespace.bottleneck import narrowest_passage, nearest_walls
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.polygons import cross
+from ccm_opt.geometry.polyline import leg_lengths
 from ccm_opt.motion.ends import Ends, resolve_ends
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.curve import configuration_task, find_routes, route_margin
@@ -118,12 +119,12 @@ def _stiff(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iter
 def _turns(taut: FloatArray, together: float) -> Iterator[tuple[FloatArray, float, FloatArray]]:
     """Corners of a taut path, those nearer than ``together`` to the one before counted to it: place, turn, outside."""
     legs = np.diff(taut, axis=0)
-    legs = legs[np.linalg.norm(legs, axis=1) > 1e-9]
+    legs = legs[leg_lengths(taut) > 1e-9]
     if len(legs) < 2:
         return
     corners = taut[0] + np.cumsum(legs, axis=0)[:-1]
     angles = np.arctan2(cross(legs[:-1], legs[1:]), np.einsum("ij,ij->i", legs[:-1], legs[1:]))
-    group = np.cumsum(np.append(True, np.linalg.norm(np.diff(corners, axis=0), axis=1) > together))
+    group = np.cumsum(np.append(True, leg_lengths(corners) > together))
     for k in np.unique(group):
         mine = np.flatnonzero(group == k)
         turn = float(angles[mine].sum())

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ccm_opt.geometry.angles import wrap
+from ccm_opt.geometry.polyline import path_length
 from ccm_opt.planners.following.deviation import Deviation, deviation
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
@@ -25,7 +27,7 @@ def metrics(
     figures = {
         "duration_s": trajectory.duration,
         "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),
-        "joint_path_length_rad": float(np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1).sum()),
+        "joint_path_length_rad": path_length(trajectory.bend_angles),
         "largest_curvature_per_m": float(np.max(np.abs(trajectory.bend_angles[:, 1:]), initial=0.0) / arm.link_length),
         "keyframes": float(len(path.keyframes)),
         "tracking_error_rad": simulated.tracking_error,
@@ -33,7 +35,7 @@ def metrics(
     if isinstance(problem.goal, TipGoal):
         figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.position)))
         if problem.goal.heading is not None:
-            turn = (headings[-1, -1] - problem.goal.heading + np.pi) % (2.0 * np.pi) - np.pi
+            turn = wrap(headings[-1, -1] - problem.goal.heading)
             figures["heading_error_rad"] = abs(float(turn))
     if path.leaders and trajectory.feed is not None:
         figures.update(leader_figures(deviation(arm, trajectory.bend_angles, trajectory.feed.positions, path.leaders)))

@@ -17,7 +17,7 @@ from ccm_opt.freespace.junctions import EdgeMetric
 from ccm_opt.freespace.routes import shortest_routes
 from ccm_opt.freespace.triangulation import Triangulation, triangulate
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.geometry.polygons import path_length
+from ccm_opt.geometry.polyline import path_length
 
 CORNER_SLACK = 0.9  # fraction of the margin by which a taut string may leave a corridor where it bends round a corner
 MOVED = 1e-9  # an end farther than this from its nearest free point is kept beside it [m]

@@ -12,6 +12,7 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.geometry.angles import heading_of, unit_vector
 from ccm_opt.geometry.polygons import cross
 
 MITRE_LIMIT = 1.02  # a corner's tangent lies at this multiple of the margin: turns below 22° then need one vertex only
@@ -56,9 +57,9 @@ def grown_outline(obstacle: Obstacle, margin: float) -> shapely.Geometry:
 
 def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:
     """The octagon of tangents around the points within ``radius`` of the segment a–b."""
-    heading = np.arctan2(b[1] - a[1], b[0] - a[0])
+    heading = heading_of(b - a)
     angles = heading + np.deg2rad([-67.5, -22.5, 22.5, 67.5])
-    corners = radius / np.cos(np.pi / 8) * np.column_stack((np.cos(angles), np.sin(angles)))
+    corners = radius / np.cos(np.pi / 8) * unit_vector(angles)
     return shapely.Polygon(np.concatenate((b + corners, a - corners)))
 
 

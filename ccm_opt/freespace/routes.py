@@ -14,7 +14,7 @@ from ccm_opt.freespace.funnel import taut_string
 from ccm_opt.freespace.homotopy_classes import homotopy_classes
 from ccm_opt.freespace.junctions import EdgeMetric
 from ccm_opt.freespace.triangulation import Triangulation
-from ccm_opt.geometry.polygons import path_length
+from ccm_opt.geometry.polyline import path_length
 
 SURPLUS = 6  # at most so many classes are drawn taut for each one wanted
 LEAST_CANDIDATES = 20  # but so many in any case: in near-empty rooms the sampled length is at its coarsest

@@ -7,6 +7,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polygons import cross
+from ccm_opt.geometry.polyline import arc_lengths, leg_lengths, points_at
 
 STATIONS = 200  # evenly spaced sample places, beside the vertices and crossings
 LEAST_SQUARENESS = 1e-3  # of a chord that the string only touches
@@ -34,7 +35,7 @@ class TautString:
     @cached_property
     def knots(self) -> FloatArray:
         """Arc length of each vertex, shape (k,) [m]."""
-        return np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(self.path, axis=0), axis=1))))
+        return arc_lengths(self.path)
 
     @property
     def length(self) -> float:
@@ -49,11 +50,11 @@ class TautString:
     @cached_property
     def points(self) -> FloatArray:
         """The sample places, shape (s, 2) [m]."""
-        return np.column_stack([np.interp(self.stations, self.knots, self.path[:, axis]) for axis in range(2)])
+        return points_at(self.path, self.knots, self.stations)
 
     def at(self, place: float) -> FloatArray:
         """The point at an arc length [m], shape (2,) [m]."""
-        return np.array([np.interp(place, self.knots, self.path[:, axis]) for axis in range(2)])
+        return points_at(self.path, self.knots, place)
 
     def crossings_within(self, first: float, last: float) -> FloatArray:
         """The crossings from arc length ``first`` to ``last`` [m]."""
@@ -84,8 +85,8 @@ def _units(vectors: FloatArray) -> FloatArray:
 
 def _crossings(edges: FloatArray, path: FloatArray) -> FloatArray:
     """Arc length where the string crosses each edge: the first place not on the near side."""
-    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    knots = np.concatenate(([0.0], np.cumsum(lengths)))
+    lengths = leg_lengths(path)
+    knots = arc_lengths(path)
     found, leg, reached = np.empty(len(edges)), 0, 0.0
     for k, (left, right) in enumerate(edges):
         near = cross(left - right, path[leg:] - right) / np.linalg.norm(left - right)  # positive before the edge

@@ -119,11 +119,6 @@ def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, direct
     return np.stack((through + behind * directions, through + ahead * directions), axis=1)
 
 
-def path_length(points: FloatArray) -> float:
-    """The length [m] of a polyline, points of shape (k, 2)."""
-    return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-
-
 def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
     """The nearest points of segments (..., 2, 2) to points (..., 2), broadcast; shape (..., 2) [m]."""
     tail, along = segments[..., 0, :], segments[..., 1, :] - segments[..., 0, :]

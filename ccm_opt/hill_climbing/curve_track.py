@@ -11,8 +11,8 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.cubic_spiral import chord_ratio
 from ccm_opt.continuum.decomposition import rest_of, start_of
 from ccm_opt.continuum.segment import EVEN_KNOTS, CurvatureSegment
-from ccm_opt.continuum.segment_types import wrap
 from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.angles import headings_of, wrap
 
 SHORTEST = 1e-6
 """Pieces shorter than this share of the track are left out."""
@@ -73,7 +73,8 @@ def track_through(corners: FloatArray, sharpest: float) -> Track:
         ProblemError: a turn is too sharp for the room along its legs.
     """
     legs = np.diff(corners, axis=0)
-    lengths, headings = np.hypot(legs[:, 0], legs[:, 1]), np.arctan2(legs[:, 1], legs[:, 0])
+    lengths = np.hypot(legs[:, 0], legs[:, 1])
+    headings = headings_of(legs)
     turns = [wrap(float(after - before)) for before, after in pairwise(headings)]
     share = np.full(len(lengths), 0.5)
     share[[0, -1]] = 1.0

@@ -10,6 +10,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.angles import heading_of
 from ccm_opt.hill_climbing.curve_track import Track
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_4, scm_6, scm_7, scm_8
@@ -44,7 +45,7 @@ MERGE_TOLERANCE = 0.1
 def subgoals(base: FloatArray, obstacle: FloatArray) -> tuple[TipPose, TipPose]:
     """The midpoint between the base and a point of the obstacle, each (2,) [m], with both headings across the line."""
     line = obstacle - base
-    direction = float(np.arctan2(line[1], line[0]))
+    direction = heading_of(line)
     middle = base + 0.5 * line
     return TipPose(middle, direction - 0.5 * np.pi), TipPose(middle, direction + 0.5 * np.pi)
 

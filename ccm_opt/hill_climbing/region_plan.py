@@ -15,6 +15,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.geometry.angles import heading_of, unit_vector
+from ccm_opt.geometry.polyline import arc_lengths
 from ccm_opt.hill_climbing.curve_track import Track, track_through, without_near
 from ccm_opt.hill_climbing.distance import Precision, TipPose
 from ccm_opt.hill_climbing.fold_plan import REACH, Folds, staged, subgoals, trace
@@ -134,12 +136,11 @@ def _is_open(world: World, first: TipPose, track: Track) -> bool:
 
 def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
     """The pose on a polyline at a distance from its start, and what of the polyline comes after it."""
-    legs = np.diff(taut, axis=0)
-    ends = np.cumsum(np.hypot(legs[:, 0], legs[:, 1]))
-    leg = min(int(np.searchsorted(ends, distance)), len(legs) - 1)
-    heading = float(np.arctan2(legs[leg, 1], legs[leg, 0]))
+    ends = arc_lengths(taut)[1:]
+    leg = min(int(np.searchsorted(ends, distance)), len(ends) - 1)
+    heading = heading_of(taut[leg + 1] - taut[leg])
     short = max(0.0, float(ends[leg]) - distance)
-    position = taut[leg + 1] - short * _direction(heading)
+    position = taut[leg + 1] - short * unit_vector(heading)
     return TipPose(position, heading), np.vstack((position, taut[leg + 1 :]))
 
 
@@ -152,8 +153,8 @@ def _track(
         ProblemError: a turn is too sharp.
         UnreachableGoal: there is no way.
     """
-    entry = first.position + run * _direction(first.heading or 0.0)
-    last = goal.position if goal.heading is None else goal.position - run * _direction(goal.heading)
+    entry = first.position + run * unit_vector(first.heading or 0.0)
+    last = goal.position if goal.heading is None else goal.position - run * unit_vector(goal.heading)
     if len(way) == 2:
         found = room.routes(entry, last, 1)
         if not found:
@@ -162,7 +163,3 @@ def _track(
     taut = room.taut_path(np.array([entry, *way[1:-1], last]), shrink)
     corners = [first.position, *taut] + ([] if goal.heading is None else [goal.position])
     return track_through(without_near(corners, SPACING * run), SHARPEST * world.curvature_limit)
-
-
-def _direction(heading: float) -> FloatArray:
-    return np.array([np.cos(heading), np.sin(heading)])

@@ -4,6 +4,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.angles import headings_of, wrap
 
 _SLACK = 1e-6
 """A chord may exceed two links by this much of a link: the curve's length is only known to that accuracy."""
@@ -31,7 +32,7 @@ def even_joint_headings(points: FloatArray, near: FloatArray, link_length: float
     chords, directions = _chords(points, link_length)
     lift = np.arccos(np.clip(0.5 * chords / link_length, 0.0, 1.0)) * _bulge_side(points)
     headings = np.column_stack((directions + lift, directions - lift)).ravel()
-    nearest: FloatArray = near + np.remainder(headings - near + np.pi, 2.0 * np.pi) - np.pi
+    nearest: FloatArray = near + wrap(headings - near)
     return nearest
 
 
@@ -48,7 +49,7 @@ def _chords(points: FloatArray, link_length: float) -> tuple[FloatArray, FloatAr
             f"even joints {2 * pair} and {2 * pair + 2} coincide, so joint {2 * pair + 1} has no place of its own; "
             "bend the curve less or use more links"
         )
-    return chords, np.arctan2(steps[:, 1], steps[:, 0])
+    return chords, headings_of(steps)
 
 
 def _bulge_side(points: FloatArray) -> FloatArray:

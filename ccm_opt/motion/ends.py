@@ -10,6 +10,7 @@ from ccm_opt.collision.certificate import TOUCH, Certificate, allowed_contact
 from ccm_opt.collision.contacts import WALL, ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.goal import GoalPose
@@ -122,7 +123,7 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
     play = tolerances.position
     last: shapely.Point | shapely.LineString = shapely.Point(goal.position)
     if goal.heading is not None:
-        back = arm.link_length * np.array([np.cos(goal.heading), np.sin(goal.heading)])
+        back = arm.link_length * unit_vector(goal.heading)
         last = shapely.LineString([goal.position - back, goal.position])
         play += arm.link_length * tolerances.heading
     need = arm.radius + problem.workspace.clearance - play

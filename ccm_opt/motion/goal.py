@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.angles import wrap
 from ccm_opt.motion.constrained.rows import OwnRows
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.step import RIDGE, Pose, Term, pose_in
@@ -53,7 +54,7 @@ class GoalPose:
         """Signed turn of the tip to the goal heading, the short way [rad]; 0 without a goal heading."""
         if self.heading is None:
             return 0.0
-        return float((self.heading - pose.headings[-1] + np.pi) % (2.0 * np.pi) - np.pi)
+        return float(wrap(self.heading - pose.headings[-1]))
 
     def terms(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, weight: float) -> list[Term]:
         """What draws the tip onto the goal."""

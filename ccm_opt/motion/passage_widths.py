@@ -5,6 +5,7 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.walls import Walls
+from ccm_opt.geometry.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
 from ccm_opt.motion.link_space import FINENESS
 from ccm_opt.motion.motion_task import MotionTask
 
@@ -73,14 +74,12 @@ def passage_widths(walls: Walls, path: FloatArray, widest: float, samples: int =
         widest: what is not looked beyond [m].
         samples: number of places.
     """
-    legs = np.diff(path, axis=0)
-    lengths = np.linalg.norm(legs, axis=1)
-    legs, lengths, starts = legs[lengths > 0.0], lengths[lengths > 0.0], path[:-1][lengths > 0.0]
-    arcs = np.concatenate(([0.0], np.cumsum(lengths)))
+    path = without_repeats(path, 0.0)
+    arcs = arc_lengths(path)
     at = np.linspace(0.0, arcs[-1], samples + 2)[1:-1]
-    leg = np.searchsorted(arcs, at, side="right") - 1
-    tangent = legs[leg] / lengths[leg, None]
-    places = starts[leg] + (at - arcs[leg])[:, None] * tangent
+    leg = legs_at(arcs, at)
+    tangent = np.diff(path, axis=0)[leg] / leg_lengths(path)[leg, None]
+    places = path[leg] + (at - arcs[leg])[:, None] * tangent
     across = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
     along = _crossings(walls, places, across)
     left = np.min(np.where(along >= 0.0, along, widest), axis=1, initial=widest)

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.polygons import path_length
+from ccm_opt.geometry.polyline import leg_headings, path_length, without_repeats
 from ccm_opt.motion.continuation import Guide
 from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
@@ -86,9 +86,7 @@ def goes_straight(tip_paths: tuple[TipPath, ...]) -> bool:
 
 def _corners(path: FloatArray) -> int:
     """Number of places where a path (k, 2) turns."""
-    legs = np.diff(path, axis=0)
-    legs = legs[np.hypot(*legs.T) > 0.0]
-    turns = np.diff(np.unwrap(np.arctan2(legs[:, 1], legs[:, 0])))
+    turns = np.diff(leg_headings(without_repeats(path, 0.0)))
     return int(np.count_nonzero(np.abs(turns) > STRAIGHT))
 
 

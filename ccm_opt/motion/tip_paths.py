@@ -12,7 +12,8 @@ import shapely
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.geometry.polygons import path_length
+from ccm_opt.geometry.angles import heading_of, sweep_on_side, unit_vector
+from ccm_opt.geometry.polyline import path_length
 
 ARC_STEP = 0.3
 """Angle between points on an arc round the base [rad]."""
@@ -94,8 +95,8 @@ def turning_by(paths: tuple[TipPath, ...], points: FloatArray, turn: float) -> t
 
 def _base_turn(path: TipPath, points: FloatArray) -> float:
     """Angle by which the first link turns on a path [rad]."""
-    first, last = (float(np.arctan2(*(p[1] - p[0])[::-1])) for p in (points, path.route))
-    return path.side * ((path.side * (last - first)) % (2.0 * np.pi))
+    first, last = (heading_of(p[1] - p[0]) for p in (points, path.route))
+    return sweep_on_side(last - first, path.side)
 
 
 def taut_way(room: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float) -> FloatArray:
@@ -127,10 +128,10 @@ def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
     base = points[0]
     radius = 1e-3 * min(np.linalg.norm(path - base, axis=1).max() for path in (points, route))
     inwards, outwards = _beyond(points, radius)[::-1], _beyond(route, radius)
-    first, last = (float(np.arctan2(*(p - base)[::-1])) for p in (inwards[-1], outwards[0]))
-    sweep = side * ((side * (last - first)) % (2.0 * np.pi))
+    first, last = (heading_of(p - base) for p in (inwards[-1], outwards[0]))
+    sweep = sweep_on_side(last - first, side)
     angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / ARC_STEP) + 2))
-    arc = base + radius * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    arc = base + radius * unit_vector(angles)
     return np.vstack((inwards, arc[1:-1], outwards))
 
 

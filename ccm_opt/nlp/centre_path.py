@@ -8,9 +8,10 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.cubic_spiral import CubicSpiral, chord_ratio
-from ccm_opt.continuum.segment_types import wrap
 from ccm_opt.freespace.corridor import ConvexRegion, Corridor
-from ccm_opt.geometry.polygons import intersection, path_length
+from ccm_opt.geometry.angles import wrap
+from ccm_opt.geometry.polygons import intersection
+from ccm_opt.geometry.polyline import path_length
 
 _SHARES = (1.0, 0.8, 0.6, 0.4, 0.25, 0.15, 0.08, 0.04)
 """Shares of the room along its legs that a turn tries to use, the gentlest first."""

@@ -16,6 +16,7 @@ from scipy.special import struve
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.segment_types import SegmentType, end_angle
 from ccm_opt.freespace.corridor import ConvexRegion
+from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.curve_ode import PIECES
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, pack
@@ -102,7 +103,7 @@ def curve_shares(task: ConfigurationTask, profile: PathProfile) -> FloatArray:
 def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[float, float]:
     """Distance from a point to the region's edge along the heading ``across`` and against it [m]."""
     slack = region.offsets - region.normals @ point
-    rate = region.normals @ np.array([np.cos(across), np.sin(across)])
+    rate = region.normals @ unit_vector(across)
     ahead, behind = (float((slack[r > 1e-9] / r[r > 1e-9]).min(initial=np.inf)) for r in (rate, -rate))
     return ahead, behind
 

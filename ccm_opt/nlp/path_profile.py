@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.continuum.segment_types import wrap
+from ccm_opt.geometry.angles import WHOLE_TURN, wrap
+from ccm_opt.geometry.polyline import arc_lengths, leg_headings, legs_at, points_at, without_repeats
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 
 _SAMPLES = 401
@@ -37,12 +38,11 @@ class PathProfile:
 
     def direction_at(self, length: FloatArray) -> FloatArray:
         """Unwrapped heading of the path at lengths along it [rad]."""
-        leg = np.clip(np.searchsorted(self.arcs, length, side="right") - 1, 0, len(self.directions) - 1)
-        return self.directions[leg]
+        return self.directions[legs_at(self.arcs, length)]
 
     def point_at(self, length: FloatArray) -> FloatArray:
         """Points of the path at lengths along it, shape (m, 2)."""
-        return np.column_stack([np.interp(length, self.arcs, self.points[:, i]) for i in range(2)])
+        return points_at(self.points, self.arcs, length)
 
 
 def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 0) -> PathProfile:
@@ -54,15 +54,14 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
         tip_turns: whole turns added between the path and the goal heading.
     """
     points = _taut_points(task)
-    legs = np.diff(points, axis=0)
-    directions = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+    directions = leg_headings(points)
     base_heading = _nearest_heading(task.base_heading_range, float(directions[0]))
-    first = base_heading + wrap(float(directions[0]) - base_heading) + 2.0 * np.pi * base_turns
+    first = base_heading + wrap(float(directions[0]) - base_heading) + WHOLE_TURN * base_turns
     directions += first - directions[0]
     tip = float(directions[-1])
     if task.goal_heading is not None:
-        tip += wrap(task.goal_heading - tip) + 2.0 * np.pi * tip_turns
-    return PathProfile(points, np.append(0.0, np.cumsum(np.hypot(*legs.T))), directions, base_heading, tip)
+        tip += wrap(task.goal_heading - tip) + WHOLE_TURN * tip_turns
+    return PathProfile(points, arc_lengths(points), directions, base_heading, tip)
 
 
 def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArray:
@@ -80,8 +79,7 @@ def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArra
 def _taut_points(task: ConfigurationTask) -> FloatArray:
     """The route's taut string from base to goal without double points, scaled, at least two points."""
     points = (np.vstack((task.base, task.corridor.route.taut[1:-1], task.goal)) - task.base) / task.length
-    apart = np.hypot(*np.diff(points, axis=0).T) > 1e-6
-    points = points[np.concatenate(([True], apart))]
+    points = without_repeats(points, 1e-6)
     return points if len(points) > 1 else np.vstack((points, points[0] + np.array([1e-3, 0.0])))
 
 

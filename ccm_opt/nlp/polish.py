@@ -8,6 +8,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import Knots
 from ccm_opt.continuum.spline import piece_coefficients
+from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, unpack
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -95,7 +96,7 @@ def _tip_equations(nlp: ConfigurationNLP, basis: HeadingBasis, unknowns: FloatAr
     task = nlp.task
     theta = unknowns[0] + basis.rows @ unknowns[1:]
     cosine, sine = np.cos(theta), np.sin(theta)
-    stub = task.stub * np.array([np.cos(unknowns[0]), np.sin(unknowns[0])])
+    stub = task.stub * unit_vector(unknowns[0])
     position = stub + np.array([basis.weights @ cosine, basis.weights @ sine])
     inner = np.stack((-(basis.weights * sine) @ basis.rows, (basis.weights * cosine) @ basis.rows))
     turning = np.array([-position[1], position[0]])

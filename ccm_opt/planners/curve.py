@@ -16,7 +16,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, MotionNotFound, UnreachableGoal
 from ccm_opt.freespace.corridor import Corridor, Route
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.geometry.polygons import path_length
+from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.geometry.polyline import path_length
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.constrained.ends import refuse_contradicted
 from ccm_opt.motion.constrained.path import on_equations, own_path
@@ -207,7 +208,7 @@ def run_in(room: FreeSpace, ends: Ends, unit: float) -> FloatArray:
     goal = ends.goal
     if goal.heading is None:
         return goal.position
-    direction = np.array([np.cos(goal.heading), np.sin(goal.heading)])
+    direction = unit_vector(goal.heading)
     for links in RUN_IN:
         entry = goal.position - links * unit * direction
         if room.contains(np.linspace(entry, goal.position, 9)).all():

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.polyline import leg_lengths
 
 SUBSTEPS = 5
 """Steps of the dense check inside one grid interval."""
@@ -56,7 +57,7 @@ def _around_stops(points: FloatArray, places: FloatArray) -> FloatArray:
 def span_lengths(spline: BSpline, knots: FloatArray) -> FloatArray:
     """Length in joint space of the path between knots, by eight chords a span, shape (len(knots) − 1,) [rad]."""
     points = spline(refine(knots, 8))
-    chords = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    chords = leg_lengths(points)
     return np.asarray(np.sum(chords.reshape(-1, 8), axis=1))
 
 

@@ -13,6 +13,7 @@ from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.arm_drawing import draw_body, draw_poses, draw_tip_path
 from ccm_opt.files.plotting.room import draw_workspace
+from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.problem import Goal, TipGoal
 from ccm_opt.solution import Solution
 
@@ -94,7 +95,7 @@ def _draw_goal(axes: Axes, goal: Goal, end: FloatArray, label: str) -> None:
     )  # fmt: skip
     if isinstance(goal, TipGoal) and goal.heading is not None:
         reach = 0.09 * float(np.ptp(axes.get_xlim()))
-        ahead = goal.position + reach * np.array([np.cos(goal.heading), np.sin(goal.heading)])
+        ahead = goal.position + reach * unit_vector(goal.heading)
         arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.8, "shrinkA": 0.0, "shrinkB": 0.0}
         axes.annotate(
             "", xy=tuple(ahead), xytext=tuple(goal.position), arrowprops=arrow, zorder=9, annotation_clip=False

@@ -15,6 +15,7 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.room import draw_obstacle
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.problem import TipGoal
 
 DOTS_PER_INCH = 120
@@ -92,7 +93,7 @@ def _draw_configurations(axes: Axes, panel: Panel, shown: int) -> None:
 def _draw_arrow(axes: Axes, goal: TipGoal, reach: float, face: str) -> None:
     axes.plot(*goal.position, marker="o", markersize=5, markerfacecolor=face, markeredgecolor=style.GOAL_MARK, zorder=9)
     if goal.heading is not None:
-        ahead = goal.position + reach * np.array([np.cos(goal.heading), np.sin(goal.heading)])
+        ahead = goal.position + reach * unit_vector(goal.heading)
         arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
         axes.plot(*ahead, linestyle="none", marker="")  # so that the arrow counts for the limits
         axes.annotate("", xy=tuple(ahead), xytext=tuple(goal.position), arrowprops=arrow, zorder=9)

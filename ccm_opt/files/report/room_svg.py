@@ -7,6 +7,7 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.geometry.angles import unit_vector
 
 MARGIN = 0.03
 
@@ -38,7 +39,7 @@ def goal_marks(goals: list[tuple[FloatArray, float | None]], size: float, thin: 
     for (x, y), heading in goals:
         parts.append(f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{size:.5g}" {look}/>')
         if heading is not None:
-            ahead = np.array([x, y]) + 4.0 * size * np.array([np.cos(heading), np.sin(heading)])
+            ahead = np.array([x, y]) + 4.0 * size * unit_vector(heading)
             parts.append(f'<line x1="{x:.6g}" y1="{y:.6g}" x2="{ahead[0]:.6g}" y2="{ahead[1]:.6g}" {look}/>')
     return "".join(parts)
 

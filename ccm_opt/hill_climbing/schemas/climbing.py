@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.segment_types import wrap
+from ccm_opt.geometry.angles import wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose, Weights
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, Strategy, climb

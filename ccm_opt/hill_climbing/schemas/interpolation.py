@@ -4,7 +4,7 @@ import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import interpolate
-from ccm_opt.continuum.segment_types import wrap
+from ccm_opt.geometry.angles import heading_of, whole_turns, wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
 from ccm_opt.hill_climbing.world import World
@@ -69,7 +69,7 @@ def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_a
     for share in _shares(start, target):
         mixed = interpolate(start, target, share)
         there = turned(mixed, wrap(direction - direction_to_tip(world, mixed)))
-        there = turned(there, 2.0 * np.pi * round((here.base_heading - there.base_heading) / (2.0 * np.pi)))
+        there = turned(there, whole_turns(here.base_heading - there.base_heading))
         if not world.move_allowed(here, there):
             if as_far_as_free and here is not start:
                 return here
@@ -88,8 +88,8 @@ def turned(configuration: Configuration, angle: float) -> Configuration:
 
 def direction_to_tip(world: World, configuration: Configuration) -> float:
     """Direction of the vector from base to tip [rad]."""
-    ((x, y),), _ = world.tips(Shapes.of([configuration]))
-    return float(np.arctan2(y - configuration.base[1], x - configuration.base[0]))
+    (tip,), _ = world.tips(Shapes.of([configuration]))
+    return heading_of(tip - configuration.base)
 
 
 def _shares(start: Configuration, target: Configuration) -> list[float]:

@@ -8,8 +8,9 @@ from scipy.special import j0
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import CurvatureSegment
-from ccm_opt.continuum.segment_types import SegmentType, end_angle, natural_segment, select_segment_type, wrap
+from ccm_opt.continuum.segment_types import SegmentType, end_angle, natural_segment, select_segment_type
 from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.angles import heading_of, whole_turns, wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, end_of
@@ -72,7 +73,8 @@ def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tupl
     base_heading = None if world.base_turns else 0.5 * sum(world.base_range)
     kind = select_segment_type(start.base, base_heading, goal.position, goal.heading)
     chord = goal.position - start.base
-    direction, ratio = float(np.arctan2(chord[1], chord[0])), float(np.hypot(*chord)) / start.length
+    direction = heading_of(chord)
+    ratio = float(np.hypot(*chord)) / start.length
     if ratio > 1.0:
         reason = f"the goal is {ratio * start.length:.3f} m away, the arm {start.length:.3f} m long"
         raise SchemaStopped("SCM-1", start, reason)
@@ -90,7 +92,7 @@ def _heading_miss(kind: SegmentType, direction: float, ratio: float, goal: TipPo
 
 def _select(world: World, start: Configuration, goal: TipPose, kind: SegmentType) -> Selection:
     segment = natural_segment(kind, start.base, goal.position, start.length)
-    whole = 2.0 * np.pi * round((start.base_heading - segment.heading) / (2.0 * np.pi))
+    whole = whole_turns(start.base_heading - segment.heading)
     heading = float(np.clip(segment.heading + whole, *world.base_range))
     return Selection(kind, replace(segment, heading=heading))
 
@@ -149,7 +151,7 @@ def _first_guess(position: FloatArray, heading: float, goal: TipPose) -> Curvatu
     distance = float(np.hypot(*chord))
     if distance == 0.0:
         raise ProblemError("the segment's start and goal are one point; expected a goal elsewhere")
-    direction = float(np.arctan2(chord[1], chord[0]))
+    direction = heading_of(chord)
     alpha = wrap(direction - heading)
     beta = alpha if goal.heading is None else wrap(goal.heading - direction)
     wave = 0.5 * (alpha - beta)

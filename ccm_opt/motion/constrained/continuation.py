@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.polyline import arc_lengths
 from ccm_opt.motion.constrained.rows import OwnRows
 from ccm_opt.motion.continuation import BENDING, JERK, Deadline, Stalled, settle
 from ccm_opt.motion.goal import OWN_MET, GoalPose
@@ -40,7 +41,7 @@ class Reference:
     @classmethod
     def along(cls, headings: FloatArray) -> "Reference":
         """A motion with the path parameter even in the turns of its links."""
-        way = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(headings, axis=0), axis=1))))
+        way = arc_lengths(headings)
         if way[-1] <= 0.0:
             return cls(np.array([0.0, 1.0]), headings[[0, -1]])
         kept = np.append(np.diff(way) > 0.0, True)

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.polyline import arc_lengths
 from ccm_opt.motion.guides.track import Track
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.step import Pose, Term
@@ -132,7 +133,7 @@ def fold_track(
     back = beside[leave:][::-1]
     path = np.vstack((back, _rest_of(route, back[-1], offset) if len(back) > 1 else route))
     track = Track.along(path, window, last_heading + side * np.pi)
-    arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(back, axis=0), axis=1))))
+    arcs = arc_lengths(back)
     retraced = np.empty(len(points))
     retraced[leave:] = arcs[::-1]
     retraced[:leave] = arcs[-1]
@@ -146,6 +147,6 @@ def _rest_of(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
     """
     line = shapely.LineString(route)
     joined = line.project(shapely.Point(place)) + lead
-    arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(route, axis=0), axis=1))))
+    arcs = arc_lengths(route)
     rest = route[arcs > joined + 1e-9]
     return np.vstack((line.interpolate(joined).coords[0], rest)) if len(rest) else route[-1:]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.angles import headings_of, wrap
 from ccm_opt.motion.guides.track import Track
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.step import Pose, Term
@@ -56,8 +57,8 @@ class TipLed:
         ends = self.arc - arm.link_length * np.arange(arm.links, -1, -1.0)
         places = self.track.points_at(ends)
         chords = np.diff(places, axis=0)
-        wanted = np.arctan2(chords[:, 1], chords[:, 0])
-        turn = (wanted - pose.headings + np.pi) % (2.0 * np.pi) - np.pi
+        wanted = headings_of(chords)
+        turn = wrap(wanted - pose.headings)
         middles = 0.5 * (pose.points[:-1] + pose.points[1:])
         away = np.linalg.norm(middles - 0.5 * (places[:-1] + places[1:]), axis=1) / self.unit
         return turn, np.where(ends[:-1] >= 0.0, np.exp(-(away**2)), 0.0)

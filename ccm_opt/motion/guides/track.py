@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.angles import whole_turns
+from ccm_opt.geometry.polyline import arc_lengths, leg_headings, nearest_place, points_at, without_repeats
 
 _SAMPLES_A_WINDOW = 8
 
@@ -34,15 +36,13 @@ class Track:
             window: length over which the heading is smoothed [m].
             first_heading: the winding of the first tangent is chosen nearest to it [rad].
         """
-        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        points = points[np.concatenate(([True], steps > 1e-9))]
+        points = without_repeats(points, 1e-9)
         if len(points) < 2:
             points = np.vstack((points, points[-1] + [1e-9, 0.0]))
-        legs = np.diff(points, axis=0)
-        arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(legs, axis=1))))
-        headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
+        arcs = arc_lengths(points)
+        headings = leg_headings(points)
         if first_heading is not None:
-            headings += 2.0 * np.pi * np.round((first_heading - headings[0]) / (2.0 * np.pi))
+            headings += whole_turns(first_heading - headings[0])
         count = max(2, int(np.ceil(arcs[-1] / window * _SAMPLES_A_WINDOW)))
         samples = np.linspace(0.0, arcs[-1], count)
         return cls(points, arcs, samples, _moving_mean(samples, arcs, headings, window))
@@ -54,18 +54,16 @@ class Track:
 
     def point(self, arc: float) -> FloatArray:
         """Position at an arc length, clipped to the ends, shape (2,) [m]."""
-        place: FloatArray = self.points_at(np.array([arc]))[0]
-        return place
+        return points_at(self.points, self.arcs, arc)
 
     def points_at(self, arcs: FloatArray) -> FloatArray:
         """Positions at arc lengths, clipped to the ends, shape (m,) to (m, 2) [m]."""
-        x, y = (np.interp(arcs, self.arcs, self.points[:, k]) for k in (0, 1))
-        return np.stack((x, y), axis=1)
+        return points_at(self.points, self.arcs, arcs)
 
     def nearest_arc(self, point: FloatArray, last: float) -> float:
         """Arc length of the place nearest to a point (2,) among those not beyond ``last`` [m]."""
-        arcs = np.linspace(0.0, min(last, self.length), 200)
-        return float(arcs[np.argmin(np.linalg.norm(self.points_at(arcs) - point, axis=1))])
+        candidates = np.linspace(0.0, min(last, self.length), 200)
+        return nearest_place(self.points, self.arcs, point, candidates)
 
     def heading(self, arc: FloatArray | float) -> FloatArray:
         """Smoothed heading at arc lengths, clipped to the ends [rad]."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
+from ccm_opt.geometry.polyline import path_length
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.clearance_rows import motion_rows
 from ccm_opt.motion.optimisation.interior_point import interior_point
@@ -66,7 +67,7 @@ def thinned(motion: Motion, certificate: Certificate, intervals: int = INTERVALS
 def travel(motion: Motion) -> float:
     """Length of the joint path, Σ |Δq| [rad]."""
     bends = motion.space.arm.bends(motion.headings)
-    return float(np.linalg.norm(np.diff(bends, axis=0), axis=1).sum())
+    return path_length(bends)
 
 
 def _program(motion: Motion, task: MotionTask, margin: float) -> Program:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.polyline import arc_lengths
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.keyframes import Failures, decimated, subdivided
@@ -61,7 +62,7 @@ def path_parameters(motion: Motion) -> FloatArray:
     if motion.u is not None:
         return motion.u
     bends = motion.space.arm.bends(motion.headings)
-    way = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(bends, axis=0), axis=1))))
+    way = arc_lengths(bends)
     shares: FloatArray = way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(way))
     return shares
 

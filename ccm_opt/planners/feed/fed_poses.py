@@ -8,6 +8,7 @@ import shapely
 from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import TOUCH, allowed_contact
 from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.ends import ROUNDING, refuse_blocked_tip
@@ -97,7 +98,7 @@ def refuse_bad_tip(problem: Problem, goal: TipGoal) -> float:
     arm = problem.arm
     last_link = np.stack((goal.position, goal.position))
     if goal.heading is not None:
-        last_link[0] -= arm.link_length * np.array([np.cos(goal.heading), np.sin(goal.heading)])
+        last_link[0] -= arm.link_length * unit_vector(goal.heading)
     line = shapely.LineString(last_link)
     need = arm.radius + problem.workspace.clearance
     distances = [float(shapely.distance(line, wall.core)) - wall.rounding for wall in problem.workspace.walls]

@@ -17,7 +17,8 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.geometry.polygons import path_length
+from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.geometry.polyline import path_length
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.nlp.configuration_task import ConfigurationTask
@@ -154,7 +155,7 @@ class LeaderPaths:
         """Where the curve begins and ends; with a goal heading the last link lies straight behind the goal."""
         arm = self.problem.arm
         heading = self.goal.heading or 0.0
-        back = self._last_link * np.array([np.cos(heading), np.sin(heading)])
+        back = self._last_link * unit_vector(heading)
         return arm.base + straight * arm.feed_direction, self.goal.position - back
 
     @property

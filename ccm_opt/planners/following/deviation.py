@@ -8,6 +8,7 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.geometry.polyline import arc_lengths, leg_headings
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.following_settings import DEFAULT_DEVIATION, DeviationSettings
 
@@ -112,9 +113,8 @@ def _straight_legs(leader: FloatArray, reach: float, straight_turn: float) -> Bo
         reach: how far to either side counts [m].
         straight_turn: total turn within reach up to which the path is straight [rad].
     """
-    steps = np.diff(leader, axis=0)
-    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    ends = np.concatenate(([0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
+    headings = leg_headings(leader)
+    ends = arc_lengths(leader)
     middles = 0.5 * (ends[:-1] + ends[1:])
 
     # The total turn grows with arc length, whichever way the path turns, so an S is not taken for a straight.

@@ -15,7 +15,9 @@ from scipy.interpolate import CubicSpline
 
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.collision.walls import Walls
+from ccm_opt.geometry.angles import heading_of, unit_vector
 from ccm_opt.geometry.polygons import nearest_on_segments
+from ccm_opt.geometry.polyline import arc_lengths, points_at
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, ElasticBandSettings
 
 _TINY = 1e-12
@@ -156,19 +158,19 @@ def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: floa
     """The band with one more point before it and after it, where its headings put them, shape (m + 2, 2) [m]."""
     first, last = headings
     if last is None:
-        last = float(np.arctan2(*(band[-1] - band[-2])[::-1]))
-    before = band[0] - h * np.array([np.cos(first), np.sin(first)])
-    beyond = band[-1] + h * np.array([np.cos(last), np.sin(last)])
+        last = heading_of(band[-1] - band[-2])
+    before = band[0] - h * unit_vector(first)
+    beyond = band[-1] + h * unit_vector(last)
     return np.vstack((before, band, beyond))
 
 
 def divided(path: FloatArray, spacing: float) -> FloatArray:
     """Points at equal distances along a polyline, or a cubic spline through fine ones, shape (m, 2) [m]."""
-    arc = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
+    arc = arc_lengths(path)
     # At least four pieces, so that there are points between the ends that can move.
     places = np.linspace(0.0, arc[-1], max(4, round(arc[-1] / spacing)) + 1)
     coarse = np.max(np.diff(arc)) > 2.0 * spacing
     if coarse:
-        return np.column_stack([np.interp(places, arc, path[:, k]) for k in range(2)])
+        return points_at(path, arc, places)
     points: FloatArray = CubicSpline(arc, path)(places)
     return points

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.angles import headings_of, unit_vector, whole_turns
 
 _ITERATIONS = 40
 """Of Newton's method at most; from a chord's length ahead it needs four or five."""
@@ -41,14 +42,14 @@ class LeaderPath:
 
     @cached_property
     def _curve(self) -> CubicHermiteSpline:
-        tangents = np.column_stack((np.cos(self.headings), np.sin(self.headings)))
+        tangents = unit_vector(self.headings)
         return CubicHermiteSpline(self.arc, self.points, tangents)
 
     def positions(self, arc: FloatArray) -> FloatArray:
         """Points of the path, shape (..., 2) [m]; straight on beyond its ends."""
         inside = np.clip(arc, self.arc[0], self.arc[-1])
         beyond = np.asarray(arc - inside)[..., None]
-        first, last = np.array([[np.cos(h), np.sin(h)] for h in self.headings[[0, -1]]])
+        first, last = unit_vector(self.headings[[0, -1]])
         points: FloatArray = self._curve(inside) + beyond * np.where(beyond < 0.0, first, last)
         return points
 
@@ -97,8 +98,6 @@ class LeaderPath:
     def link_headings(self, joints: FloatArray) -> FloatArray:
         """Headings of the links between joints on the path, each the one nearest to the path's own [rad]."""
         steps = np.diff(self.positions(joints), axis=-2)
-        chords = np.arctan2(steps[..., 1], steps[..., 0])
+        chords = headings_of(steps)
         middle = np.interp(0.5 * (joints[..., :-1] + joints[..., 1:]), self.arc, self.headings)
-        whole_turns = np.round((middle - chords) / (2.0 * np.pi))
-        headings: FloatArray = chords + 2.0 * np.pi * whole_turns
-        return headings
+        return chords + whole_turns(middle - chords)

@@ -8,6 +8,8 @@ from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.angles import headings_of, unit_vector, whole_turns
+from ccm_opt.geometry.polyline import arc_lengths
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.leader import LeaderPath
@@ -69,7 +71,7 @@ def path_through(
     if len(points) == 0:
         return _axis_alone(arm, leaves, name)
     nodes = np.vstack((arm.base + leaves * arm.feed_direction, points))
-    chords = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(nodes, axis=0).T))))
+    chords = arc_lengths(nodes)
 
     # The first derivative is that of the axis; at the end it is the heading's, or else the second derivative is zero.
     order: Literal[1, 2]
@@ -78,7 +80,7 @@ def path_through(
         end = np.zeros(2)
     else:
         order = 1
-        end = np.array([np.cos(end_heading), np.sin(end_heading)])
+        end = unit_vector(end_heading)
     curve = CubicSpline(chords, nodes, bc_type=((1, arm.feed_direction), (order, end)))
 
     parameters = _parameters(chords, settings.samples_per_link)
@@ -106,8 +108,8 @@ def _with_axis(
 ) -> LeaderPath:
     """The feed axis up to an arc length, then a sampled curve with arc lengths from there, points and tangents."""
     before = _on_axis(arm, leaves)
-    headings = arm.base_heading + np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]) - arm.base_heading)
-    headings -= 2.0 * np.pi * np.round((headings[0] - arm.base_heading) / (2.0 * np.pi))
+    headings = arm.base_heading + np.unwrap(headings_of(tangents) - arm.base_heading)
+    headings -= whole_turns(headings[0] - arm.base_heading)
     return LeaderPath(
         np.concatenate((before, leaves + arc)),
         np.concatenate((arm.base + before[:, None] * arm.feed_direction, points)),

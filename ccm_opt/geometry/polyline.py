@@ -1,0 +1,72 @@
+"""Polylines by arc length: how long, which point at a length, which heading, which vertices are worth keeping.
+
+Points may have any number of coordinates unless a function says ``(k, 2)``: a motion in joint space is a polyline too.
+"""
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.geometry.angles import headings_of
+
+
+def leg_lengths(points: FloatArray) -> FloatArray:
+    """Length of each leg between vertices, shape (k, d) to (k - 1,) [m]."""
+    return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1), dtype=np.float64)
+
+
+def arc_lengths(points: FloatArray) -> FloatArray:
+    """Length of the polyline up to each vertex, shape (k, d) to (k,) [m]; the first is 0, the last is the whole."""
+    return np.concatenate(([0.0], np.cumsum(leg_lengths(points))))
+
+
+def path_length(points: FloatArray) -> float:
+    """The length [m] of a polyline, points of shape (k, d)."""
+    return float(np.sum(leg_lengths(points)))
+
+
+def points_at(points: FloatArray, arcs: FloatArray, places: FloatArray | float) -> FloatArray:
+    """Points at lengths along a polyline; its ends beyond them.
+
+    Args:
+        points: the vertices, shape (k, d) [m].
+        arcs: arc length of each vertex, from ``arc_lengths``, shape (k,) [m].
+        places: arc lengths, shape (...) [m].
+
+    Returns:
+        Shape (..., d) [m].
+    """
+    return np.stack([np.interp(places, arcs, coordinate) for coordinate in points.T], axis=-1)
+
+
+def legs_at(arcs: FloatArray, places: FloatArray) -> IntArray:
+    """Number of the leg that each place lies on, the later one at a vertex; the end legs beyond the ends.
+
+    Args:
+        arcs: arc length of each vertex, not decreasing, shape (k,) [m].
+        places: arc lengths, any shape [m].
+    """
+    leg: IntArray = np.clip(np.searchsorted(arcs, places, side="right") - 1, 0, len(arcs) - 2)
+    return leg
+
+
+def leg_headings(points: FloatArray) -> FloatArray:
+    """Heading of each leg, unwrapped: neighbours differ by half a turn at most, shape (k, 2) to (k - 1,) [rad]."""
+    return np.unwrap(headings_of(np.diff(points, axis=0)))
+
+
+def without_repeats(points: FloatArray, apart: float) -> FloatArray:
+    """The vertices (k, d) less those that are no farther than ``apart`` [m] from the one before; the first stays."""
+    return points[np.concatenate(([True], leg_lengths(points) > apart))]
+
+
+def nearest_place(points: FloatArray, arcs: FloatArray, target: FloatArray, candidates: FloatArray) -> float:
+    """The candidate arc length at which a polyline is nearest to a point.
+
+    Args:
+        points: the vertices, shape (k, d) [m].
+        arcs: arc length of each vertex, shape (k,) [m].
+        target: the point, shape (d,) [m].
+        candidates: arc lengths to choose from, shape (m,) [m].
+    """
+    apart = np.linalg.norm(points_at(points, arcs, candidates) - target, axis=1)
+    return float(candidates[np.argmin(apart)])
