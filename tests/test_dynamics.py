@@ -13,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics.algorithms.aba import build_aba
-from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix, build_mass_matrix
-from ccm_opt.dynamics.algorithms.model import Structure, arm_model, arm_structure
-from ccm_opt.dynamics.algorithms.rnea import build_rnea
-from ccm_opt.dynamics.runtime import compilation as compiled
+from ccm_opt.dynamics.algorithms.arm_model import arm_model, arm_structure
+from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
+from ccm_opt.dynamics.runtime import compiled_library
+from ccm_opt.dynamics.runtime.back_end import CompiledBackEnd, DynamicsKind, InterpretedBackEnd
+from ccm_opt.dynamics.runtime.c_compiler import COMPILER_VARIABLE, find_compiler
+from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import ProblemError
@@ -36,7 +37,7 @@ TOLERANCE = 1e-9
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Compiled code goes to a folder of the test session."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(compiled.CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
+        patch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
         yield
 
 
@@ -135,27 +136,24 @@ def test_mass_matrix_is_symmetric_positive_and_the_slope_of_inverse_dynamics(see
 
 
 @pytest.mark.parametrize("axes", AXES)
-def test_folded_equals_unrolled(axes: Axes) -> None:
-    """The folded recursions compute what the written-out ones do."""
-    arm = make_arm(14, axes, varied=True)
-    model, state = arm_model(arm, GRAVITY), [states[0] for states in random_states(42)]
-    flat, folded = Structure(14, axes, folded=False), Structure(14, axes, folded=True)
-    for build in (build_rnea, build_aba):
-        numbers = (model.bodies.T, model.drives.T, model.world)
-        got, expected = (np.array(build(s)(*state, 0.7, *numbers)[0]) for s in (folded, flat))
-        assert relative_error(got, expected) < TOLERANCE
-    got, expected = (np.array(build_mass_matrix(s)(state[0], *numbers)[0]) for s in (folded, flat))
-    assert relative_error(got, expected) < TOLERANCE
-
-
-def test_large_arms_are_folded() -> None:
-    """Up to 72 joints the code is written out, above it is folded."""
-    assert not arm_structure(make_arm(24)).folded
-    assert arm_structure(make_arm(26)).folded
+@pytest.mark.parametrize("rotors", [False, True])
+@pytest.mark.parametrize("kind", ["inverse_dynamics", "forward_dynamics"])
+def test_both_back_ends_give_the_same(kind: DynamicsKind, rotors: bool, axes: Axes) -> None:
+    """Compiled and interpreted functions agree for joints and base, with payload, friction and feed."""
+    arm = geared(make_arm(14, axes, varied=True))
+    model = arm_model(arm if rotors else replace(arm, rotor_inertia=0.0), GRAVITY)
+    library = compiled_library.load_library(model.structure)
+    if library is None:
+        pytest.skip("no C compiler")
+    states, feed = random_states(42), np.array([0.7, -0.2, 0.0, 3.0])
+    got = DynamicsFunction(kind, model, CompiledBackEnd(library)).with_feed(*states, feed)
+    expected = DynamicsFunction(kind, model, InterpretedBackEnd()).with_feed(*states, feed)
+    assert relative_error(got[0], expected[0]) < TOLERANCE
+    assert relative_error(got[1], expected[1]) < TOLERANCE
 
 
 def test_six_hundred_joints_equal_mujoco() -> None:
-    """Compiled folded inverse dynamics of 200 links agree with MuJoCo (Pinocchio's data alone take half a minute)."""
+    """Compiled inverse dynamics of 200 links agree with MuJoCo (Pinocchio's data alone take half a minute)."""
     arm = make_arm(200, varied=True)
     mujoco, model, data = mujoco_model(arm)
     states = 0.2 * random_states(600, count=1)  # a curled arm of 200 links
@@ -218,8 +216,8 @@ def test_without_a_compiler_the_virtual_machine_gives_the_same(
     """The fall-back equals compiled code to rounding, and one log line says that it is in use."""
     arm, (q, qd, qdd) = make_arm(12), random_states(36)
     expected = InverseDynamics(arm, GRAVITY)(q, qd, qdd), ForwardDynamics(arm, GRAVITY)(q, qd, qdd)
-    monkeypatch.setenv(compiled.COMPILER_VARIABLE, "")
-    compiled._say_uncompiled.cache_clear()
+    monkeypatch.setenv(COMPILER_VARIABLE, "")
+    compiled_library._log_uncompiled.cache_clear()
     with caplog.at_level(logging.WARNING):
         got = InverseDynamics(arm, GRAVITY)(q, qd, qdd), ForwardDynamics(arm, GRAVITY)(q, qd, qdd)
     assert relative_error(got[0], expected[0]) < TOLERANCE
@@ -234,8 +232,8 @@ def test_a_failing_compiler_is_no_failure(
     broken = tmp_path / "broken-cc"
     broken.write_text("#!/bin/sh\necho 'out of paper' >&2\nexit 1\n")
     broken.chmod(0o755)
-    monkeypatch.setenv(compiled.COMPILER_VARIABLE, str(broken))
-    compiled._say_uncompiled.cache_clear()
+    monkeypatch.setenv(COMPILER_VARIABLE, str(broken))
+    compiled_library._log_uncompiled.cache_clear()
     torques = InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))
     assert np.all(np.isfinite(torques))
     assert "the C compiler failed: out of paper" in caplog.text
@@ -243,10 +241,10 @@ def test_a_failing_compiler_is_no_failure(
 
 def test_a_warm_cache_compiles_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Other masses, lengths and gravity use the library that is there; nothing else is left in the folder."""
-    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
     InverseDynamics(make_arm(2), GRAVITY)
-    assert len(list(compiled.cache_folder().iterdir())) == 1
-    monkeypatch.setattr(compiled, "_compile", _refuse_to_compile)
+    assert len(list(compiled_library.cache_folder().iterdir())) == 1
+    monkeypatch.setattr(compiled_library, "_compile", _refuse_to_compile)
     inverse = InverseDynamics(make_arm(2, varied=True), -GRAVITY)
     assert np.all(np.isfinite(inverse(*np.zeros((3, 6)))))
 
@@ -259,13 +257,13 @@ def test_a_damaged_library_is_compiled_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A file that cannot be loaded is replaced, without falling back."""
-    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
-    compiled.cache_folder().mkdir(parents=True)
-    key, compiler = compiled._key(arm_structure(make_arm(2))), compiled.find_compiler()
+    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
+    compiled_library.cache_folder().mkdir(parents=True)
+    compiler = find_compiler()
     if compiler is None:
         pytest.skip("no C compiler")
-    (compiled.cache_folder() / f"{compiled._digest(key, compiler)}.so").write_bytes(b"not a library")
-    compiled._say_uncompiled.cache_clear()
+    compiled_library.library_path(arm_structure(make_arm(2)), compiler).write_bytes(b"not a library")
+    compiled_library._log_uncompiled.cache_clear()
     assert np.all(np.isfinite(InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))))
     assert not caplog.records
 
@@ -363,31 +361,31 @@ def test_arrays_of_any_layout_are_taken() -> None:
 
 def test_one_library_serves_arms_of_any_length(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Two links or two hundred, with other masses and a payload: one library; rotor inertia needs a second."""
-    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
     for links in (2, 24, 200):
         arm = replace(make_arm(links), payload=0.1 * links)
         ForwardDynamics(arm, GRAVITY)
         InverseDynamics(arm, GRAVITY)
-    assert len(list(compiled.cache_folder().iterdir())) == 1
+    assert len(list(compiled_library.cache_folder().iterdir())) == 1
     ForwardDynamics(replace(make_arm(2), rotor_inertia=1e-4), GRAVITY)
-    assert len(list(compiled.cache_folder().iterdir())) == 2
+    assert len(list(compiled_library.cache_folder().iterdir())) == 2
 
 
 def test_what_is_prepared_is_there_when_it_is_needed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Compiling begins in the background; the first use waits for it and does not compile again."""
-    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
-    compiles, compile_once = [], compiled._compile
-    monkeypatch.setattr(compiled, "_compile", lambda *args: (compiles.append(1), compile_once(*args)))
-    compiled.prepare(make_arm(2))
+    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
+    compiles, compile_once = [], compiled_library._compile
+    monkeypatch.setattr(compiled_library, "_compile", lambda *args: (compiles.append(1), compile_once(*args)))
+    compiled_library.prepare(make_arm(2))
     assert np.all(np.isfinite(InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))))
     assert len(compiles) == 1
 
 
 def test_many_at_once_share_one_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Loading the same functions from several threads at once leaves one whole library."""
-    monkeypatch.setenv(compiled.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
     with ThreadPoolExecutor(4) as pool:
         built = list(pool.map(lambda _: InverseDynamics(make_arm(2), GRAVITY), range(4)))
     torques = [inverse(*np.zeros((3, 6))) for inverse in built]
     assert all(np.array_equal(torque, torques[0]) for torque in torques)
-    assert len(list(compiled.cache_folder().iterdir())) == 1
+    assert len(list(compiled_library.cache_folder().iterdir())) == 1

@@ -11,7 +11,8 @@ from scipy.linalg import eigvals
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime import compilation as compiled
+from ccm_opt.dynamics.runtime.c_compiler import COMPILER_VARIABLE
+from ccm_opt.dynamics.runtime.compiled_library import CACHE_VARIABLE
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
@@ -33,7 +34,7 @@ BENDS = 0.4 * np.sin(np.arange(12.0))
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Compiled code goes to a folder of the test session."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(compiled.CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
+        patch.setenv(CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
         yield
 
 
@@ -99,8 +100,8 @@ def test_a_planar_motion_stays_exactly_planar_past_the_singular_bend() -> None:
     assert not np.any(motion.angles[:, 2::3])
 
 
-def test_large_arms_track_with_folded_code() -> None:
-    """An arm above 72 joints, simulated by folded code, tracks as well."""
+def test_large_arms_track() -> None:
+    """An arm above 72 joints tracks as well."""
     bends = 0.2 * np.sin(np.arange(26.0))
     assert run(make_arm(26), smooth_trajectory(bends), SimulationOptions()).tracking_error < 1e-3
 
@@ -118,7 +119,7 @@ def test_the_virtual_machine_simulates_the_same(monkeypatch: pytest.MonkeyPatch)
     """Without a compiler the simulated motion is the same to rounding."""
     arm, trajectory = make_arm(4), smooth_trajectory(BENDS[:4], duration=0.5)
     expected = run(arm, trajectory, SimulationOptions())
-    monkeypatch.setenv(compiled.COMPILER_VARIABLE, "")
+    monkeypatch.setenv(COMPILER_VARIABLE, "")
     got = run(arm, trajectory, SimulationOptions())
     assert np.allclose(got.angles, expected.angles, atol=1e-10)
     assert np.allclose(got.torques, expected.torques, atol=1e-8)
@@ -416,7 +417,7 @@ def test_thrust_at_its_limit_is_the_same_in_the_virtual_machine(monkeypatch: pyt
     assert joints.feed_forces is not None
     limits = replace(loose_limits(arm), feed_force=0.7 * float(np.max(np.abs(joints.feed_forces))))
     expected = simulate(arm, trajectory, joints, SimulationOptions(), limits)
-    monkeypatch.setenv(compiled.COMPILER_VARIABLE, "")
+    monkeypatch.setenv(COMPILER_VARIABLE, "")
     got = simulate(arm, trajectory, joints, SimulationOptions(), limits)
     assert expected.saturated
     assert np.allclose(got.angles, expected.angles, rtol=0.0, atol=1e-10)
@@ -440,7 +441,7 @@ def test_the_virtual_machine_runs_the_same_loop(
         controller=controller, proportional_gain=10.0, derivative_gain=0.015, bandwidth=20.0, disturbances=disturbances
     )
     expected = run(arm, trajectory, options)
-    monkeypatch.setenv(compiled.COMPILER_VARIABLE, "")
+    monkeypatch.setenv(COMPILER_VARIABLE, "")
     got = run(arm, trajectory, options)
     assert np.allclose(got.angles, expected.angles, rtol=0.0, atol=1e-10)
     assert got.base_feed is not None

@@ -9,7 +9,7 @@ from ccm_opt.diagnosis.recall import Recalling
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.metrics import metrics
 from ccm_opt.driver.verified_plan import default_planner, verified_plan
-from ccm_opt.dynamics.runtime.compilation import prepare
+from ccm_opt.dynamics.runtime.compiled_library import prepare
 from ccm_opt.dynamics.simulation.closed_loop_run import check_options
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem

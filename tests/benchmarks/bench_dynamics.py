@@ -22,9 +22,14 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from ccm_opt import load_problem, solve
 from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime import compilation as compiled
-from ccm_opt.dynamics.runtime.batch import BatchedDynamics
+from ccm_opt.dynamics.runtime import compiled_library
+from ccm_opt.dynamics.runtime.back_end import CompiledBackEnd
+from ccm_opt.dynamics.runtime.c_compiler import COMPILER_VARIABLE, FLAGS, compile_library, find_compiler
+from ccm_opt.dynamics.runtime.c_source import source_text
+from ccm_opt.dynamics.runtime.compiled_library import CACHE_VARIABLE
+from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
@@ -112,7 +117,38 @@ def compare_calls(links: int = 12, count: int = 1000) -> None:
         print(f"  {name:28s} {median(values):8.2f}  " + "".join(f"{ratio:8.3f}" for ratio in ratios))
 
 
-def batched(function: BatchedDynamics, links: int, count: int = 1000) -> float:
+def compare_sines(count: int = 1000) -> None:
+    """Our sines of all angles at once beside the C library's, in libraries that differ in nothing else."""
+    print("\nSines: with the C library's sin and cos, a state of a batch of 36 joints takes")
+    compiler = find_compiler()
+    if compiler is None:
+        return
+    arm = make_arm(12)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, made in (("", arm), (" with rotors", replace(arm, rotor_inertia=1e-4))):
+            model = arm_model(made, GRAVITY)
+            source = Path(folder) / "dynamics.c"
+            source.write_text(source_text(model.structure), encoding="utf-8")
+            back_ends = []
+            for flag in ("-DFAR=1e5", "-DFAR=-1.0"):  # with -1 every angle is too far for our reduction
+                output = Path(folder) / f"{len(back_ends)}{name.strip()}.so".replace(" ", "-")
+                compile_library(compiler, source, output, (*FLAGS, flag))
+                back_ends.append(CompiledBackEnd(compiled_library._open(output)))
+            for kind in ("inverse_dynamics", "forward_dynamics"):
+                ours, theirs = (DynamicsFunction(kind, model, back_end) for back_end in back_ends)
+                states = random_states(36, count)
+                times = interleaved(
+                    {
+                        "ours": (lambda f=ours, x=states: f.of_joints(*x), count),
+                        "theirs": (lambda f=theirs, x=states: f.of_joints(*x), count),
+                    }
+                )
+                ratio = median(b / a for a, b in zip(times["ours"], times["theirs"], strict=True))
+                figures = f"{median(times['theirs']):.2f} µs for {median(times['ours']):.2f}"
+                print(f"  {kind.replace('_', ' ')}{name}: {ratio:.2f} times as long ({figures})")
+
+
+def batched(function: DynamicsFunction, links: int, count: int = 1000) -> float:
     """Time for a state of a batch [µs]."""
     states = (0.5 if links > 50 else 1.0) * random_states(3 * links, count)
     return microseconds(lambda: function.with_feed(*states), max(1, 1200 // links)) / count
@@ -125,14 +161,14 @@ def compare_lengths() -> None:
     base = None
     for links in (12, 24, 96, 384):
         with tempfile.TemporaryDirectory() as folder:
-            os.environ[compiled.CACHE_VARIABLE] = folder
+            os.environ[CACHE_VARIABLE] = folder
             cold, warm = (ready(links) for _ in range(2))
             arm = make_arm(links)
             inverse, forward = InverseDynamics(arm, GRAVITY), ForwardDynamics(arm, GRAVITY)
             times = [1e3 * batched(f, links) / (3 * links) for f in (inverse._rnea, forward._aba)]
-        os.environ[compiled.COMPILER_VARIABLE] = ""
+        os.environ[COMPILER_VARIABLE] = ""
         interpreted = ready(links)
-        del os.environ[compiled.COMPILER_VARIABLE]
+        del os.environ[COMPILER_VARIABLE]
         base = base or times
         ratios = ", ".join(f"{time / first:.2f}" for time, first in zip(times, base, strict=True))
         row = f"  {3 * links:6d} {times[0]:7.1f} {times[1]:7.1f} {cold:13.2f} {warm:13.2f} {interpreted:13.2f}"
@@ -238,8 +274,9 @@ def compare_feed() -> None:
 def main() -> None:
     """Print all tables; compile into a folder of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        os.environ[compiled.CACHE_VARIABLE] = folder
+        os.environ[CACHE_VARIABLE] = folder
         compare_calls()
+        compare_sines()
         compare_simulation()
         compare_feed()
         compare_energy()

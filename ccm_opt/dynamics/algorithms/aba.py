@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from ccm_opt.dynamics.algorithms import aba_free, aba_geared
+from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
-from ccm_opt.dynamics.algorithms.model import Structure
-from ccm_opt.dynamics.algorithms.sweep import Symbols, angles_of, cross, inward, outward, sines_and_cosines
+from ccm_opt.dynamics.algorithms.sweep import angles_of, inward, model_symbols, outward, per_ball, sines_and_cosines
 from ccm_opt.jointed.arm import Axes
 
 
@@ -30,19 +30,24 @@ def build_aba(structure: Structure) -> Any:
 
     A base that does not slide has the acceleration 0, whatever the thrust.
     """
-    s, steps = Symbols(structure.links, structure.folded), aba_steps(structure)
-    q, qd, tau, thrust = s.column("q"), s.column("qd"), s.column("tau"), s.matrix("thrust", 1, 1)
-    bodies, drives, world = s.matrix("bodies", 4, s.links), s.matrix("drives", 6, s.links), s.matrix("world", 5, 1)
-    trig, rates = sines_and_cosines(s.per_ball(q)), s.per_ball(qd)
+    q = ca.SX.sym("q", structure.joints)
+    qd = ca.SX.sym("qd", structure.joints)
+    tau = ca.SX.sym("tau", structure.joints)
+    thrust = ca.SX.sym("thrust")
+    bodies, drives, world = model_symbols(structure.links)
+
+    steps = aba_steps(structure)
+    trig = sines_and_cosines(per_ball(q))
+    rates = per_ball(qd)
     _, (motion,) = outward(steps.velocity, ca.DM.zeros(3), [trig, rates])
-    columns = [trig, motion, s.per_ball(tau), rates, bodies, drives]
-    whole, (solved,) = inward(steps.inertia, steps.tip(world), columns)
-    at_base, feed = steps.base(whole, thrust, world)
+    columns = [trig, motion, per_ball(tau), rates, bodies, drives]
+    whole_arm, (solved,) = inward(steps.inertia, steps.tip(world), columns)
+    at_base, feed = steps.base(whole_arm, thrust, world)
     _, (accelerations,) = outward(steps.acceleration, at_base, [trig, motion, solved, bodies])
-    inputs = [q, qd, tau, thrust, bodies, drives, world]
+
     return ca.Function(
         "aba",
-        inputs,
+        [q, qd, tau, thrust, bodies, drives, world],
         [ca.vec(accelerations), feed],
         ["q", "qd", "tau", "thrust", "bodies", "drives", "world"],
         ["qdd", "feed"],
@@ -51,15 +56,21 @@ def build_aba(structure: Structure) -> Any:
 
 def aba_steps(structure: Structure) -> AbaSteps:
     """The algorithm's functions for a structure."""
+    # Rotors cost half the speed (moments are passed on beside forces), so arms without them have a form of their own.
     variant = aba_geared if structure.geared else aba_free
     return AbaSteps(_velocity_step(structure.axes), *variant.steps(structure.axes))
 
 
 def _velocity_step(axes: Axes) -> Any:
     """Angular velocity ω of the parent to that of the link, and (ω, velocity-product acceleration)."""
+    state = ca.SX.sym("state", 3)
+    trig = ca.SX.sym("trig", 6)
+    qd = ca.SX.sym("qd", 3)
+
     joint = BALL_JOINTS[axes]
-    state, trig, qd = ca.SX.sym("state", 3), ca.SX.sym("trig", 6), ca.SX.sym("qd", 3)
     angles = angles_of(trig)
-    w, carried = joint.angular_velocity(angles, qd), joint.rotation(angles).T @ state
-    bias = cross(carried, w) + joint.rate_bias(angles, qd)
-    return ca.Function("aba_velocity", [state, trig, qd], [carried + w, ca.vertcat(carried + w, bias)])
+    w = joint.angular_velocity(angles, qd)
+    carried = joint.rotation(angles).T @ state  # Rᵀ ω_p
+    omega = carried + w
+    bias = ca.cross(carried, w) + joint.rate_bias(angles, qd)
+    return ca.Function("aba_velocity", [state, trig, qd], [omega, ca.vertcat(omega, bias)])

@@ -16,8 +16,10 @@ def base_step(state: Any, mass: Any, bias: Any) -> Any:
         mass: M in terms of it, (3, 3).
         bias: p in terms of it, (3,).
     """
-    thrust, world = ca.SX.sym("thrust"), ca.SX.sym("world", 5)
+    thrust = ca.SX.sym("thrust")
+    world = ca.SX.sym("world", 5)
+    slides = world[4]  # 1 or 0: a base that stands has no acceleration, whatever the thrust
     held = mass @ -world[:3] + bias
-    feed = world[4] * (thrust - held[0]) / mass[0, 0]
+    feed = slides * (thrust - held[0]) / mass[0, 0]
     at_base = ca.vertcat(ca.DM.zeros(3), feed - world[0], -world[1], -world[2])
     return ca.Function("aba_base", [state, thrust, world], [at_base, feed])

@@ -18,7 +18,8 @@ import casadi as ca
 
 from ccm_opt.dynamics.algorithms.aba_base import base_step
 from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
-from ccm_opt.dynamics.algorithms.sweep import angles_of, centripetal, gyroscopic, pack, unpack
+from ccm_opt.dynamics.algorithms.link_algebra import centripetal, gyroscopic, pack, unpack
+from ccm_opt.dynamics.algorithms.sweep import angles_of
 from ccm_opt.jointed.arm import Axes
 
 STATE = 12
@@ -27,10 +28,17 @@ STATE = 12
 
 def steps(axes: Axes) -> tuple[Any, Any, Any, Any]:
     """The functions tip, inertia, base and acceleration, as ``aba.AbaSteps`` has them."""
-    state, world = ca.SX.sym("state", STATE), ca.SX.sym("world", 5)
-    tip = ca.Function("aba_tip", [world], [ca.densify(ca.vertcat(pack(world[3] * ca.SX.eye(3)), ca.SX.zeros(6)))])
-    base = base_step(state, unpack(state[:6]), state[6:9])
-    return tip, _inertia_step(axes), base, _acceleration_step(axes)
+    state = ca.SX.sym("state", STATE)
+    base = base_step(state, mass=unpack(state[:6]), bias=state[6:9])
+    return _tip_step(), _inertia_step(axes), base, _acceleration_step(axes)
+
+
+def _tip_step() -> Any:
+    """(M, p, n) at the tip: the payload's mass, and no moment."""
+    world = ca.SX.sym("world", 5)
+    payload = world[3] * ca.SX.eye(3)
+    # Dense: the recursions in C expect every number, zeros too.
+    return ca.Function("aba_tip", [world], [ca.densify(ca.vertcat(pack(payload), ca.SX.zeros(6)))])
 
 
 def _inertia_step(axes: Axes) -> Any:
@@ -38,44 +46,68 @@ def _inertia_step(axes: Axes) -> Any:
 
     The symmetric M' is packed as (xx, xy, xz, yy, yz, zz); the output holds ω̇_x, Q⁻¹ρ (2,) and Q⁻¹G (2, 3).
     """
+    state = ca.SX.sym("state", STATE)
+    trig = ca.SX.sym("trig", 6)
+    motion = ca.SX.sym("motion", 6)
+    tau = ca.SX.sym("tau", 3)
+    qd = ca.SX.sym("qd", 3)
+    body = ca.SX.sym("body", 4)
+    drive = ca.SX.sym("drive", 6)
+
     joint = BALL_JOINTS[axes]
-    state, trig = ca.SX.sym("state", STATE), ca.SX.sym("trig", 6)
-    motion, tau, qd = ca.SX.sym("motion", 6), ca.SX.sym("tau", 3), ca.SX.sym("qd", 3)
-    body, drive = ca.SX.sym("body", 4), ca.SX.sym("drive", 6)
-    angles, omega, (m, axial, transverse, length) = angles_of(trig), motion[:3], ca.vertsplit(body)
-    beyond, bias, one = unpack(state[:6]), length * centripetal(omega), ca.DM.eye(3)
-    push = beyond @ bias + state[6:9]
-    moment = joint.moment(angles, tau - drive[3:] * qd)
-    r = moment - state[9:] - gyroscopic(axial, transverse, omega)
-    v = 0.25 * m * length * bias + length * push
+    angles = angles_of(trig)
+    omega = motion[:3]
+    m, axial, transverse, length = ca.vertsplit(body)
+    M_beyond = unpack(state[:6])
+    p_beyond = state[6:9]
+    n_beyond = state[9:]
+
+    friction = drive[3:]
+    n = joint.moment(angles, tau - friction * qd)
+    b = length * centripetal(omega)
+    push = M_beyond @ b + p_beyond
+    r = n - n_beyond - gyroscopic(axial, transverse, omega)
+    v = 0.25 * m * length * b + length * push
     rho = ca.vertcat(r[2] - v[1], -r[1] - v[2])
-    coupling = (0.5 * m * length * one + length * beyond)[1:, :]
-    inverse = _inverse((transverse + 0.25 * m * length**2) * ca.DM.eye(2) + length**2 * beyond[1:, 1:])
-    gain, free = inverse @ coupling, inverse @ rho
-    articulated = m * one + beyond - coupling.T @ gain
-    force = 0.5 * m * bias + push + coupling.T @ free
+
+    # G and Q on y and z alone: e has no x component, and ω̇_x is known by itself.
+    one = ca.DM.eye(3)
+    G = (0.5 * m * length * one + length * M_beyond)[1:, :]
+    Q = (transverse + 0.25 * m * length**2) * ca.DM.eye(2) + length**2 * M_beyond[1:, 1:]
+    Q_inverse = _inverse(Q)
+    Q_inverse_G = Q_inverse @ G
+    Q_inverse_rho = Q_inverse @ rho
+    M = m * one + M_beyond - G.T @ Q_inverse_G
+    p = 0.5 * m * b + push + G.T @ Q_inverse_rho
+
     to_parent = joint.rotation(angles)
-    passed = ca.vertcat(pack(_congruence(to_parent, articulated)), to_parent @ force, to_parent @ moment)
-    return ca.Function(
-        "aba_inertia",
-        [state, trig, motion, tau, qd, body, drive],
-        [passed, ca.vertcat(r[0] / axial, free, ca.vec(gain))],
-    )
+    passed = ca.vertcat(pack(_congruence(to_parent, M)), to_parent @ p, to_parent @ n)
+    solved = ca.vertcat(r[0] / axial, Q_inverse_rho, ca.vec(Q_inverse_G))
+    return ca.Function("aba_inertia", [state, trig, motion, tau, qd, body, drive], [passed, solved])
 
 
 def _acceleration_step(axes: Axes) -> Any:
     """(ω̇, a_tip) of the parent to those of the link, and its joint accelerations."""
+    state = ca.SX.sym("state", 6)
+    trig = ca.SX.sym("trig", 6)
+    motion = ca.SX.sym("motion", 6)
+    solved = ca.SX.sym("solved", 9)
+    body = ca.SX.sym("body", 4)
+
     joint = BALL_JOINTS[axes]
-    state, trig = ca.SX.sym("state", 6), ca.SX.sym("trig", 6)
-    motion, solved, body = ca.SX.sym("motion", 6), ca.SX.sym("solved", 9), ca.SX.sym("body", 4)
-    angles, length = angles_of(trig), body[3]
+    angles = angles_of(trig)
+    omega = motion[:3]
+    velocity_product = motion[3:]
+    Q_inverse_rho = solved[1:3]
+    Q_inverse_G = ca.reshape(solved[3:], 2, 3)
+
     to_child = joint.rotation(angles).T
     a = to_child @ state[3:]
-    e = solved[1:3] - ca.reshape(solved[3:], 2, 3) @ a
-    omega_dot = ca.vertcat(solved[0], -e[1], e[0])
-    qdd = joint.revolute_rates(angles, omega_dot - to_child @ state[:3] - motion[3:])
-    tip = a + length * (centripetal(motion[:3]) + ca.vertcat(0, e))
-    return ca.Function("aba_acceleration", [state, trig, motion, solved, body], [ca.vertcat(omega_dot, tip), qdd])
+    e = Q_inverse_rho - Q_inverse_G @ a  # its y and z
+    omega_dot = ca.vertcat(solved[0], -e[1], e[0])  # e = ω̇ × x̂
+    qdd = joint.revolute_rates(angles, omega_dot - to_child @ state[:3] - velocity_product)
+    a_tip = a + body[3] * (centripetal(omega) + ca.vertcat(0, e))
+    return ca.Function("aba_acceleration", [state, trig, motion, solved, body], [ca.vertcat(omega_dot, a_tip), qdd])
 
 
 def _inverse(Q: Any) -> Any:
@@ -86,7 +118,7 @@ def _inverse(Q: Any) -> Any:
 
 
 def _congruence(R: Any, M: Any) -> Any:
-    """R M Rᵀ of a symmetric M, upper triangle only."""
+    """R M Rᵀ of a symmetric M, upper triangle only: what stands below is never read, and costs nothing as zero."""
     half = R @ M
     upper = [[half[i, :] @ R[j, :].T if i <= j else 0 for j in range(3)] for i in range(3)]
     return ca.vertcat(*(ca.horzcat(*row) for row in upper))

@@ -16,7 +16,8 @@ import casadi as ca
 
 from ccm_opt.dynamics.algorithms.aba_base import base_step
 from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
-from ccm_opt.dynamics.algorithms.sweep import angles_of, centripetal, gyroscopic, pack, unpack
+from ccm_opt.dynamics.algorithms.link_algebra import centripetal, gyroscopic, pack, unpack
+from ccm_opt.dynamics.algorithms.sweep import angles_of
 from ccm_opt.jointed.arm import Axes
 
 STATE = 27
@@ -25,59 +26,95 @@ STATE = 27
 
 def steps(axes: Axes) -> tuple[Any, Any, Any, Any]:
     """The functions tip, inertia, base and acceleration, as ``aba.AbaSteps`` has them."""
-    state, world = ca.SX.sym("state", STATE), ca.SX.sym("world", 5)
+    state = ca.SX.sym("state", STATE)
+    # The base does not turn, so it meets the linear block of A and the force of P alone.
+    base = base_step(state, mass=unpack(state[:21])[3:, 3:], bias=state[24:])
+    return _tip_step(), _inertia_step(axes), base, _acceleration_step(axes)
+
+
+def _tip_step() -> Any:
+    """(A, P) at the tip: the payload's mass, and no moment."""
+    world = ca.SX.sym("world", 5)
     payload = ca.diagcat(ca.SX.zeros(3, 3), world[3] * ca.SX.eye(3))
-    tip = ca.Function("aba_tip", [world], [ca.densify(ca.vertcat(pack(payload), ca.SX.zeros(6)))])
-    base = base_step(state, unpack(state[:21])[3:, 3:], state[24:])
-    return tip, _inertia_step(axes), base, _acceleration_step(axes)
+    # Dense: the recursions in C expect every number, zeros too.
+    return ca.Function("aba_tip", [world], [ca.densify(ca.vertcat(pack(payload), ca.SX.zeros(6)))])
 
 
 def _inertia_step(axes: Axes) -> Any:
     """(A, P) at the tip of a link to those at its parent's tip, and what its acceleration needs: q̈₀ (3,), K Uᵀ."""
+    state = ca.SX.sym("state", STATE)
+    trig = ca.SX.sym("trig", 6)
+    motion = ca.SX.sym("motion", 6)
+    tau = ca.SX.sym("tau", 3)
+    qd = ca.SX.sym("qd", 3)
+    body = ca.SX.sym("body", 4)
+    drive = ca.SX.sym("drive", 6)
+
     joint = BALL_JOINTS[axes]
-    state, trig, motion = ca.SX.sym("state", STATE), ca.SX.sym("trig", 6), ca.SX.sym("motion", 6)
-    tau, qd, body, drive = ca.SX.sym("tau", 3), ca.SX.sym("qd", 3), ca.SX.sym("body", 4), ca.SX.sym("drive", 6)
-    angles, omega, beta = angles_of(trig), motion[:3], motion[3:]
+    angles = angles_of(trig)
+    omega = motion[:3]
+    beta = motion[3:]
+    J = ca.diag(drive[:3])
+    friction = drive[3:]
+
     A, P = _with_link(unpack(state[:21]), state[21:], body, omega)
     S = ca.horzcat(*(joint.angular_velocity(angles, ca.DM.eye(3)[:, i]) for i in range(3)))
     U = A[:, :3] @ S
-    K = _inverse(S.T @ U[:3, :] + ca.diag(drive[:3]))
-    free = K @ (tau - drive[3:] * qd - S.T @ P[:3])
-    gain = K @ U.T
-    passed = A - U @ gain
-    bias = P + passed[:, :3] @ beta + U @ free
-    R = ca.diagcat(joint.rotation(angles), joint.rotation(angles))
-    outputs = [ca.vertcat(pack(R @ passed @ R.T), R @ bias), ca.vertcat(free - gain[:, :3] @ beta, ca.vec(gain))]
+    K = _inverse(S.T @ U[:3, :] + J)
+    K_u = K @ (tau - friction * qd - S.T @ P[:3])
+    K_U = K @ U.T
+    A_passed = A - U @ K_U
+    P_passed = P + A_passed[:, :3] @ beta + U @ K_u
 
-    return ca.Function("aba_inertia", [state, trig, motion, tau, qd, body, drive], outputs)
+    rotation = joint.rotation(angles)
+    R = ca.diagcat(rotation, rotation)
+    passed = ca.vertcat(pack(R @ A_passed @ R.T), R @ P_passed)
+    solved = ca.vertcat(K_u - K_U[:, :3] @ beta, ca.vec(K_U))
+    return ca.Function("aba_inertia", [state, trig, motion, tau, qd, body, drive], [passed, solved])
 
 
 def _with_link(A: Any, P: Any, body: Any, omega: Any) -> tuple[Any, Any]:
     """The articulated body at a link's tip, brought to its ball and joined with the link."""
     m, axial, transverse, length = ca.vertsplit(body)
     across = ca.skew(ca.DM([1, 0, 0]))
-    shift = ca.blockcat([[ca.SX.eye(3), ca.SX.zeros(3, 3)], [-length * across, ca.SX.eye(3)]])
     pull = centripetal(omega)
-    about_ball = ca.diag(ca.vertcat(axial, *[transverse + 0.25 * m * length**2] * 2))
+
+    # The link itself, about its ball: the spatial inertia and the velocity products of a body with its centre at l/2.
+    about_ball = transverse + 0.25 * m * length**2
     lever = 0.5 * m * length * across
-    link = ca.blockcat([[about_ball, lever], [lever.T, m * ca.SX.eye(3)]])
-    own = ca.vertcat(gyroscopic(axial, transverse, omega) + lever @ (0.5 * length * pull), 0.5 * m * length * pull)
+    inertia = ca.diag(ca.vertcat(axial, about_ball, about_ball))
+    link_A = ca.blockcat([[inertia, lever], [lever.T, m * ca.SX.eye(3)]])
+    link_moment = gyroscopic(axial, transverse, omega) + lever @ (0.5 * length * pull)
+    link_P = ca.vertcat(link_moment, 0.5 * m * length * pull)
+
+    # What is beyond, from the link's tip to its ball.
+    X = ca.blockcat([[ca.SX.eye(3), ca.SX.zeros(3, 3)], [-length * across, ca.SX.eye(3)]])
     carried = P + A[:, 3:] @ (length * pull)
-    return link + shift.T @ A @ shift, own + shift.T @ carried
+    return link_A + X.T @ A @ X, link_P + X.T @ carried
 
 
 def _acceleration_step(axes: Axes) -> Any:
     """(ω̇, a_tip) of the parent to those of the link, and its joint accelerations."""
+    state = ca.SX.sym("state", 6)
+    trig = ca.SX.sym("trig", 6)
+    motion = ca.SX.sym("motion", 6)
+    solved = ca.SX.sym("solved", 21)
+    body = ca.SX.sym("body", 4)
+
     joint = BALL_JOINTS[axes]
-    state, trig, motion = ca.SX.sym("state", 6), ca.SX.sym("trig", 6), ca.SX.sym("motion", 6)
-    solved, body = ca.SX.sym("solved", 21), ca.SX.sym("body", 4)
     angles = angles_of(trig)
+    omega = motion[:3]
+    beta = motion[3:]
+    qdd_free = solved[:3]
+    K_U = ca.reshape(solved[3:], 3, 6)
+
     to_child = joint.rotation(angles).T
-    turned, a = to_child @ state[:3], to_child @ state[3:]
-    qdd = solved[:3] - ca.reshape(solved[3:], 3, 6) @ ca.vertcat(turned, a)
-    omega_dot = turned + motion[3:] + joint.angular_velocity(angles, qdd)
-    tip = a + body[3] * (centripetal(motion[:3]) + ca.vertcat(0, omega_dot[2], -omega_dot[1]))
-    return ca.Function("aba_acceleration", [state, trig, motion, solved, body], [ca.vertcat(omega_dot, tip), qdd])
+    turned = to_child @ state[:3]
+    a = to_child @ state[3:]
+    qdd = qdd_free - K_U @ ca.vertcat(turned, a)
+    omega_dot = turned + beta + joint.angular_velocity(angles, qdd)
+    a_tip = a + body[3] * (centripetal(omega) + ca.vertcat(0, omega_dot[2], -omega_dot[1]))
+    return ca.Function("aba_acceleration", [state, trig, motion, solved, body], [ca.vertcat(omega_dot, a_tip), qdd])
 
 
 def _inverse(Q: Any) -> Any:

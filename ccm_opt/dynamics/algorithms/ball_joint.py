@@ -62,7 +62,8 @@ class YawBendRoll:
     def rotation(angles: Angles) -> Any:
         """R = Rz(a) Ry(b) Rx(c)."""
         sa, c_a, sb, cb, sc, cc = angles.all
-        yaw_bend, sine_bend = c_a * sb, sa * sb
+        yaw_bend = c_a * sb
+        sine_bend = sa * sb
         return _matrix(
             (c_a * cb, yaw_bend * sc - sa * cc, yaw_bend * cc + sa * sc),
             (sa * cb, sine_bend * sc + c_a * cc, sine_bend * cc - c_a * sc),
@@ -80,9 +81,10 @@ class YawBendRoll:
     def rate_bias(angles: Angles, rates: Any) -> Any:
         """Ṡ q̇."""
         _, _, sb, cb, sc, cc = angles.all
-        yaw_bend, roll = rates[0] * rates[1], rates[2]
-        along, across = sb * yaw_bend + rates[1] * roll, cb * rates[0] * roll
-        return ca.vertcat(-cb * yaw_bend, across * cc - along * sc, -across * sc - along * cc)
+        yaw, bend, roll = ca.vertsplit(rates)
+        along = sb * yaw * bend + bend * roll
+        across = cb * yaw * roll
+        return ca.vertcat(-cb * yaw * bend, across * cc - along * sc, -across * sc - along * cc)
 
     @staticmethod
     def revolute_rates(angles: Angles, vector: Any) -> Any:
@@ -113,7 +115,8 @@ class YawBendSpin:
     def rotation(angles: Angles) -> Any:
         """R = Rz(a) Ry(b) Rz(c)."""
         sa, c_a, sb, cb, sc, cc = angles.all
-        yaw_bend, sine_bend = c_a * cb, sa * cb
+        yaw_bend = c_a * cb
+        sine_bend = sa * cb
         return _matrix(
             (yaw_bend * cc - sa * sc, -yaw_bend * sc - sa * cc, c_a * sb),
             (sine_bend * cc + c_a * sc, c_a * cc - sine_bend * sc, sa * sb),
@@ -131,8 +134,10 @@ class YawBendSpin:
     def rate_bias(angles: Angles, rates: Any) -> Any:
         """Ṡ q̇."""
         _, _, sb, cb, sc, cc = angles.all
-        along, across = rates[1] * rates[2] - cb * rates[0] * rates[1], sb * rates[0] * rates[2]
-        return ca.vertcat(along * cc + across * sc, across * cc - along * sc, -sb * rates[0] * rates[1])
+        yaw, bend, spin = ca.vertsplit(rates)
+        along = bend * spin - cb * yaw * bend
+        across = sb * yaw * spin
+        return ca.vertcat(along * cc + across * sc, across * cc - along * sc, -sb * yaw * bend)
 
     @staticmethod
     def revolute_rates(angles: Angles, vector: Any) -> Any:

@@ -17,17 +17,10 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
-from ccm_opt.dynamics.algorithms.model import Structure
-from ccm_opt.dynamics.algorithms.sweep import (
-    Symbols,
-    angles_of,
-    centripetal,
-    cross,
-    inward,
-    outward,
-    sines_and_cosines,
-)
+from ccm_opt.dynamics.algorithms.link_algebra import centripetal
+from ccm_opt.dynamics.algorithms.sweep import angles_of, inward, model_symbols, outward, per_ball, sines_and_cosines
 from ccm_opt.jointed.arm import Axes
 
 
@@ -38,17 +31,24 @@ def build_rnea(structure: Structure) -> Any:
     heading and ``thrust`` the force along it; ``bodies`` (4, links), ``drives`` (6, links) and ``world`` (5,) are those
     of ``ArmModel``.
     """
-    s, steps = Symbols(structure.links, structure.folded), rnea_steps(structure.axes)
-    q, qd, qdd, feed = s.column("q"), s.column("qd"), s.column("qdd"), s.matrix("feed", 1, 1)
-    bodies, drives, world = s.matrix("bodies", 4, s.links), s.matrix("drives", 6, s.links), s.matrix("world", 5, 1)
-    trig, rates, growth = sines_and_cosines(s.per_ball(q)), s.per_ball(qd), s.per_ball(qdd)
-    tip, (loads,) = outward(steps.outward, steps.base(world, feed), [trig, rates, growth, bodies])
-    forces, (torques,) = inward(steps.inward, steps.tip(tip, world), [trig, loads, rates, growth, bodies, drives])
-    inputs = [q, qd, qdd, feed, bodies, drives, world]
+    q = ca.SX.sym("q", structure.joints)
+    qd = ca.SX.sym("qd", structure.joints)
+    qdd = ca.SX.sym("qdd", structure.joints)
+    feed = ca.SX.sym("feed")
+    bodies, drives, world = model_symbols(structure.links)
+
+    steps = rnea_steps(structure.axes)
+    trig = sines_and_cosines(per_ball(q))
+    rates = per_ball(qd)
+    rate_changes = per_ball(qdd)
+    tip, (loads,) = outward(steps.outward, steps.base(world, feed), [trig, rates, rate_changes, bodies])
+    columns = [trig, loads, rates, rate_changes, bodies, drives]
+    force, (torques,) = inward(steps.inward, steps.tip(tip, world), columns)
+
     return ca.Function(
         "rnea",
-        inputs,
-        [ca.vec(torques), forces[0]],
+        [q, qd, qdd, feed, bodies, drives, world],
+        [ca.vec(torques), force[0]],
         ["q", "qd", "qdd", "feed", "bodies", "drives", "world"],
         ["tau", "thrust"],
     )
@@ -65,51 +65,78 @@ class RneaSteps(NamedTuple):
 
 def rnea_steps(axes: Axes) -> RneaSteps:
     """The recursion's functions for an order of axes."""
-    world, feed, state = ca.SX.sym("world", 5), ca.SX.sym("feed"), ca.SX.sym("state", 9)
+    return RneaSteps(_base_step(), _outward_step(axes), _tip_step(), _inward_step(axes))
+
+
+def _base_step() -> Any:
+    """(ω, ω̇, a) of the base: it does not turn, and gravity is an acceleration of the base the other way."""
+    world = ca.SX.sym("world", 5)
+    feed = ca.SX.sym("feed")
     at_base = ca.vertcat(ca.DM.zeros(6), feed - world[0], -world[1], -world[2])
+    return ca.Function("rnea_base", [world, feed], [at_base])
+
+
+def _tip_step() -> Any:
+    """(f, n) at the tip: what the payload needs."""
+    state = ca.SX.sym("state", 9)
+    world = ca.SX.sym("world", 5)
     at_tip = ca.vertcat(world[3] * state[6:], ca.DM.zeros(3))
-    base = ca.Function("rnea_base", [world, feed], [at_base])
-    tip = ca.Function("rnea_tip", [state, world], [at_tip])
-    return RneaSteps(base, _outward_step(axes), tip, _inward_step(axes))
+    return ca.Function("rnea_tip", [state, world], [at_tip])
 
 
 def _outward_step(axes: Axes) -> Any:
     """Velocities and accelerations: (ω, ω̇, a_tip) of the parent to those of the link, and its load (F, N)."""
+    state = ca.SX.sym("state", 9)
+    trig = ca.SX.sym("trig", 6)
+    qd = ca.SX.sym("qd", 3)
+    qdd = ca.SX.sym("qdd", 3)
+    body = ca.SX.sym("body", 4)
+
     joint = BALL_JOINTS[axes]
-    state, trig = ca.SX.sym("state", 9), ca.SX.sym("trig", 6)
-    qd, qdd, body = ca.SX.sym("qd", 3), ca.SX.sym("qdd", 3), ca.SX.sym("body", 4)
-    angles, length = angles_of(trig), body[3]
+    angles = angles_of(trig)
     to_child = joint.rotation(angles).T
-    w, carried = joint.angular_velocity(angles, qd), to_child @ state[:3]
+    w = joint.angular_velocity(angles, qd)
+    carried = to_child @ state[:3]  # Rᵀ ω_p
     omega = carried + w
-    bias = cross(carried, w) + joint.rate_bias(angles, qd)
+    bias = ca.cross(carried, w) + joint.rate_bias(angles, qd)
     omega_dot = to_child @ state[3:6] + bias + joint.angular_velocity(angles, qdd)
+
     a = to_child @ state[6:]
+    length = body[3]
     e = centripetal(omega) + ca.vertcat(0, omega_dot[2], -omega_dot[1])
     load = _load(body, omega, omega_dot, a + 0.5 * length * e)
-    return ca.Function(
-        "rnea_outward", [state, trig, qd, qdd, body], [ca.vertcat(omega, omega_dot, a + length * e), load]
-    )
+    passed = ca.vertcat(omega, omega_dot, a + length * e)
+    return ca.Function("rnea_outward", [state, trig, qd, qdd, body], [passed, load])
 
 
 def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
     """Force F and moment N about the ball that a link's own motion needs, (6,)."""
-    force = body[0] * acceleration
-    inertia = ca.vertcat(body[1], body[2], body[2])
-    moment = inertia * omega_dot + cross(omega, inertia * omega)
-    lever = 0.5 * body[3]
+    mass, axial, transverse, length = ca.vertsplit(body)
+    force = mass * acceleration
+    inertia = ca.vertcat(axial, transverse, transverse)
+    moment = inertia * omega_dot + ca.cross(omega, inertia * omega)
+    lever = 0.5 * length
     return ca.vertcat(force, moment + ca.vertcat(0, -lever * force[2], lever * force[1]))
 
 
 def _inward_step(axes: Axes) -> Any:
     """Forces: (f, n) at the tip of a link to those at its parent's tip, and its torques."""
+    state = ca.SX.sym("state", 6)
+    trig = ca.SX.sym("trig", 6)
+    load = ca.SX.sym("load", 6)
+    qd = ca.SX.sym("qd", 3)
+    qdd = ca.SX.sym("qdd", 3)
+    body = ca.SX.sym("body", 4)
+    drive = ca.SX.sym("drive", 6)
+
     joint = BALL_JOINTS[axes]
-    state, trig, load = ca.SX.sym("state", 6), ca.SX.sym("trig", 6), ca.SX.sym("load", 6)
-    qd, qdd, body, drive = ca.SX.sym("qd", 3), ca.SX.sym("qdd", 3), ca.SX.sym("body", 4), ca.SX.sym("drive", 6)
-    angles, length = angles_of(trig), body[3]
+    angles = angles_of(trig)
+    length = body[3]
     force = load[:3] + state[:3]
     moment = load[3:] + state[3:] + ca.vertcat(0, -length * state[2], length * state[1])
     to_parent = joint.rotation(angles)
     passed = ca.vertcat(to_parent @ force, to_parent @ moment)
-    torques = joint.torques(angles, moment) + drive[:3] * qdd + drive[3:] * qd
+    rotor_inertia = drive[:3]
+    friction = drive[3:]
+    torques = joint.torques(angles, moment) + rotor_inertia * qdd + friction * qd
     return ca.Function("rnea_inward", [state, trig, load, qd, qdd, body, drive], [passed, torques])

@@ -1,1 +1,1 @@
-"""What runs the generated functions: the C library along the arm, and its interpreted stand-in."""
+"""What evaluates the dynamics: one function with two back ends, the compiled library and CasADi's virtual machine."""

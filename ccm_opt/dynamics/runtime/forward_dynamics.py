@@ -1,14 +1,13 @@
 """Joint accelerations under given torques."""
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics.algorithms.aba import build_aba
-from ccm_opt.dynamics.algorithms.model import arm_model
-from ccm_opt.dynamics.runtime.batch import MISFIT, BatchedDynamics
+from ccm_opt.dynamics.algorithms.arm_model import arm_model
+from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.jointed.arm import Arm
 
 
 class ForwardDynamics:
-    """Accelerations that torques cause, by the compiled articulated-body algorithm.
+    """Accelerations that torques cause, by the articulated-body algorithm.
 
     Args:
         arm: the arm.
@@ -16,8 +15,7 @@ class ForwardDynamics:
     """
 
     def __init__(self, arm: Arm, gravity: FloatArray) -> None:
-        self._aba = BatchedDynamics("forward_dynamics", build_aba, arm_model(arm, gravity))
-        self._one = self._aba.one
+        self._aba = DynamicsFunction("forward_dynamics", arm_model(arm, gravity))
 
     def __call__(self, angles: FloatArray, velocities: FloatArray, torques: FloatArray) -> FloatArray:
         """Accelerations [rad/s²], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
@@ -33,10 +31,7 @@ class ForwardDynamics:
         Raises:
             ProblemError: when the shapes do not fit the arm.
         """
-        try:
-            return self._one(angles, velocities, torques)
-        except MISFIT:
-            return self._aba.with_feed(angles, velocities, torques)[0]
+        return self._aba.of_joints(angles, velocities, torques)
 
     def with_feed(
         self, angles: FloatArray, velocities: FloatArray, torques: FloatArray, thrust: FloatArray | float

@@ -1,16 +1,15 @@
 """Joint torques of a motion (section 5.4)."""
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics.algorithms.model import arm_model
-from ccm_opt.dynamics.algorithms.rnea import build_rnea
-from ccm_opt.dynamics.runtime.batch import MISFIT, BatchedDynamics
+from ccm_opt.dynamics.algorithms.arm_model import arm_model
+from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.solution import JointStates, JointTrajectory
 
 
 class InverseDynamics:
-    """Torques that a motion needs, by compiled Newton–Euler recursion.
+    """Torques that a motion needs, by the Newton–Euler recursion.
 
     Args:
         arm: the arm.
@@ -18,8 +17,7 @@ class InverseDynamics:
     """
 
     def __init__(self, arm: Arm, gravity: FloatArray) -> None:
-        self._rnea = BatchedDynamics("inverse_dynamics", build_rnea, arm_model(arm, gravity))
-        self._one = self._rnea.one
+        self._rnea = DynamicsFunction("inverse_dynamics", arm_model(arm, gravity))
 
     def __call__(
         self,
@@ -40,12 +38,9 @@ class InverseDynamics:
         Raises:
             ProblemError: when the shapes do not fit the arm.
         """
-        try:
-            if feed_accelerations is None:
-                return self._one(angles, velocities, accelerations)
-        except MISFIT:
-            pass  # many states, or not contiguous
-        return self.efforts(angles, velocities, accelerations, feed_accelerations)[0]
+        if feed_accelerations is None:
+            return self._rnea.of_joints(angles, velocities, accelerations)
+        return self._rnea.with_feed(angles, velocities, accelerations, feed_accelerations)[0]
 
     def feed_forces(
         self,

@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.dynamics.algorithms.model import arm_model
-from ccm_opt.dynamics.runtime.compilation import load_library
-from ccm_opt.dynamics.runtime.interpreted import InterpretedLoop
-from ccm_opt.dynamics.runtime.loop import ClosedLoop
-from ccm_opt.dynamics.runtime.native import NativeLoop
+from ccm_opt.dynamics.algorithms.arm_model import arm_model
+from ccm_opt.dynamics.runtime.back_end import choose_back_end
+from ccm_opt.dynamics.runtime.control_law import ClosedLoop
 from ccm_opt.dynamics.simulation.controller import check_stability, loop_settings
 from ccm_opt.dynamics.simulation.disturbances import Noise, disturbed_arm
 from ccm_opt.dynamics.simulation.reference import StepReference, hermite, step_reference
@@ -112,10 +110,10 @@ def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[Floa
 
 def closed_loop(plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits) -> ClosedLoop:
     """The loop of a plant and of the arm that its controller believes in, compiled when the machine can."""
-    models = arm_model(plant, options.gravity), arm_model(arm, options.gravity)
+    plant_model = arm_model(plant, options.gravity)
+    believed_model = arm_model(arm, options.gravity)
     settings = loop_settings(arm, options, limits)
-    library = load_library(models[0].structure)
-    return InterpretedLoop(*models, settings) if library is None else NativeLoop(library, *models, settings)
+    return choose_back_end(plant_model.structure).loop(plant_model, believed_model, settings)
 
 
 def check_options(arm: Arm, options: SimulationOptions) -> None:

@@ -19,7 +19,7 @@ from scipy.linalg import eigvalsh
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime.loop import LoopSettings
+from ccm_opt.dynamics.runtime.control_law import LoopSettings
 from ccm_opt.errors import Diagnosis, SimulationError
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Limits, SimulationOptions

@@ -8,8 +8,6 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Axes
 from ccm_opt.jointed.frames import base_rotation
 
-UNROLLED_DOF = 72  # up to here one straight-line expression; above it one function a link, folded
-
 
 @dataclass(frozen=True)
 class Structure:
@@ -18,13 +16,11 @@ class Structure:
     Attributes:
         links: number of links.
         axes: order of the three revolutes of a ball joint.
-        folded: whether the recursions loop over one link's function instead of being written out.
         geared: whether drives have rotor inertia, for which forward dynamics carry moments from link to link too.
     """
 
     links: int
     axes: Axes
-    folded: bool
     geared: bool = False
 
     @property
@@ -54,9 +50,8 @@ class ArmModel:
 
 
 def arm_structure(arm: Arm) -> Structure:
-    """Structure of an arm, unrolled up to 72 revolutes and folded above."""
-    geared = bool(np.any(np.asarray(arm.rotor_inertia) > 0.0))
-    return Structure(arm.links, arm.axes, folded=3 * arm.links > UNROLLED_DOF, geared=geared)
+    """Structure of an arm."""
+    return Structure(arm.links, arm.axes, geared=bool(np.any(np.asarray(arm.rotor_inertia) > 0.0)))
 
 
 def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
@@ -68,9 +63,15 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     """
     lengths = np.full(arm.links, arm.link_length)
     bodies = np.column_stack((arm.masses, arm.inertia_axial, arm.inertia_transverse, lengths))
-    rotors, friction = (
-        np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3) for value in (arm.rotor_inertia, arm.friction)
-    )
-    local = base_rotation(arm).T @ np.asarray(gravity, dtype=np.float64)
-    world = np.array([*local, arm.payload, float(arm.feed is not None)])
-    return ArmModel(arm_structure(arm), bodies, np.hstack((rotors, friction)), world)
+    drives = np.hstack((_per_ball(arm, arm.rotor_inertia), _per_ball(arm, arm.friction)))
+
+    # The recursions start in the base frame, so gravity is turned into it once.
+    local_gravity = base_rotation(arm).T @ np.asarray(gravity, dtype=np.float64)
+    slides = float(arm.feed is not None)
+    world = np.array([*local_gravity, arm.payload, slides])
+    return ArmModel(arm_structure(arm), bodies, drives, world)
+
+
+def _per_ball(arm: Arm, value: FloatArray | float) -> FloatArray:
+    """One number, or one for each revolute, as the three of every ball, shape (links, 3)."""
+    return np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3)

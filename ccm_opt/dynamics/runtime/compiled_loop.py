@@ -1,0 +1,74 @@
+"""The closed loop with all of its steps in C (``simulation.c``)."""
+
+import ctypes
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics.algorithms.arm_model import ArmModel
+from ccm_opt.dynamics.runtime.compiled_function import CompiledArm, pointer_to
+from ccm_opt.dynamics.runtime.control_law import LoopSettings
+
+
+class _LoopStruct(ctypes.Structure):
+    """``Loop`` of simulation.c."""
+
+    _fields_ = (
+        ("plant", ctypes.c_void_p),
+        ("model", ctypes.c_void_p),
+        ("count", ctypes.c_long),
+        ("held", ctypes.c_long),
+        ("computed", ctypes.c_long),
+        ("step", ctypes.c_double),
+        ("kp", ctypes.c_double),
+        ("kd", ctypes.c_double),
+        ("feed_kp", ctypes.c_double),
+        ("feed_kd", ctypes.c_double),
+        ("feed_limit", ctypes.c_double),
+        ("limit", ctypes.c_void_p),
+        ("reference", ctypes.c_void_p),
+        ("noise", ctypes.c_void_p),
+        ("x", ctypes.c_void_p),
+        ("states", ctypes.c_void_p),
+        ("efforts", ctypes.c_void_p),
+        ("work", ctypes.c_void_p),
+    )
+
+
+class CompiledLoop:
+    """The closed loop of a plant and of the model its controller has; see ``control_law``.
+
+    Args:
+        library: compiled recursions.
+        plant: what moves.
+        model: what the controller believes.
+        settings: gains, limits and step.
+    """
+
+    def __init__(self, library: ctypes.CDLL, plant: ArmModel, model: ArmModel, settings: LoopSettings) -> None:
+        self._plant = CompiledArm(library, plant)
+        self._model = CompiledArm(library, model)
+        self._simulate = library.simulate
+        self._settings = settings
+        self._limit = np.ascontiguousarray(settings.limit, dtype=np.float64)
+        rows = ctypes.c_long.in_dll(library, "loop_rows").value
+        self._work = np.zeros((rows, plant.structure.joints + 1))
+
+    def run(
+        self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Steps from a state on; see ``control_law.ClosedLoop``."""
+        count, _, width = reference.shape
+        reference = np.ascontiguousarray(reference, dtype=np.float64)
+        noise = np.ascontiguousarray(noise, dtype=np.float64)
+        x = np.array(state, dtype=np.float64, order="C")  # a copy: C moves it on
+        states = np.empty((count, 2, width))
+        efforts = np.empty((count, width))
+
+        s = self._settings
+        gains = (s.proportional, s.derivative, s.feed_proportional, s.feed_derivative)
+        numbers = (count, min(held, count), int(s.computed), s.step, *gains, s.feed_limit)
+        arrays = (self._limit, reference, noise, x, states, efforts, self._work)
+        addresses = (array.ctypes.data for array in arrays)
+        self._simulate(pointer_to(_LoopStruct(self._plant.address, self._model.address, *numbers, *addresses)))
+        return states, efforts

@@ -1,0 +1,71 @@
+"""What a closed loop computes, whoever runs it: ``simulation.c`` or, in numpy, ``interpreted_loop.py``.
+
+Positions x = (q, x_b) and speeds ẋ are those of all revolutes and, last, of the base on its feed axis; the efforts are
+their torques and the thrust, u = (τ, F). Each step of length h does three things.
+
+1. *Measure.* q and q̇ with noise, x_b and ẋ_b without. With the reference x_r at the start of the step, the errors are
+   e = x_r − x and ė = ẋ_r − ẋ, and the feedback is Kp e + Kd ė, the feed axis with gains of its own.
+
+2. *Control*, held over the step. While the brakes hold the arm, u = 0 and nothing moves. Else
+
+   - computed torque: a = ẍ_r + Kp e + Kd ė, u = ID(q + ½ h q̇, q̇ + ½ h a, a), the efforts that make the acceleration a
+     at the middle of the step. Where F passes its limit, a_b is changed to what the base can do,
+     a_b + (clamp(F) − F) / m with m the mass of arm and payload, and u is computed once more, so that the joints'
+     torques fit a base that lags;
+   - PD: u = Kp e + Kd ė + ID(q, 0, 0), the gravity efforts of the measured pose added (Takegaki and Arimoto, 1981).
+
+   Both saturate, |τ| ≤ limit and |F| ≤ feed_limit. ID is inverse dynamics (``rnea``) of what the controller believes
+   in, which need not be the plant.
+
+3. *Move.* One classical Runge–Kutta step of ẍ = FD(x, ẋ, u), the plant's forward dynamics (``aba``), u held.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from ccm_opt.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class LoopSettings:
+    """Numbers of a closed loop.
+
+    Attributes:
+        step: h [s].
+        computed: whether the law is computed torque, else PD.
+        proportional: Kp of the joints, [1/s²] under computed torque, [N m/rad] under PD.
+        derivative: Kd of the joints, [1/s] or [N m s/rad].
+        feed_proportional: Kp of the feed axis, [1/s²] or [N/m].
+        feed_derivative: Kd of the feed axis, [1/s] or [N s/m].
+        limit: bound on torques, shape (3 * links,) [N m].
+        feed_limit: bound on the thrust of the feed axis [N].
+    """
+
+    step: float
+    computed: bool
+    proportional: float
+    derivative: float
+    feed_proportional: float
+    feed_derivative: float
+    limit: FloatArray
+    feed_limit: float
+
+
+class ClosedLoop(Protocol):
+    """A plant under its controller; arrays end with the feed axis, W = 3 * links + 1, at rest when there is none."""
+
+    def run(
+        self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Make some steps.
+
+        Args:
+            state: positions and velocities before the first step, shape (2, W).
+            reference: positions, velocities and accelerations of every step, shape (N, 3, W).
+            noise: added to what is measured of the joints' angles and speeds, shape (N, 2, W - 1).
+            held: number of steps from the first on in which brakes hold the arm.
+
+        Returns:
+            States at the ends of the steps, shape (N, 2, W), and efforts held over them, shape (N, W).
+        """
+        ...

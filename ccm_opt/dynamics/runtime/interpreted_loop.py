@@ -1,0 +1,78 @@
+"""The closed loop step by step in numpy, the same as ``simulation.c``; ``control_law`` says what both compute."""
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics.algorithms.arm_model import ArmModel
+from ccm_opt.dynamics.runtime.control_law import LoopSettings
+from ccm_opt.dynamics.runtime.interpreted_function import InterpretedFunction
+
+
+class InterpretedLoop:
+    """The closed loop of a plant and of the model its controller has; see ``control_law``.
+
+    Args:
+        plant: what moves.
+        model: what the controller believes.
+        settings: gains, limits and step.
+    """
+
+    def __init__(self, plant: ArmModel, model: ArmModel, settings: LoopSettings) -> None:
+        self._forward = InterpretedFunction("forward_dynamics", plant)
+        self._inverse = InterpretedFunction("inverse_dynamics", model)
+        self._step = settings.step
+        self._computed = settings.computed
+        self._limit = np.append(settings.limit, settings.feed_limit)
+        self._mass = float(np.sum(model.bodies[:, 0]) + model.world[3])
+        joints = plant.structure.joints
+        self._proportional = np.append(np.full(joints, settings.proportional), settings.feed_proportional)
+        self._derivative = np.append(np.full(joints, settings.derivative), settings.feed_derivative)
+
+    def run(
+        self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Steps from a state on; see ``control_law.ClosedLoop``."""
+        count, _, width = reference.shape
+        states = np.empty((count, 2, width))
+        efforts = np.zeros((count, width))
+        x = np.array(state, dtype=np.float64)
+        for s in range(count):
+            if s >= held:
+                measured = x + np.pad(noise[s], ((0, 0), (0, 1)))  # the feed axis is measured exactly
+                efforts[s] = self._control(measured, reference[s])
+                x = self._advance(x, efforts[s])
+            states[s] = x
+        return states, efforts
+
+    def _control(self, x: FloatArray, reference: FloatArray) -> FloatArray:
+        """The efforts that are held over a step."""
+        feedback = self._proportional * (reference[0] - x[0]) + self._derivative * (reference[1] - x[1])
+        if self._computed:
+            effort = self._computed_torque(x, reference[2] + feedback)
+        else:
+            rest = np.zeros(len(feedback) - 1)
+            effort = feedback + self._inverse.both(x[0, :-1], rest, rest)
+        return np.clip(effort, -self._limit, self._limit)
+
+    def _computed_torque(self, x: FloatArray, a: FloatArray) -> FloatArray:
+        """The efforts that make the acceleration a at the middle of the step."""
+        half = 0.5 * self._step
+        middle_q = (x[0] + half * x[1])[:-1]
+        middle_qd = (x[1] + half * a)[:-1]
+        effort = self._inverse.both(middle_q, middle_qd, a[:-1], a[-1])
+        lacking = float(np.clip(effort[-1], -self._limit[-1], self._limit[-1]) - effort[-1])
+        if lacking == 0.0:
+            return effort
+        return self._inverse.both(middle_q, middle_qd, a[:-1], a[-1] + lacking / self._mass)
+
+    def _advance(self, x: FloatArray, effort: FloatArray) -> FloatArray:
+        """One classical Runge–Kutta step under held efforts."""
+        h = self._step
+        k1 = self._slope(x, effort)
+        k2 = self._slope(x + 0.5 * h * k1, effort)
+        k3 = self._slope(x + 0.5 * h * k2, effort)
+        k4 = self._slope(x + h * k3, effort)
+        return np.asarray(x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
+
+    def _slope(self, x: FloatArray, effort: FloatArray) -> FloatArray:
+        return np.stack((x[1], self._forward.both(x[0, :-1], x[1, :-1], effort[:-1], effort[-1])))

@@ -1,0 +1,150 @@
+/* The closed loop: control_law.py says what it computes, interpreted_loop.py is the same in numpy. */
+
+typedef struct {
+    const Arm *plant;
+    const Arm *model;
+    long count;            /* steps */
+    long held;             /* of these the first, in which the brakes hold the arm */
+    long computed;         /* whether the law is computed torque */
+    double step;
+    double kp;
+    double kd;
+    double feed_kp;
+    double feed_kd;
+    double feed_limit;
+    const double *limit;     /* (3 links,) */
+    const double *reference; /* (count, 3, 3 links + 1): positions, velocities, accelerations, the feed last */
+    const double *noise;     /* (count, 2, 3 links) */
+    double *x;               /* (2, 3 links + 1): positions, velocities; start, then end */
+    double *states;          /* (count, 2, 3 links + 1) */
+    double *efforts;         /* (count, 3 links + 1) */
+    double *work;            /* (loop_rows, 3 links + 1) */
+} Loop;
+
+/* Rows of a loop's working memory: five for a control or for an integration, one for the efforts. */
+enum { EFFORT_ROW = 5, ROWS };
+PUBLIC const long loop_rows = ROWS;
+
+static double clamped(double value, double limit)
+{
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
+static double moved_mass(const Arm *arm)
+{
+    double mass = arm->world[3];
+    for (long k = 0; k < arm->links; k++) mass += arm->bodies[4 * k];
+    return mass;
+}
+
+/* Efforts of computed torque, before they saturate. */
+static void computed_torque(const Loop *loop, const double *reference, const double *noise, double *effort)
+{
+    long n = 3 * loop->model->links;
+    long m = n + 1;
+    const double *x = loop->x;
+    const double *v = x + m;
+    double *middle_q = loop->work;
+    double *middle_qd = middle_q + m;
+    double *a = middle_qd + m;
+    double half = 0.5 * loop->step;
+    for (long i = 0; i < n; i++) {
+        double q = x[i] + noise[i];
+        double qd = v[i] + noise[n + i];
+        a[i] = reference[2 * m + i] + (loop->kp * (reference[i] - q) + loop->kd * (reference[m + i] - qd));
+        middle_q[i] = q + half * qd;
+        middle_qd[i] = qd + half * a[i];
+    }
+    double feed = loop->feed_kp * (reference[n] - x[n]) + loop->feed_kd * (reference[m + n] - v[n]);
+    double a_feed = reference[2 * m + n] + feed;
+    effort[n] = inverse(loop->model, middle_q, middle_qd, a, a_feed, effort);
+
+    double lacking = clamped(effort[n], loop->feed_limit) - effort[n];
+    if (lacking != 0.0) { /* torques for what the base can do */
+        a_feed += lacking / moved_mass(loop->model);
+        effort[n] = inverse(loop->model, middle_q, middle_qd, a, a_feed, effort);
+    }
+}
+
+/* Efforts of PD with the gravity torques of the pose, before they saturate. */
+static void proportional_derivative(const Loop *loop, const double *reference, const double *noise, double *effort)
+{
+    long n = 3 * loop->model->links;
+    long m = n + 1;
+    const double *x = loop->x;
+    const double *v = x + m;
+    double *q = loop->work;
+    double *rest = q + m;
+    double *feedback = rest + m;
+    for (long i = 0; i < n; i++) {
+        q[i] = x[i] + noise[i];
+        rest[i] = 0.0;
+        feedback[i] = loop->kp * (reference[i] - q[i]) + loop->kd * (reference[m + i] - (v[i] + noise[n + i]));
+    }
+    double feed = loop->feed_kp * (reference[n] - x[n]) + loop->feed_kd * (reference[m + n] - v[n]);
+    effort[n] = inverse(loop->model, q, rest, rest, 0.0, effort) + feed;
+    for (long i = 0; i < n; i++) effort[i] += feedback[i];
+}
+
+/* The efforts that are held over a step. */
+static void control(const Loop *loop, const double *reference, const double *noise, double *effort)
+{
+    long n = 3 * loop->model->links;
+    if (loop->computed)
+        computed_torque(loop, reference, noise, effort);
+    else
+        proportional_derivative(loop, reference, noise, effort);
+    for (long i = 0; i < n; i++) effort[i] = clamped(effort[i], loop->limit[i]);
+    effort[n] = clamped(effort[n], loop->feed_limit);
+}
+
+/* One classical Runge-Kutta step of x'' = f(x, x') under held efforts. */
+static void advance(const Loop *loop, const double *effort)
+{
+    static const double at[] = {0.0, 0.5, 0.5, 1.0};
+    static const double weight[] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
+    long n = 3 * loop->plant->links;
+    long m = n + 1;
+    double h = loop->step;
+    double *x = loop->x;
+    double *v = x + m;
+    double *q = loop->work;
+    double *qd = q + m;
+    double *a = qd + m;
+    double *dx = a + m;
+    double *dv = dx + m;
+    memset(dx, 0, 2 * m * sizeof(double));
+    for (int stage = 0; stage < 4; stage++) {
+        double part = at[stage] * h;
+        for (long i = 0; i < m; i++) { /* qd and a are those of the stage before: in the first there is none */
+            q[i] = stage ? x[i] + part * qd[i] : x[i];
+            qd[i] = stage ? v[i] + part * a[i] : v[i];
+        }
+        a[n] = forward(loop->plant, q, qd, effort, effort[n], a);
+        for (long i = 0; i < m; i++) {
+            dx[i] += weight[stage] * qd[i];
+            dv[i] += weight[stage] * a[i];
+        }
+    }
+    for (long i = 0; i < m; i++) {
+        x[i] += h * dx[i];
+        v[i] += h * dv[i];
+    }
+}
+
+PUBLIC void simulate(const Loop *loop)
+{
+    long n = 3 * loop->plant->links;
+    long m = n + 1;
+    double *effort = loop->work + EFFORT_ROW * m;
+    for (long s = 0; s < loop->count; s++) {
+        if (s < loop->held) {
+            memset(effort, 0, m * sizeof(double));
+        } else {
+            control(loop, loop->reference + 3 * m * s, loop->noise + 2 * n * s, effort);
+            advance(loop, effort);
+        }
+        memcpy(loop->states + 2 * m * s, loop->x, 2 * m * sizeof(double));
+        memcpy(loop->efforts + m * s, effort, m * sizeof(double));
+    }
+}
