@@ -10,7 +10,7 @@ exclude_patterns = ["_build", "adr/template.md"]
 html_theme = "furo"
 html_title = f"ccm_opt {__version__}"
 
-myst_enable_extensions = ["deflist"]
+myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
