@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.files.plotting.schemas import Panel, schemas_png
+from ccm_opt.files.plotting.schemas import SchemaPanel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0
 from ccm_opt.hill_climbing.steps import SchemaStopped
@@ -21,7 +21,7 @@ from ccm_opt.planners.baseline import Follower
 PROBLEMS = Path(__file__).parent.parent / "problems"
 
 
-def climb(name: str) -> Panel:
+def climb(name: str) -> SchemaPanel:
     """SCM-0 alone on a shared problem."""
     problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml")
     follower, goal = Follower.from_problem(problem), problem.goal
@@ -33,7 +33,7 @@ def climb(name: str) -> Panel:
         ending = stopped.diagnosis.reason
     print(f"{name}: {len(way) - 1} moves; {ending}")
     title = f"SCM-0 on {name}: " + ("arrived" if ending == "arrived" else "caught")
-    return Panel(title, tuple(way), goal)
+    return SchemaPanel(title, tuple(way), goal)
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.files.plotting.schemas import Panel, schemas_png
+from ccm_opt.files.plotting.schemas import SchemaPanel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2
 from ccm_opt.hill_climbing.steps import run
@@ -28,12 +28,12 @@ def main() -> None:
     moved, here = run(scm_2(follower.world, follower.start, selection.configuration(follower.start.base)))
     climbed, _ = run(scm_0(follower.world, here, goal))
     print(f"SCM-1 selects {selection.kind}; SCM-2 takes {len(moved)} steps, SCM-0 {len(climbed)} moves")
-    first = Panel(
+    first = SchemaPanel(
         f"SCM-1 selects {selection.kind}; SCM-2",
         (follower.start, *(step.configuration for step in moved)),
         problem.goal,
     )
-    second = Panel("SCM-0: arrived", (here, *(step.configuration for step in climbed)), problem.goal)
+    second = SchemaPanel("SCM-0: arrived", (here, *(step.configuration for step in climbed)), problem.goal)
     (folder / "figure-4.png").write_bytes(schemas_png([first, second], columns=2))
 
 

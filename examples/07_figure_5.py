@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.files.plotting.schemas import Panel, schemas_png
+from ccm_opt.files.plotting.schemas import SchemaPanel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
 from ccm_opt.planners.baseline import Follower
@@ -34,7 +34,7 @@ def main() -> None:
     stages["6 all of it"] = [step.configuration for step in steps]
     hollow = TipGoal(subgoal.position, subgoal.heading)
     panels = [
-        Panel(f"({name[0]}){name[1:]}", tuple(way), problem.goal, problem.workspace, hollow)
+        SchemaPanel(f"({name[0]}){name[1:]}", tuple(way), problem.goal, problem.workspace, hollow)
         for name, way in stages.items()
     ]
     for name, way in stages.items():

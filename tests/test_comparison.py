@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.cli.comparing import Wanted, compare_methods
+from ccm_opt.cli.comparing import CompareOptions, compare_methods
 from ccm_opt.comparison.executors import LocalWorkers
 from ccm_opt.comparison.files import comparison_json, runs_csv
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import METHODS, check_methods, method_named
 from ccm_opt.comparison.running import Comparison, compare
-from ccm_opt.comparison.runs import Run, Task, execute, failed
+from ccm_opt.comparison.runs import Run, Task, execute, failed_run
 from ccm_opt.comparison.scenes import links_apart
 from ccm_opt.comparison.suites import (
     SUITES,
@@ -63,13 +63,13 @@ def small_cases(tmp_path: Path, count: int = 3) -> tuple[Case, ...]:
     return cases_of_files(sorted(tmp_path.glob("*.toml")))
 
 
-def wanted(tmp_path: Path, **changes: object) -> Wanted:
+def wanted(tmp_path: Path, **changes: object) -> CompareOptions:
     """Options of the command line."""
     values: dict[str, object] = {
         "files": sorted(tmp_path.glob("*.toml")), "suites": (), "count": None, "seed": 0, "methods": (STRAIGHT,),
         "planners": (), "workers": 1, "dask": None, "out": tmp_path / "out", "time_limit": None, "pictures": False,
     }  # fmt: skip
-    return Wanted(**{**values, **changes})  # type: ignore[arg-type]
+    return CompareOptions(**{**values, **changes})  # type: ignore[arg-type]
 
 
 # ---------------------------------------------------------------- suites
@@ -219,7 +219,7 @@ def test_a_comparison_goes_on_where_it_stopped(tmp_path: Path) -> None:
         assert sorted(made) == sorted(case.name for case in cases[2:])
         assert compare(cases, (STRAIGHT,), workers, journal) == whole
     assert workers.opened == 2
-    assert [run.problem for run in whole.of(STRAIGHT)] == [case.name for case in cases]
+    assert [run.problem for run in whole.runs_of(STRAIGHT)] == [case.name for case in cases]
     assert len(path.read_text().splitlines()) == len(cases)
 
 
@@ -227,9 +227,9 @@ def test_what_crashed_is_run_again(tmp_path: Path) -> None:
     """A defect may have been mended since, so a crash in the journal does not count as done."""
     cases, path = small_cases(tmp_path, 1)[:1], tmp_path / "journal.jsonl"
     with open_journal(path) as journal:
-        journal.append(failed(Task(cases[0], STRAIGHT), RuntimeError("worker died")))
+        journal.append(failed_run(Task(cases[0], STRAIGHT), RuntimeError("worker died")))
     with open_journal(path) as journal:
-        assert compare(cases, (STRAIGHT,), InThread(), journal).of(STRAIGHT)[0].solved
+        assert compare(cases, (STRAIGHT,), InThread(), journal).runs_of(STRAIGHT)[0].solved
 
 
 def made_comparison() -> Comparison:
@@ -320,4 +320,4 @@ def test_workers_of_a_comparison_are_processes(tmp_path: Path) -> None:
     with open_journal(tmp_path / "one.jsonl") as one, open_journal(tmp_path / "two.jsonl") as two:
         here = compare(cases, (STRAIGHT,), InThread(), one)
         there = compare(cases, (STRAIGHT,), LocalWorkers(2), two)
-    assert [run.outcome for run in here.of(STRAIGHT)] == [run.outcome for run in there.of(STRAIGHT)]
+    assert [run.outcome for run in here.runs_of(STRAIGHT)] == [run.outcome for run in there.runs_of(STRAIGHT)]

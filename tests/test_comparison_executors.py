@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from ccm_opt.comparison.executor_settings import ExecutorSettings
 from ccm_opt.comparison.executors import DaskWorkers, LocalWorkers, completed
 from ccm_opt.errors import ProblemError
 
@@ -139,12 +140,12 @@ def wait_for_workers(address: str, count: int) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_cluster_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cluster_that_is_not_there_is_reported() -> None:
     """No answer from the address gives one clear sentence."""
     pytest.importorskip("distributed")
-    monkeypatch.setattr("ccm_opt.comparison.executors.CLUSTER_TIMEOUT", 0.5)
+    impatient = ExecutorSettings(cluster_timeout=0.5)
     with pytest.raises(ProblemError, match="no Dask scheduler answers"):
-        list(completed(DaskWorkers(no_scheduler()), double, [1]))
+        list(completed(DaskWorkers(no_scheduler(), impatient), double, [1]))
 
 
 def test_the_extra_is_named_when_dask_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.comparison.journal import line_of, open_journal
+from ccm_opt.comparison.journal import json_line, open_journal
 from ccm_opt.comparison.runs import Run
 from ccm_opt.errors import ProblemError
 
@@ -30,14 +30,14 @@ def run(key: str = "a", **changes: object) -> Run:
 def test_a_run_comes_back_as_it_was(reason: str, figures: dict[str, float], wall: float) -> None:
     """A line is JSON without line breaks, and holds the whole run."""
     original = run(outcome="no plan", reason=reason, figures=figures, wall=wall)
-    line = line_of(original)
+    line = json_line(original)
     assert line.count(b"\n") == 1
     assert Run(**json.loads(line)) == original
 
 
 def test_figures_that_are_not_finite_are_left_out() -> None:
     """JSON has no infinity; a figure that is missing reads as NaN."""
-    read = Run(**json.loads(line_of(run(figures={"duration_s": math.inf, "cpu_s": 1.0}))))
+    read = Run(**json.loads(json_line(run(figures={"duration_s": math.inf, "cpu_s": 1.0}))))
     assert read.figures == {"cpu_s": 1.0}
     assert math.isnan(read.figure("duration_s"))
 
@@ -70,7 +70,7 @@ def test_a_crash_gives_way_to_a_later_result(tmp_path: Path) -> None:
 def test_a_torn_line_is_cut_off(tmp_path: Path, kept: int) -> None:
     """After a process died in the middle of a line, the whole lines count and the next is written behind them."""
     path = tmp_path / "journal.jsonl"
-    path.write_bytes(line_of(run("a")) + line_of(run("b"))[:kept])
+    path.write_bytes(json_line(run("a")) + json_line(run("b"))[:kept])
     with open_journal(path) as journal:
         assert list(journal.runs) == ["a"]
         journal.append(run("c"))
@@ -82,7 +82,7 @@ def test_a_torn_line_is_cut_off(tmp_path: Path, kept: int) -> None:
 def test_a_line_that_is_no_run_is_named(tmp_path: Path, line: str) -> None:
     """A file that holds something else is refused with the number of the line, and is not changed."""
     path = tmp_path / "journal.jsonl"
-    content = line_of(run("a")).decode() + line + "\n"
+    content = json_line(run("a")).decode() + line + "\n"
     path.write_text(content)
     with pytest.raises(ProblemError, match="line 2 is no run"), open_journal(path):
         pass

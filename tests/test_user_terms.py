@@ -1,4 +1,4 @@
-"""Own constraints and costs: what they may say, what is refused by name, and that they reach the command line."""
+"""User constraints and costs: what they may say, what is refused by name, and that they reach the command line."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.arrays import FloatArray
-from ccm_opt.cli.solving import OwnTerms, solve_files
+from ccm_opt.cli.solving import TermReferences, solve_files
 from ccm_opt.errors import ProblemError
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.user_terms.compiled_terms import compile_terms
@@ -135,13 +135,13 @@ def test_the_command_line_takes_own_terms(tmp_path: Path, capfd: pytest.CaptureF
         "reach = ccm_opt.Cost('reach', lambda q: q.tip[0])\n"
     )
     out = tmp_path / "out"
-    own = OwnTerms((f"{file}:high",), (f"{file}:reach",))
+    own = TermReferences((f"{file}:high",), (f"{file}:reach",))
     assert solve_files([OPEN_SPACE], out, None, own, pictures=False) == 0
     record = json.loads((out / "open-space" / "solution.json").read_text())
     assert "constraint high middle" in [check["name"] for check in record["checks"]]
     assert record["metrics"]["cost_reach"] == pytest.approx(0.0, abs=1.0)
     capfd.readouterr()
-    assert solve_files([OPEN_SPACE], out, None, OwnTerms(("nowhere:x",)), pictures=False) == 2
+    assert solve_files([OPEN_SPACE], out, None, TermReferences(("nowhere:x",)), pictures=False) == 2
     assert "nowhere:x" in capfd.readouterr().err
 
 

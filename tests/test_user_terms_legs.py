@@ -1,4 +1,4 @@
-"""Own constraints where the motion has legs, or the arm is fed: held for every leg, and against every motion."""
+"""User constraints where the motion has legs, or the arm is fed: held for every leg, and against every motion."""
 
 import pytest
 

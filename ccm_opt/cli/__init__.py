@@ -1,7 +1,9 @@
-"""The command line; its commands and exit codes are in ``ccm_opt.cli.commands``."""
+"""The command line: ``main`` is the entry point, ``commands`` has every command and option."""
 
 import os
 import sys
+
+from ccm_opt.cli.cancelling import report_cancelled
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Read by the linear algebra libraries when they are loaded: small matrices run faster on one thread."""
@@ -16,5 +18,4 @@ def main() -> None:
 
         app()
     except KeyboardInterrupt:
-        sys.stderr.write("error: cancelled\n")
-        sys.exit(130)
+        sys.exit(report_cancelled())

@@ -1,4 +1,4 @@
-"""``ccm-opt compare``: run methods on the same problems, tell what came of it, write tables and pictures."""
+"""``ccm-opt compare``: run methods on the same problems, print what came of it, write tables and pictures."""
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,8 +11,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from ccm_opt.cli.cancelling import CANCELLED
 from ccm_opt.cli.comparison_tables import print_comparison
-from ccm_opt.cli.outcome import BUG, CANCELLED, SOLVED, complain, report, run_all
+from ccm_opt.cli.outcome import BUG, SOLVED, complain, report, run_all
 from ccm_opt.comparison.executors import DaskWorkers, LocalWorkers, Workers
 from ccm_opt.comparison.files import JOURNAL, write_comparison
 from ccm_opt.comparison.journal import open_journal
@@ -23,7 +24,7 @@ from ccm_opt.comparison.suites import SHARED, Case, cases_of_files, cases_of_sui
 
 
 @dataclass(frozen=True)
-class Wanted:
+class CompareOptions:
     """What the command line asks for.
 
     Attributes:
@@ -53,43 +54,47 @@ class Wanted:
     pictures: bool
 
 
-def compare_methods(wanted: Wanted) -> int:
+def compare_methods(options: CompareOptions) -> int:
     """Run the comparison.
 
     Args:
-        wanted: the options.
+        options: the options.
 
     Returns:
-        The exit code: 0 when every run ended in a result, though it be that there is no plan; 1 when one crashed.
+        The exit code: 0 when every run ended in a result, be it that there is no plan; 1 when one crashed.
     """
-    code = run_all([wanted], _compare)
+    code = run_all([options], _compare)
     if code == CANCELLED:
-        complain(f"every run that was done is in {wanted.out / JOURNAL}; the same command goes on from there")
+        complain(f"every finished run is in {options.out / JOURNAL}; the same command continues from there")
     return code
 
 
-def _compare(wanted: Wanted) -> int:
+def _compare(options: CompareOptions) -> int:
     if str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # planners beside the user, as with python -m
-    cases = chosen_cases(wanted)
-    methods = check_methods((*(wanted.methods or DEFAULT), *wanted.planners))
-    workers: Workers = DaskWorkers(wanted.dask) if wanted.dask else LocalWorkers(wanted.workers)
-    with open_journal(wanted.out / JOURNAL) as journal, _display(len(cases) * len(methods)) as progress:
-        comparison = compare(cases, methods, workers, journal, time_limit=wanted.time_limit, progress=progress)
-    write_comparison(comparison, wanted.out, _pictures(comparison) if wanted.pictures else {})
+    cases = chosen_cases(options)
+    methods = check_methods((*(options.methods or DEFAULT), *options.planners))
+    workers: Workers = DaskWorkers(options.dask) if options.dask else LocalWorkers(options.workers)
+    with open_journal(options.out / JOURNAL) as journal, _display(len(cases) * len(methods)) as progress:
+        comparison = compare(cases, methods, workers, journal, time_limit=options.time_limit, progress=progress)
+    write_comparison(comparison, options.out, _pictures(comparison) if options.pictures else {})
     crashed = any(run.outcome == "crashed" for run in comparison.failures)
-    return report(lambda: print_comparison(comparison, wanted.out), BUG if crashed else SOLVED)
+    return report(lambda: print_comparison(comparison, options.out), BUG if crashed else SOLVED)
 
 
-def chosen_cases(wanted: Wanted) -> tuple[Case, ...]:
+def chosen_cases(options: CompareOptions) -> tuple[Case, ...]:
     """The problems: of the files, then of the suites; the shared ones when neither is given.
 
     Raises:
         ProblemError: when a file or suite cannot be used, or two problems have the same name.
     """
-    suites = wanted.suites or (() if wanted.files else (SHARED,))
-    from_suites = (case for suite in suites for case in cases_of_suite(suite, wanted.count, wanted.seed))
-    return distinct((*cases_of_files(wanted.files), *from_suites))
+    suites = options.suites
+    if not suites and not options.files:
+        suites = (SHARED,)
+    cases = list(cases_of_files(options.files))
+    for suite in suites:
+        cases += cases_of_suite(suite, options.count, options.seed)
+    return distinct(cases)
 
 
 @contextmanager
@@ -106,17 +111,23 @@ def _display(count: int) -> Iterator[Callable[[Run], None]]:
 
 
 def _pictures(comparison: Comparison) -> Mapping[str, bytes]:
-    from ccm_opt.files.plotting.comparison import MethodRuns, Panel, paired_png, success_png  # noqa: PLC0415 - matplotlib
+    from ccm_opt.files.plotting.comparison import (  # noqa: PLC0415 - loads matplotlib
+        MethodRuns,
+        PairedPanel,
+        paired_png,
+        success_png,
+    )
 
     def drawn(name: str) -> MethodRuns:
-        runs, interval = comparison.of(name), comparison.solved(name)[1]
+        runs = comparison.runs_of(name)
+        _, interval = comparison.solved(name)
         figures = {item.key: np.array([run.figure(item.key) for run in runs]) for item in QUANTITIES}
         solved = np.array([run.solved for run in runs], dtype=bool)
         return MethodRuns(name, solved, figures["cpu_s"], (interval.low, interval.high), figures)
 
     methods = {name: drawn(name) for name in comparison.methods}
     panels = [
-        Panel(item.key, f"{item.title} [{item.unit}]", item.key != "least_wall_clearance_m")
+        PairedPanel(item.key, f"{item.title} [{item.unit}]", item.key != "least_wall_clearance_m")
         for item in QUANTITIES
         if item.key != "cpu_s"
     ]

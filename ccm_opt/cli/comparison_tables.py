@@ -1,4 +1,4 @@
-"""The tables that end a comparison: every run, every method, every two methods by pairs, every failure."""
+"""The closing tables of compare: every run, every method, every two methods by pairs, every failure."""
 
 import math
 from collections.abc import Mapping
@@ -8,27 +8,25 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.tables import report_console
 from ccm_opt.comparison.files import TABLE, medians
 from ccm_opt.comparison.running import Comparison, Pair
 from ccm_opt.comparison.runs import QUANTITIES, Run
-from ccm_opt.comparison.statistics import FigurePair, Interval
-
-MOST_PROBLEMS = 40
-"""With more problems than this the table of all runs is left to the file."""
+from ccm_opt.comparison.statistics import ConfidenceInterval, FigurePair
 
 
 def print_comparison(comparison: Comparison, folder: Path) -> None:
     """Print what came of a comparison, on stdout."""
     console = report_console()
-    if len(comparison.problems) <= MOST_PROBLEMS:
+    if len(comparison.problems) <= DISPLAY.most_problems:
         console.print(runs_table(comparison))
         console.print()
     console.print(methods_table(comparison))
     for pair in comparison.pairs:
         console.print()
         print_pair(console, pair)
-    failures = list(comparison.failures)
+    failures = comparison.failures
     if failures:
         console.print("\nnot solved:")
     for run in failures:
@@ -52,7 +50,7 @@ def methods_table(comparison: Comparison) -> Table:
         count, interval = comparison.solved(name)
         share = f"{100 * count / max(1, len(comparison.problems)):.4g} %"
         bounds = f"{100 * interval.low:.0f} to {100 * interval.high:.0f} %"
-        row = (escape(name), f"{count} ({share})", bounds, *_values(medians(comparison.of(name))))
+        row = (escape(name), f"{count} ({share})", bounds, *_values(medians(comparison.runs_of(name))))
         table.add_row(*row)
     return table
 
@@ -91,7 +89,7 @@ def _figure_row(item: FigurePair) -> tuple[str, ...]:
     )
 
 
-def _bounds(interval: Interval, sign: str) -> str:
+def _bounds(interval: ConfidenceInterval, sign: str) -> str:
     if not (math.isfinite(interval.low) and math.isfinite(interval.high)):
         return "-"
     return f"{_number(interval.low, sign)} to {_number(interval.high, sign)}"

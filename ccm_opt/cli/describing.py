@@ -1,4 +1,4 @@
-"""``ccm-opt describe``: the arm of a problem, its link parameter table above all (section 5.2, Figure 6)."""
+"""``ccm-opt describe``: the arm of a problem, above all its table of link parameters (section 5.2, Figure 6)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +13,9 @@ from ccm_opt.files.problem_file import load_problem
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import dh_table, joint_names
 from ccm_opt.problem import Limits, Problem
+
+_DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
+"""Columns of a revolute's drive."""
 
 
 def describe_files(files: Sequence[Path]) -> int:
@@ -40,7 +43,8 @@ def _describe(problem: Problem) -> int:
 
 def arm_lines(problem: Problem) -> list[str]:
     """The arm in a few lines."""
-    arm, gravity = problem.arm, problem.simulation.gravity
+    arm = problem.arm
+    gravity = problem.simulation.gravity
     base = f"({arm.base[0]:g}, {arm.base[1]:g}) m, heading {np.rad2deg(arm.base_heading):.6g} deg"
     lines = [
         f"{problem.name}: {arm.links} links of {arm.link_length:g} m, {3 * arm.links} revolutes, axes {arm.axes}",
@@ -58,16 +62,14 @@ def arm_lines(problem: Problem) -> list[str]:
 def parameter_table(arm: Arm, limits: Limits) -> Table:
     """Standard Denavit–Hartenberg parameters of every revolute, A = Rz(θ + offset) Tz(d) Tx(a) Rx(α), and its drive."""
     table = _table("link parameters", ("joint", "offset [deg]", "d [m]", "a [m]", "alpha [deg]", *_DRIVE))
-    rotors, friction = (np.broadcast_to(value, (3 * arm.links,)) for value in (arm.rotor_inertia, arm.friction))
+    rotors = np.broadcast_to(arm.rotor_inertia, (3 * arm.links,))
+    friction = np.broadcast_to(arm.friction, (3 * arm.links,))
     torque = ["none"] * (3 * arm.links) if limits.torque is None else [f"{value:g}" for value in limits.torque]
     for j, (name, row) in enumerate(zip(joint_names(arm), dh_table(arm), strict=True)):
         geometry = (f"{np.rad2deg(row.offset):g}", f"{row.d:g}", f"{row.a:g}", f"{np.rad2deg(row.alpha):g}")
         drive = (f"{limits.velocity[j]:g}", f"{limits.acceleration[j]:g}", torque[j])
         table.add_row(name, *geometry, *drive, f"{rotors[j]:g}", f"{friction[j]:g}")
     return table
-
-
-_DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
 
 
 def link_table(arm: Arm) -> Table:

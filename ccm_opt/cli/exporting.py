@@ -1,4 +1,4 @@
-"""``ccm-opt export``: one file of a written plan, for other programs."""
+"""``ccm-opt export``: the arm or the motion of a written plan as one file, for other programs."""
 
 import sys
 from pathlib import Path
@@ -12,6 +12,7 @@ from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.files.problem_file import problem_from_mapping
 
 FORMATS = ("urdf", "mjcf", "yaml", "csv")
+"""What ``--format`` accepts."""
 
 
 def export_folder(folder: Path, kind: str, out: Path | None) -> int:

@@ -1,4 +1,15 @@
-"""Exit codes, and running one item of several so that every error ends as one of them."""
+"""Exit codes: which error ends with which code, and what is printed about it.
+
+====  =====================================================================
+0     solved, or every check holds
+1     a bug in ccm_opt; its traceback is printed
+2     bad input
+3     no plan, or a plan that the verifier refuses; the reason is printed
+130   cancelled by Ctrl-C, see ``cancelling``
+====  =====================================================================
+
+Of several files all are tried; the exit code is the highest, but a bug is always 1.
+"""
 
 import os
 import sys
@@ -10,31 +21,41 @@ from typing import TextIO, TypeVar
 from rich.console import Console
 from rich.markup import escape
 
+from ccm_opt.cli.cancelling import CANCELLED
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 
-SOLVED, BUG, BAD_INPUT, NO_PLAN, CANCELLED = 0, 1, 2, 3, 130
+SOLVED = 0
+BUG = 1
+BAD_INPUT = 2
+NO_PLAN = 3
 
 Item = TypeVar("Item")
 
 
 def run_all(items: Iterable[Item], run: Callable[[Item], int]) -> int:
-    """Run every item and return the worst exit code; only Ctrl-C stops early."""
+    """Run every item and return the worst exit code; only Ctrl-C stops early.
+
+    Args:
+        items: for example files; they stand in front of the messages about them.
+        run: of one item; returns its exit code.
+    """
     codes = []
     for item in items:
-        codes.append(_guarded(run, item))
-        if codes[-1] == CANCELLED:
+        code = _guarded(run, item)
+        codes.append(code)
+        if code == CANCELLED:
             break
     return BUG if BUG in codes else max(codes, default=SOLVED)
 
 
 def complain(message: str) -> None:
     """Print an error for people, on stderr."""
-    _tell(f"[red]error:[/red] {escape(message)}")
+    _print_on_stderr(f"[red]error:[/red] {escape(message)}")
 
 
 def warn(message: str) -> None:
     """Print one line that people should read, on stderr."""
-    _tell(f"[yellow]warning:[/yellow] {escape(message)}")
+    _print_on_stderr(f"[yellow]warning:[/yellow] {escape(message)}")
 
 
 def report(show: Callable[[], None], code: int) -> int:
@@ -59,7 +80,7 @@ def report(show: Callable[[], None], code: int) -> int:
     return code
 
 
-def _tell(markup: str) -> None:
+def _print_on_stderr(markup: str) -> None:
     """Print on stderr; nothing happens when nobody reads it."""
     try:
         Console(stderr=True, soft_wrap=True, highlight=False).print(markup)
@@ -68,7 +89,7 @@ def _tell(markup: str) -> None:
 
 
 def _silence(stream: TextIO) -> None:
-    """Send what is still printed nowhere: the interpreter flushes once more at its end."""
+    """Send whatever is still printed nowhere: the interpreter flushes once more at its end."""
     with suppress(OSError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -76,6 +97,7 @@ def _silence(stream: TextIO) -> None:
 
 
 def _guarded(run: Callable[[Item], int], item: Item) -> int:
+    """Run one item; whatever error it ends with becomes a message and an exit code."""
     try:
         return run(item)
     except ProblemError as error:
@@ -88,7 +110,7 @@ def _guarded(run: Callable[[Item], int], item: Item) -> int:
         complain("cancelled")
         return CANCELLED
     except Exception:  # noqa: BLE001 - the other files are still tried; the traceback is shown
-        with suppress(OSError):
+        with suppress(OSError):  # the message below is worth trying even where stderr cannot be written
             traceback.print_exc()
         complain("this is a bug in ccm-opt; please report it with the lines above")
         return BUG

@@ -5,11 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from rich.markup import escape
-
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, report, run_all, warn
-from ccm_opt.cli.tables import report_console, value_table
+from ccm_opt.cli.tables import peak_torque_cells, report_console, value_table
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_problem_data
 from ccm_opt.files.problem_file import problem_from_mapping
@@ -17,6 +14,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.solution import SimulatedMotion
 
 PICTURE = "simulation.png"
+"""Name of the picture in the folder."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Overrides:
         given = {name: value for name, value in self.options.items() if value is not None}
         changed = {name: value for name, value in self.disturbances.items() if value is not None}
         for name, value in changed.items():
-            least = -1.0 if name == "mass_error" else 0.0
+            least = -1.0 if name == "mass_error" else 0.0  # an error of -1 is an arm without mass
             if value < least:
                 raise ProblemError(f"--{name.replace('_', '-')} must be at least {least:g}, got {value:g}")
         disturbances = replace(problem.simulation.disturbances, **changed)
@@ -63,7 +61,8 @@ def simulate_folders(folders: Sequence[Path], overrides: Overrides, *, pictures:
 
 def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
     recorded = problem_from_mapping(load_problem_data(folder), f"{folder}/solution.json")
-    problem, motion = overrides.applied(recorded), load_motion(folder, recorded.arm)
+    problem = overrides.applied(recorded)
+    motion = load_motion(folder, recorded.arm)
     from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
 
     simulated, figures = simulate_and_check(problem, motion.trajectory, motion.joints)
@@ -95,7 +94,8 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
         words, _, unit = name.rpartition("_")
         limit = f"{problem.workspace.clearance:.4g}" if "wall" in name else ""
         table.add_row(words.replace("_", " "), f"{value:.4g}", limit, unit, "")
-    table.add_row("peak torque", *_peak(problem, motion, simulated))
+    torques = peak_torque_cells(simulated.torques, problem.limits.torque, motion.joints.names, motion.trajectory.time)
+    table.add_row("peak torque", *torques)
     table.add_row("saturated", "yes" if simulated.saturated else "no", "", "", "")
     report_console().print(table)
 
@@ -103,10 +103,3 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
 def _disturbed(problem: Problem) -> dict[str, float]:
     values = vars(problem.simulation.disturbances)
     return {name: float(value) for name, value in values.items() if value and name != "seed"}
-
-
-def _peak(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion) -> tuple[str, str, str, str]:
-    torques, limit = np.abs(simulated.torques), problem.limits.torque
-    sample, joint = np.unravel_index(np.argmax(torques), torques.shape)
-    where = f"{motion.joints.names[joint]} at t = {motion.trajectory.time[sample]:.4f} s"
-    return f"{torques[sample, joint]:.4g}", "none" if limit is None else f"{limit[joint]:.4g}", "N m", escape(where)

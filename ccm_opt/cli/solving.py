@@ -1,4 +1,4 @@
-"""``ccm-opt solve``: read, solve, draw, write, report."""
+"""``ccm-opt solve``: read a problem, solve it, draw and write the plan, or leave a record of why there is none."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import get_args
 
+from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.outcome import SOLVED, report, run_all, warn
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import print_solution
@@ -18,26 +19,30 @@ from ccm_opt.user_terms.references import load_terms
 from ccm_opt.user_terms.terms import Constraint, Cost
 
 METHODS: tuple[MethodName, ...] = get_args(MethodName)
-LEFT_PLAN = 0.1
-"""Tracking error from which the simulated arm has left the plan [rad]."""
+"""What ``--method`` accepts."""
 
 
 @dataclass(frozen=True)
-class OwnTerms:
-    """The user's own constraints and costs, each named ``module:function``."""
+class TermReferences:
+    """User constraints and costs named on the command line.
+
+    Attributes:
+        constraints: each ``module:function`` or ``file.py:function``.
+        costs: likewise.
+    """
 
     constraints: tuple[str, ...] = ()
     costs: tuple[str, ...] = ()
 
 
-NO_TERMS = OwnTerms()
+NO_TERMS = TermReferences()
 
 
 def solve_files(
     files: Sequence[Path],
     out: Path,
     method: str | None,
-    own: OwnTerms = NO_TERMS,
+    terms: TermReferences = NO_TERMS,
     *,
     pictures: bool,
     explain: bool = True,
@@ -48,7 +53,7 @@ def solve_files(
         files: problem files.
         out: directory of the output folders.
         method: planner asked for on the command line, or None.
-        own: the user's constraints and costs.
+        terms: user constraints and costs.
         pictures: whether to draw.
         explain: whether a problem without a plan is explained in the time that is left.
 
@@ -58,19 +63,20 @@ def solve_files(
     taken: dict[str, Path] = {}
 
     def solve_one(file: Path) -> int:
-        asked = _checked(method)
+        asked = _known_method(method)
         problem = load_problem(file)
         if asked is not None:
             problem = replace(problem, planner=replace(problem.planner, method=asked))
+        # Folders are named after problems, so that a second problem of the same name would replace the first plan.
         first = taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
-        return _solve(problem, out, own, pictures=pictures, explain=explain)
+        return _solve(problem, out, terms, pictures=pictures, explain=explain)
 
     return run_all(files, solve_one)
 
 
-def _checked(method: str | None) -> MethodName | None:
+def _known_method(method: str | None) -> MethodName | None:
     """The method asked for on the command line.
 
     Raises:
@@ -84,10 +90,10 @@ def _checked(method: str | None) -> MethodName | None:
     raise ProblemError(f"--method {method} is unknown; expected {' or '.join(METHODS)}")
 
 
-def _solve(problem: Problem, out: Path, own: OwnTerms, *, pictures: bool, explain: bool) -> int:
+def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool, explain: bool) -> int:
     check_target(out / problem.name)
     with stage_display(problem.name) as clock:
-        solution = _plan(problem, out, clock, own, explain=explain)
+        solution = _plan(problem, out, clock, terms, explain=explain)
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
@@ -98,8 +104,9 @@ def _solve(problem: Problem, out: Path, own: OwnTerms, *, pictures: bool, explai
 
 def _warn_of_tracking(solution: Solution) -> None:
     """Say on stderr that the simulated arm did not follow the plan, and what to try."""
-    error, options = solution.simulation.tracking_error, solution.problem.simulation
-    if error <= LEFT_PLAN:
+    error = solution.simulation.tracking_error
+    options = solution.problem.simulation
+    if error <= DISPLAY.most_tracking_error:
         return
     gains = "bandwidth" if options.controller == "computed-torque" else "gains"
     warn(
@@ -108,13 +115,20 @@ def _warn_of_tracking(solution: Solution) -> None:
     )
 
 
-def _plan(problem: Problem, out: Path, clock: StageClock, own: OwnTerms, *, explain: bool) -> Solution:
-    """Run the pipeline; a problem without a plan leaves the record of why in the output folder."""
+def _plan(problem: Problem, out: Path, clock: StageClock, terms: TermReferences, *, explain: bool) -> Solution:
+    """Run the pipeline; a problem without a plan leaves the record of why in the output folder.
+
+    Raises:
+        NoPlanFound: its diagnosis is written to ``solution.json``.
+        VerificationError: likewise.
+        KeyboardInterrupt: a record with the status ``cancelled`` is written.
+    """
     clock("loading")
     from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
-    if own != NO_TERMS:
-        constraints, costs = load_terms(own.constraints, Constraint), load_terms(own.costs, Cost)
+    if terms != NO_TERMS:
+        constraints = load_terms(terms.constraints, Constraint)
+        costs = load_terms(terms.costs, Cost)
         solve = partial(solve, constraints=constraints, costs=costs)
     try:
         return solve(problem, progress=clock, explain=explain)

@@ -1,12 +1,29 @@
-"""Measures the stages of a run, and shows the present one on a terminal."""
+"""How long each stage of a run takes, and the line on a terminal that shows the present one."""
 
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from rich.console import Console
 from rich.markup import escape
+
+from ccm_opt.cli.display_settings import DISPLAY
+
+
+@dataclass(frozen=True)
+class _Moment:
+    """Both clocks at one moment [s]; CPU time counts finished child processes too."""
+
+    wall: float
+    cpu: float
+
+    @classmethod
+    def present(cls) -> "_Moment":
+        times = os.times()
+        children = times.children_user + times.children_system
+        return cls(time.perf_counter(), time.process_time() + children)
 
 
 class StageClock:
@@ -23,7 +40,7 @@ class StageClock:
         self.wall: dict[str, float] = {}
         self.cpu: dict[str, float] = {}
         self._show = show
-        self._since = _now()
+        self._since = _Moment.present()
 
     def __call__(self, stage: str) -> None:
         """End the present stage and start the next."""
@@ -34,17 +51,19 @@ class StageClock:
 
     def finish(self) -> None:
         """End the present stage."""
-        now = _now()
+        now = _Moment.present()
         if self.current:
-            self.wall[self.current] = self.wall.get(self.current, 0.0) + now[0] - self._since[0]
-            self.cpu[self.current] = self.cpu.get(self.current, 0.0) + now[1] - self._since[1]
-        self.current, self._since = "", now
+            self.wall[self.current] = self.wall.get(self.current, 0.0) + now.wall - self._since.wall
+            self.cpu[self.current] = self.cpu.get(self.current, 0.0) + now.cpu - self._since.cpu
+        self.current = ""
+        self._since = now
 
     @property
     def timings(self) -> Mapping[str, float]:
         """CPU time of the stages so far, the present one included [s]."""
-        present = {self.current: _now()[1] - self._since[1]} if self.current else {}
-        return {**self.cpu, **present}
+        if not self.current:
+            return dict(self.cpu)
+        return {**self.cpu, self.current: _Moment.present().cpu - self._since.cpu}
 
 
 @contextmanager
@@ -54,10 +73,5 @@ def stage_display(title: str) -> Iterator[StageClock]:
     if not console.is_terminal:
         yield StageClock()
         return
-    with console.status(escape(title), refresh_per_second=4) as status:
+    with console.status(escape(title), refresh_per_second=DISPLAY.status_refreshes) as status:
         yield StageClock(lambda stage: status.update(escape(f"{title}: {stage}")))
-
-
-def _now() -> tuple[float, float]:
-    times = os.times()
-    return time.perf_counter(), time.process_time() + times.children_user + times.children_system

@@ -1,4 +1,4 @@
-"""The tables that end a run: every check with its worst value, and the time of every stage."""
+"""The closing tables of solve and check: every check with its worst value, and the time of every stage."""
 
 from collections.abc import Sequence
 
@@ -7,11 +7,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ccm_opt.arrays import FloatArray
+from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.solution import Check, Solution
 
-PIPED_WIDTH = 200
-"""Columns of output that goes to a file or another program."""
 SUMMARY = {
     "goal position": "tip error",
     "goal heading": "heading error",
@@ -37,7 +37,11 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
             values = (f"{check.worst:.4g}", f"{check.limit:.4g}", check.unit)
             table.add_row(SUMMARY[check.name], *values, escape(check.where))
     table.add_row("duration", f"{solution.trajectory.duration:.4g}", "", "s", "")
-    table.add_row("peak torque", *_peak_torque(solution))
+    joints = solution.joints
+    torque_limit = solution.problem.limits.torque
+    table.add_row(
+        "peak torque", *peak_torque_cells(joints.torques, torque_limit, joints.names, solution.trajectory.time)
+    )
     table.add_row("tracking error", f"{solution.simulation.tracking_error:.2g}", "", "rad", "in the simulation")
     for name, value in solution.metrics.items():
         if name.startswith("simulated_least"):
@@ -73,7 +77,7 @@ def _table(title: str, value: str) -> Table:
 def report_console() -> Console:
     """Standard output for tables; as wide as they need when it is not a terminal."""
     console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=PIPED_WIDTH)
+    return console if console.is_terminal else Console(highlight=False, width=DISPLAY.piped_width)
 
 
 def stage_line(clock: StageClock) -> str:
@@ -83,9 +87,19 @@ def stage_line(clock: StageClock) -> str:
     return "time in s (CPU): " + ", ".join([*stages, total])
 
 
-def _peak_torque(solution: Solution) -> tuple[str, str, str, str]:
-    """Peak torque, its limit, its unit, and where it is met."""
-    joints, limit = solution.joints, solution.problem.limits.torque
-    sample, joint = np.unravel_index(np.argmax(np.abs(joints.torques)), joints.torques.shape)
-    where = f"{joints.names[joint]} at t = {solution.trajectory.time[sample]:.4f} s"
-    return f"{abs(joints.torques[sample, joint]):.4g}", "none" if limit is None else f"{limit[joint]:.4g}", "N m", where
+def peak_torque_cells(
+    torques: FloatArray, limit: FloatArray | None, names: Sequence[str], time: FloatArray
+) -> tuple[str, str, str, str]:
+    """Peak torque, its limit, its unit and where it is met, as cells of a table.
+
+    Args:
+        torques: shape (samples, revolutes) [N m].
+        limit: shape (revolutes,), or None without limits [N m].
+        names: of the revolutes.
+        time: of the samples, shape (samples,) [s].
+    """
+    magnitudes = np.abs(torques)
+    sample, joint = np.unravel_index(np.argmax(magnitudes), magnitudes.shape)
+    bound = "none" if limit is None else f"{limit[joint]:.4g}"
+    where = f"{names[int(joint)]} at t = {time[sample]:.4f} s"
+    return f"{magnitudes[sample, joint]:.4g}", bound, "N m", escape(where)

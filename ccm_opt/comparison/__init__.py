@@ -1,1 +1,1 @@
-"""Comparison of planners: several methods on the same problems, in processes of this machine or on a Dask cluster."""
+"""Several planners on the same problems: suites, runs on workers, the journal, statistics by pairs."""

@@ -1,4 +1,6 @@
-"""Where runs are executed: processes of this machine, or a Dask cluster; both as ``concurrent.futures`` executors.
+"""Where the runs of a comparison are executed: processes of this machine, or a Dask cluster.
+
+Both are ``concurrent.futures`` executors.
 
 Only a few tasks are handed over at a time, so that ten thousand take no more memory than ten. Whatever happens to a
 worker, every task comes back exactly once: with its result or with the error that it ended with.
@@ -7,7 +9,7 @@ worker, every task comes back exactly once: with its result or with the error th
 import multiprocessing
 import signal
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,14 +17,11 @@ from importlib import import_module
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
+from ccm_opt.comparison.executor_settings import EXECUTORS, ExecutorSettings
 from ccm_opt.errors import ProblemError
 
 TASK = TypeVar("TASK")
 RESULT = TypeVar("RESULT")
-LEAST_ON_CLUSTER = 64
-"""Least number of tasks that a cluster has at a time: short tasks must not wait for the network."""
-CLUSTER_TIMEOUT = 20.0
-"""Time to find a cluster's scheduler, and its first worker [s]."""
 
 
 class Workers(Protocol):
@@ -39,9 +38,11 @@ class LocalWorkers:
 
     Attributes:
         count: how many.
+        settings: tasks at a time.
     """
 
     count: int
+    settings: ExecutorSettings = EXECUTORS
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
@@ -49,14 +50,14 @@ class LocalWorkers:
         context = multiprocessing.get_context("spawn")
         before = set(multiprocessing.active_children())
         executor = ProcessPoolExecutor(self.count, mp_context=context, initializer=_leave_interrupts)
-        done = False
         try:
-            yield executor, 2 * self.count
-            done = True
+            yield executor, self.settings.tasks_per_process * self.count
+        except BaseException:
+            # After Ctrl-C, or when nobody takes the results any more, nobody waits for what is still running.
+            for process in set(multiprocessing.active_children()) - before:
+                process.terminate()
+            raise
         finally:
-            if not done:
-                for process in set(multiprocessing.active_children()) - before:
-                    process.terminate()
             executor.shutdown(wait=True, cancel_futures=True)
 
 
@@ -66,9 +67,11 @@ class DaskWorkers:
 
     Attributes:
         address: of the scheduler, for example ``tcp://host:8786``.
+        settings: tasks at a time, and how long to wait for an answer.
     """
 
     address: str
+    settings: ExecutorSettings = EXECUTORS
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
@@ -81,17 +84,19 @@ class DaskWorkers:
             distributed: Any = import_module("distributed")  # an extra, and slow to load
         except ImportError as error:
             raise ProblemError("--dask needs the extra 'cluster': pip install ccm-opt[cluster]") from error
+        timeout = self.settings.cluster_timeout
         try:
-            client = distributed.Client(self.address, timeout=CLUSTER_TIMEOUT, set_as_default=False)
+            client = distributed.Client(self.address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise ProblemError(f"no Dask scheduler answers at {self.address}: {error}") from error
         with client:
             try:
-                client.wait_for_workers(1, timeout=CLUSTER_TIMEOUT)
+                client.wait_for_workers(1, timeout=timeout)
             except TimeoutError as error:
                 raise ProblemError(f"the Dask cluster at {self.address} has no workers; start some") from error
             executor = client.get_executor(pure=False)
-            yield executor, max(LEAST_ON_CLUSTER, 4 * sum(client.nthreads().values()))
+            threads = sum(client.nthreads().values())
+            yield executor, max(self.settings.least_on_cluster, self.settings.tasks_per_thread * threads)
 
 
 def completed(
@@ -110,16 +115,12 @@ def completed(
     Raises:
         ProblemError: when a cluster is not there, or leaves.
     """
-    source, suspects = iter(tasks), deque[TASK]()
-    more = True
-    while more:
+    source = iter(tasks)
+    suspects = deque[TASK]()
+    finished = False
+    while not finished:
         with workers.open() as (executor, width):
-            for item in _until_broken(executor, width, function, source, suspects):
-                if item is None:
-                    break
-                yield item
-            else:
-                more = False
+            finished = yield from _until_broken(executor, width, function, source, suspects)
 
 
 def _until_broken(
@@ -128,47 +129,46 @@ def _until_broken(
     function: Callable[[TASK], RESULT],
     source: Iterator[TASK],
     suspects: deque[TASK],
-) -> Iterator[tuple[TASK, RESULT | BaseException] | None]:
-    """Results until there are no more tasks; None when the executor is broken, its tasks then being ``suspects``."""
+) -> Generator[tuple[TASK, RESULT | BaseException], None, bool]:
+    """Yield results; return whether all tasks are done, or else the executor is broken.
+
+    When it breaks, the tasks that it had become ``suspects``: the next executor runs them one at a time.
+    """
     pending: dict[Future[RESULT], TASK] = {}
     done: SimpleQueue[Future[RESULT]] = SimpleQueue()
     while True:
         alone = bool(suspects)
-        for future in _handed_over(executor, function, pending, suspects if alone else source, 1 if alone else width):
+        while len(pending) < (1 if alone else width):
+            task = suspects.popleft() if suspects else next(source, None)
+            if task is None:
+                break
+            future = _submitted(executor, function, task)
+            pending[future] = task
             future.add_done_callback(done.put)
         if not pending:
-            return
+            return True
+
         future = done.get()
-        task, error = pending.pop(future), _error_of(future)
-        if isinstance(error, BrokenExecutor) and not alone:
-            suspects.extend((task, *pending.values()))
-            yield None
-            return
+        task = pending.pop(future)
+        error = _error_of(future)
+        broken = isinstance(error, BrokenExecutor)
+        if broken and not alone:
+            suspects.append(task)
+            suspects.extend(pending.values())
+            return False
         yield task, error if error is not None else future.result()
-        if isinstance(error, BrokenExecutor):
-            yield None
-            return
+        if broken:  # it was alone, so this task is the one that killed its process
+            return False
 
 
-def _handed_over(
-    executor: Executor,
-    function: Callable[[TASK], RESULT],
-    pending: dict[Future[RESULT], TASK],
-    tasks: Iterator[TASK] | deque[TASK],
-    width: int,
-) -> Iterator[Future[RESULT]]:
-    """Hand over tasks until ``width`` are pending; the futures of the new ones."""
-    while len(pending) < width:
-        task = (tasks.popleft() if tasks else None) if isinstance(tasks, deque) else next(tasks, None)
-        if task is None:
-            return
-        try:
-            future = executor.submit(function, task)
-        except BrokenExecutor as error:
-            future = Future()
-            future.set_exception(error)
-        pending[future] = task
-        yield future
+def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TASK) -> "Future[RESULT]":
+    """The future of a task; when the executor is broken already, one that says so."""
+    try:
+        return executor.submit(function, task)
+    except BrokenExecutor as error:
+        future: Future[RESULT] = Future()
+        future.set_exception(error)
+        return future
 
 
 def _error_of(future: "Future[RESULT]") -> BaseException | None:

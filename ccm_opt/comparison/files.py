@@ -1,9 +1,10 @@
-"""A comparison as files: ``runs.csv`` with a row a run, ``comparison.json`` with the statistics."""
+"""What a comparison leaves on disk: ``runs.csv`` with a row a run, ``comparison.json`` with the statistics."""
 
 import csv
 import io
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from ccm_opt.comparison.methods import method_named
 from ccm_opt.comparison.running import Comparison, Pair
 from ccm_opt.comparison.runs import QUANTITIES, Run
-from ccm_opt.comparison.statistics import LEVEL, FigurePair, Interval
+from ccm_opt.comparison.statistics import LEVEL, ConfidenceInterval, FigurePair
 from ccm_opt.errors import ProblemError
 
 JOURNAL = "journal.jsonl"
@@ -26,7 +27,7 @@ def write_comparison(comparison: Comparison, folder: Path, pictures: Mapping[str
 
     Args:
         comparison: what came of it.
-        folder: that is there already, with the journal.
+        folder: exists already, with the journal in it.
         pictures: content of pictures by file name.
 
     Raises:
@@ -79,14 +80,14 @@ def medians(runs: Sequence[Run]) -> dict[str, float]:
 
 def _method(comparison: Comparison, name: str) -> dict[str, object]:
     count, interval = comparison.solved(name)
-    runs = comparison.of(name)
+    runs = comparison.runs_of(name)
     return {
         "name": name,
         "summary": method_named(name).summary,
         "solved": count,
         "problems": len(runs),
         "share_interval": _bounds(interval),
-        "outcomes": {outcome: sum(run.outcome == outcome for run in runs) for outcome in {run.outcome for run in runs}},
+        "outcomes": dict(Counter(run.outcome for run in runs)),
         "medians": {key: _number(value) for key, value in medians(runs).items()},
         "cpu_of_all_s": sum(run.figures.get("cpu_s", 0.0) for run in runs),
     }
@@ -118,7 +119,7 @@ def _failure(run: Run) -> dict[str, object]:
     return {"problem": run.problem, "method": run.method, "outcome": run.outcome, "reason": run.reason}
 
 
-def _bounds(interval: Interval) -> list[float | None]:
+def _bounds(interval: ConfidenceInterval) -> list[float | None]:
     return [_number(interval.low), _number(interval.high)]
 
 

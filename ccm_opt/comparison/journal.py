@@ -9,7 +9,7 @@ import json
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from ccm_opt.comparison.runs import Run
@@ -46,7 +46,7 @@ class Journal:
         """
         if self.has(run.key):
             return
-        line = line_of(run)
+        line = json_line(run)
         try:
             written = os.write(self._descriptor, line)
         except OSError as error:
@@ -75,21 +75,23 @@ def open_journal(path: Path) -> Iterator[Journal]:
         os.close(descriptor)
 
 
-def line_of(run: Run) -> bytes:
+def json_line(run: Run) -> bytes:
     """A run as a line of JSON; figures that are not finite are left out."""
-    data = vars(run) | {"figures": {key: value for key, value in run.figures.items() if math.isfinite(value)}}
+    finite = {key: value for key, value in run.figures.items() if math.isfinite(value)}
+    data = vars(run) | {"figures": finite}
     return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def _lock(path: Path, descriptor: int) -> None:
     """Keep other comparisons out; the lock goes with the process. Where there are no such locks, nothing happens."""
-    with suppress(ImportError):
+    try:
         import fcntl  # noqa: PLC0415 - not on every system
-
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise ProblemError(f"{path} is being written by another comparison; choose another --out") from error
+    except ImportError:
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        raise ProblemError(f"{path} is being written by another comparison; choose another --out") from error
 
 
 def _whole_lines(descriptor: int) -> list[bytes]:

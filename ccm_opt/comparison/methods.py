@@ -1,4 +1,4 @@
-"""The methods that can be compared, in one table; and planners of others, named by module and attribute."""
+"""The methods that can be compared, in one table; other planners are named by module and attribute."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,14 +30,16 @@ class Method:
 
     def prepared(self, problem: Problem, time_limit: float | None = None) -> Problem:
         """The problem with this method's options, and a time limit [s] unless that is None."""
-        limit = {} if time_limit is None else {"time_limit": time_limit}
-        return replace(problem, planner=replace(problem.planner, **self.options, **limit))  # type: ignore[arg-type]
+        options = dict(self.options)
+        if time_limit is not None:
+            options["time_limit"] = time_limit
+        return replace(problem, planner=replace(problem.planner, **options))  # type: ignore[arg-type]
 
     def planner(self, prepared: Problem) -> Planner:
         """The planner for a problem that was prepared."""
         from ccm_opt.driver.verified_plan import default_planner  # noqa: PLC0415 - loads casadi
 
-        return default_planner(prepared, Stages()) if self.make is None else self.make()
+        return self.make() if self.make is not None else default_planner(prepared, Stages())
 
 
 METHODS: Mapping[str, Method] = {
@@ -52,10 +54,11 @@ METHODS: Mapping[str, Method] = {
 }
 """The methods of this package by name."""
 DEFAULT = ("nlp", "hill-climbing")
+"""Compared when no method is named."""
 
 
 def method_named(name: str) -> Method:
-    """A method of the table, or somebody's planner as ``module:attribute``.
+    """A method of the table, or any planner as ``module:attribute``.
 
     Args:
         name: the attribute is a planner, or something that returns one when called without arguments.
@@ -71,7 +74,7 @@ def method_named(name: str) -> Method:
 
 
 def check_methods(names: Sequence[str]) -> tuple[str, ...]:
-    """The names, each once; a name that is wrong, or a planner that cannot be made, is told before any work.
+    """The names, each once; a wrong name, or a planner that cannot be made, is refused before any work.
 
     Raises:
         ProblemError: when a planner cannot be made.
@@ -90,6 +93,7 @@ def _loaded(name: str) -> Planner:
             value = getattr(value, part)
     except (ImportError, AttributeError) as error:
         raise ProblemError(f"the planner {name} cannot be loaded: {error}; expected module:attribute") from error
+    # A class, or a function that makes a planner, is called first; a planner may be callable itself.
     if isinstance(value, type) or (callable(value) and not hasattr(value, "plan")):
         value = value()
     if not callable(getattr(value, "plan", None)):

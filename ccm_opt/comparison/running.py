@@ -1,16 +1,16 @@
-"""Runs every method on every problem, and gathers what came of it."""
+"""Runs every method on every problem but for those in the journal, and gathers the runs as a comparison."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
 from ccm_opt.comparison.executors import Workers, completed
 from ccm_opt.comparison.journal import Journal
-from ccm_opt.comparison.runs import Run, Task, execute, failed
+from ccm_opt.comparison.runs import Run, Task, execute, failed_run
 from ccm_opt.comparison.statistics import (
+    ConfidenceInterval,
     FigurePair,
-    Interval,
     SuccessPair,
     compare_figures,
     compare_success,
@@ -50,7 +50,7 @@ class Comparison:
     methods: tuple[str, ...]
     runs: tuple[tuple[Run, ...], ...]
 
-    def of(self, method: str) -> tuple[Run, ...]:
+    def runs_of(self, method: str) -> tuple[Run, ...]:
         """The runs of a method, in the order of the problems."""
         column = self.methods.index(method)
         return tuple(row[column] for row in self.runs)
@@ -58,21 +58,22 @@ class Comparison:
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
         """Every two methods, in their order."""
-        return tuple(
-            Pair(one, other, compare_success(*both), compare_figures(*both))
-            for one, other in combinations(self.methods, 2)
-            for both in [(self.of(one), self.of(other))]
-        )
+        found = []
+        for one, other in combinations(self.methods, 2):
+            first = self.runs_of(one)
+            second = self.runs_of(other)
+            found.append(Pair(one, other, compare_success(first, second), compare_figures(first, second)))
+        return tuple(found)
 
-    def solved(self, method: str) -> tuple[int, Interval]:
+    def solved(self, method: str) -> tuple[int, ConfidenceInterval]:
         """How many problems a method solves, and the interval of that as a share."""
-        count = sum(run.solved for run in self.of(method))
+        count = sum(run.solved for run in self.runs_of(method))
         return count, success_interval(count, len(self.problems))
 
     @property
-    def failures(self) -> Iterator[Run]:
+    def failures(self) -> tuple[Run, ...]:
         """Every run that is not solved."""
-        return (run for row in self.runs for run in row if not run.solved)
+        return tuple(run for row in self.runs for run in row if not run.solved)
 
 
 def compare(
@@ -87,11 +88,11 @@ def compare(
     """Run every method on every problem, but for the runs that the journal has already; what crashed is run again.
 
     Args:
-        cases: the problems, with names of their own.
+        cases: the problems; no two may have the same name.
         methods: names of methods.
         workers: where to run.
         journal: takes every run as soon as it is done.
-        time_limit: of every planner [s]; None for the problems' own.
+        time_limit: of every planner [s]; None keeps each problem's.
         progress: called after every run.
 
     Raises:
@@ -101,7 +102,7 @@ def compare(
     missing = [task for row in rows for task in row if not journal.has(task.key)]
     if missing:
         for task, result in completed(workers, execute, missing):
-            run = result if isinstance(result, Run) else failed(task, result)
+            run = result if isinstance(result, Run) else failed_run(task, result)
             journal.append(run)
             if progress is not None:
                 progress(run)

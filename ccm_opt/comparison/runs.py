@@ -1,16 +1,16 @@
-"""One method on one problem: what is run on a worker, and the record that comes back."""
+"""One method on one problem: what runs on a worker, the record that comes back, and the figures compared."""
 
 import hashlib
 import math
-import os
 import threading
 import time
 import traceback
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from typing import Literal
 
 from ccm_opt.comparison.methods import method_named
@@ -21,12 +21,13 @@ from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 
 Outcome = Literal["solved", "no plan", "timed out", "refused", "unusable", "crashed"]
-"""Verified; no plan within the limits; none within the time; refused by the verifier; not for this method; a defect."""
+"""A verified motion; no plan; none within the time; refused by the verifier; not for this method; a defect."""
 _ALONE = threading.Lock()
 """Compiled functions and IPOPT are not for two threads at once; workers of a cluster may have several."""
 LONGEST_REASON = 400
 """Characters of a reason that are kept."""
 MICROMETRE = 1e-6
+"""[m]; no arm is built more exactly, so that smaller differences of lengths are ties."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Task:
     Attributes:
         case: the problem.
         method: name of the method.
-        time_limit: of the planner [s], or None for the problem's own.
+        time_limit: of the planner [s]; None keeps the problem's.
     """
 
     case: Case
@@ -142,7 +143,8 @@ def execute(task: Task) -> Run:
     """Run a task; whatever goes wrong is the result. CPU time is that of this process, so tasks run one at a time."""
     with _ALONE:
         _load_libraries()
-        begin, wall = time.process_time(), time.perf_counter()
+        cpu_begin = time.process_time()
+        wall_begin = time.perf_counter()
         planner = None
         try:
             method = method_named(task.method)
@@ -150,13 +152,12 @@ def execute(task: Task) -> Run:
             planner = ClockedPlanner(method.planner(problem))
             run = _solved(task, problem, planner)
         except Exception as error:  # noqa: BLE001 - a defect of a method must not end the comparison
-            run = failed(task, error)
+            run = failed_run(task, error)
         figures = dict(run.figures)
         if planner is not None:
-            figures |= {"planning_cpu_s": planner.seconds, "cpu_s": time.process_time() - begin}
-        return Run(
-            run.key, run.problem, run.method, run.outcome, run.reason, figures, time.perf_counter() - wall, run.tactic
-        )
+            figures["planning_cpu_s"] = planner.seconds
+            figures["cpu_s"] = time.process_time() - cpu_begin
+        return replace(run, figures=figures, wall=time.perf_counter() - wall_begin)
 
 
 def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
@@ -168,13 +169,14 @@ def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
     return Run(task.key, task.case.name, task.method, "solved", "", figures, tactic=solution.path.candidate)
 
 
-def failed(task: Task, error: BaseException) -> Run:
+def failed_run(task: Task, error: BaseException) -> Run:
     """The record of a task that ended with an error."""
-    outcome, reason = _told(error)
+    outcome, reason = _outcome_of(error)
     return Run(task.key, task.case.name, task.method, outcome, reason[:LONGEST_REASON])
 
 
-def _told(error: BaseException) -> tuple[Outcome, str]:
+def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
+    """How a run ended, and why, in one line."""
     if isinstance(error, NoPlanFound):
         outcome: Outcome = "timed out" if isinstance(error, TimeLimitReached) else "no plan"
         return outcome, f"{type(error).__name__}: {error.diagnosis.reason}"
@@ -182,8 +184,9 @@ def _told(error: BaseException) -> tuple[Outcome, str]:
         return "refused", "the verifier refuses the motion: " + "; ".join(error.failures)
     if isinstance(error, ProblemError):
         return "unusable", str(error)
-    place = traceback.extract_tb(error.__traceback__)
-    where = f" ({os.path.basename(place[-1].filename)}, line {place[-1].lineno})" if place else ""  # noqa: PTH119 - a text
+    where = ""
+    if frames := traceback.extract_tb(error.__traceback__):
+        where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
     return "crashed", f"{type(error).__name__}: {error}{where}"
 
 

@@ -1,4 +1,4 @@
-"""Seeded random scenes of an arm among walls, with a start and a goal pose that touch nothing.
+"""Seeded random scenes for comparisons: an arm among walls, with a start and a goal pose that touch nothing.
 
 The arm reaches 1 m with a radius of 15 mm; clutter is polygons of 3–8 vertices, 30–90 mm from their middle. A seed
 gives the same scene on every machine.
@@ -16,12 +16,18 @@ from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal
 
-LENGTH, RADIUS = 1.0, 0.015
+LENGTH = 1.0
+"""Length of the arm [m]."""
+RADIUS = 0.015
+"""Radius of its links [m]."""
 KEPT_OFF = 0.01
 """Least gap between the start or goal pose and an obstacle that is placed beside it, or another link [m]."""
 ROOM = shapely.box(-1.3, -1.3, 1.3, 1.3)
-VELOCITY, ACCELERATION = 1.0, 2.0
-"""Limits of the problems [rad/s, rad/s²]."""
+"""Boundary of every scene, out of the arm's reach [m]."""
+VELOCITY = 1.0
+"""Limit of every revolute [rad/s]."""
+ACCELERATION = 2.0
+"""Limit of every revolute [rad/s²]."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +132,8 @@ def clutter(seed: int, count: int = 20, links: int = 24) -> Scene:
     """Start and goal drawn first, then ``count`` polygons within the arm's reach that keep off both."""
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
-    start, goal = clear_headings(rng, arm), clear_headings(rng, arm)
+    start = clear_headings(rng, arm)
+    goal = clear_headings(rng, arm)
     poses = shapely.MultiLineString([arm.joint_positions(pose) for pose in (start, goal)])
     obstacles: list[Obstacle] = []
     while len(obstacles) < count:
@@ -147,7 +154,8 @@ def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
     """A duct to the right of the base, at a random height; the arm lies outside and has to put its end into it."""
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
-    height, mouth = rng.uniform(-0.2, 0.2), rng.uniform(0.45, 0.55)
+    height = rng.uniform(-0.2, 0.2)
+    mouth = rng.uniform(0.45, 0.55)
     obstacles = (
         Obstacle("duct, top", shapely.box(mouth, height + 0.5 * width, 1.1, height + 0.5 * width + 0.1)),
         Obstacle("duct, bottom", shapely.box(mouth, height - 0.5 * width - 0.1, 1.1, height - 0.5 * width)),
@@ -160,6 +168,6 @@ def _into_duct(arm: Arm, height: float) -> FloatArray:
     """Link headings of a step aside from the base that ends level at a height, shape (links,) [rad]."""
     middles = (np.arange(arm.links) + 0.5) / arm.links
     hump = np.where(middles < 0.45, np.sin(np.pi * middles / 0.45), 0.0)
-    share = brentq(lambda x: arm.joint_positions(x * hump)[-1, 1] - height, -1.0, 1.0)
-    pose: FloatArray = share * hump
+    scale = brentq(lambda x: arm.joint_positions(x * hump)[-1, 1] - height, -1.0, 1.0)
+    pose: FloatArray = scale * hump
     return pose

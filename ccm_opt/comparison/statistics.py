@@ -1,4 +1,4 @@
-"""Statistics of two methods on the same problems: exact where that is possible, and always by pairs."""
+"""Which of two methods is better, and how sure that is: tests and intervals by pairs, exact where possible."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ LEVEL = 0.95
 
 
 @dataclass(frozen=True)
-class Interval:
+class ConfidenceInterval:
     """A confidence interval; not finite where the sample does not bound it."""
 
     low: float
@@ -42,7 +42,7 @@ class SuccessPair:
     neither: int
     p_value: float
     difference: float
-    interval: Interval
+    interval: ConfidenceInterval
 
 
 @dataclass(frozen=True)
@@ -65,17 +65,17 @@ class FigurePair:
     first: float
     second: float
     effect: float
-    interval: Interval
+    interval: ConfidenceInterval
     better: float
     p_value: float
 
 
-def success_interval(solved: int, count: int) -> Interval:
+def success_interval(solved: int, count: int) -> ConfidenceInterval:
     """Clopper and Pearson's interval of a share (Biometrika 26, 1934): it covers at least at its level."""
     if count == 0:
-        return Interval(0.0, 1.0)
+        return ConfidenceInterval(0.0, 1.0)
     found = stats.binomtest(solved, count).proportion_ci(LEVEL, method="exact")
-    return Interval(float(found.low), float(found.high))
+    return ConfidenceInterval(float(found.low), float(found.high))
 
 
 def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
@@ -86,8 +86,10 @@ def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
     """
     one = np.array([run.solved for run in first], dtype=bool)
     other = np.array([run.solved for run in second], dtype=bool)
-    both, neither = int(np.sum(one & other)), int(np.sum(~one & ~other))
-    first_only, second_only = int(np.sum(one & ~other)), int(np.sum(~one & other))
+    both = int(np.sum(one & other))
+    neither = int(np.sum(~one & ~other))
+    first_only = int(np.sum(one & ~other))
+    second_only = int(np.sum(~one & other))
     apart = first_only + second_only
     p_value = float(stats.binomtest(first_only, apart).pvalue) if apart else 1.0
     difference = (first_only - second_only) / len(one) if len(one) else 0.0
@@ -95,7 +97,7 @@ def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
     return SuccessPair(both, first_only, second_only, neither, p_value, difference, interval)
 
 
-def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> Interval:
+def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> ConfidenceInterval:
     """Interval of the difference of two shares from the same problems: Newcombe's method 10.
 
     Wilson's intervals of both shares, squared and added, with the correlation of the pairs, which is corrected for
@@ -103,18 +105,24 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
     """
     count = both + first_only + second_only + neither
     if count == 0:
-        return Interval(-1.0, 1.0)
-    first, second = both + first_only, both + second_only
-    share_1, share_2 = first / count, second / count
+        return ConfidenceInterval(-1.0, 1.0)
+    first = both + first_only
+    second = both + second_only
+    share_1 = first / count
+    share_2 = second / count
     low_1, high_1 = _wilson(first, count)
     low_2, high_2 = _wilson(second, count)
     phi = _correlation(both, first_only, second_only, neither)
-    down, up = share_1 - low_1, high_2 - share_2
-    below = math.sqrt(max(0.0, down**2 - 2.0 * phi * down * up + up**2))
-    up, down = high_1 - share_1, share_2 - low_2
-    above = math.sqrt(max(0.0, up**2 - 2.0 * phi * up * down + down**2))
+    # The difference is least when the first share is low and the second high, and the other way round.
+    below = _combined(share_1 - low_1, high_2 - share_2, phi)
+    above = _combined(high_1 - share_1, share_2 - low_2, phi)
     difference = share_1 - share_2
-    return Interval(difference - below, difference + above)
+    return ConfidenceInterval(difference - below, difference + above)
+
+
+def _combined(first: float, second: float, phi: float) -> float:
+    """Half width of an interval of a difference, from the half widths of its correlated terms."""
+    return math.sqrt(max(0.0, first**2 - 2.0 * phi * first * second + second**2))
 
 
 def _wilson(solved: int, count: int) -> tuple[float, float]:
@@ -123,6 +131,7 @@ def _wilson(solved: int, count: int) -> tuple[float, float]:
 
 
 def _correlation(both: int, first_only: int, second_only: int, neither: int) -> float:
+    """Correlation of success of the two methods, corrected for continuity when positive; 0 when undefined."""
     margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
     if margins == 0:
         return 0.0
@@ -139,31 +148,46 @@ def compare_figures(first: Sequence[Run], second: Sequence[Run]) -> tuple[Figure
 
 
 def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> FigurePair:
-    values = np.array([(one.figure(quantity.key), other.figure(quantity.key)) for one, other in pairs])
-    values = values.reshape(-1, 2)
-    values = values[np.all(np.isfinite(values), axis=1)]
-    if quantity.scale == "ratio":
-        values = values[np.all(values > 0.0, axis=1)]
-    if len(values) == 0:
-        return FigurePair(quantity, 0, math.nan, math.nan, math.nan, Interval(-math.inf, math.inf), math.nan, math.nan)
-    gap = np.log(values[:, 0] / values[:, 1]) if quantity.scale == "ratio" else values[:, 0] - values[:, 1]
-    gap = np.where(np.abs(values[:, 0] - values[:, 1]) <= quantity.tie, 0.0, gap)
-    back = np.exp if quantity.scale == "ratio" else np.asarray
-    bounds = median_interval(gap)
+    first, second = _finite_values(quantity, pairs)
+    if len(first) == 0:
+        unbounded = ConfidenceInterval(-math.inf, math.inf)
+        return FigurePair(quantity, 0, math.nan, math.nan, math.nan, unbounded, math.nan, math.nan)
+
+    # Ratios are compared by their logarithms, in which twice and half are equally far from equal.
+    by_ratio = quantity.scale == "ratio"
+    gap = np.log(first / second) if by_ratio else first - second
+    gap = np.where(np.abs(first - second) <= quantity.tie, 0.0, gap)
     wins = gap > 0.0 if quantity.more_is_better else gap < 0.0
+    ties = gap == 0.0
+
+    effect = float(np.median(gap))
+    bounds = median_interval(gap)
+    if by_ratio:
+        effect = float(np.exp(effect))
+        bounds = ConfidenceInterval(float(np.exp(bounds.low)), float(np.exp(bounds.high)))
     return FigurePair(
-        quantity,
-        len(values),
-        float(np.median(values[:, 0])),
-        float(np.median(values[:, 1])),
-        float(back(np.median(gap))),
-        Interval(float(back(bounds.low)), float(back(bounds.high))),
-        float(np.mean(wins + 0.5 * (gap == 0.0))),
-        _wilcoxon(gap),
+        quantity=quantity,
+        pairs=len(first),
+        first=float(np.median(first)),
+        second=float(np.median(second)),
+        effect=effect,
+        interval=bounds,
+        better=float(np.mean(wins + 0.5 * ties)),
+        p_value=_wilcoxon(gap),
     )
 
 
-def median_interval(values: FloatArray) -> Interval:
+def _finite_values(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> tuple[FloatArray, FloatArray]:
+    """A figure of both methods where both have it, and where it is positive if it is compared by ratio, shape (P,)."""
+    first = np.array([one.figure(quantity.key) for one, _ in pairs], dtype=np.float64)
+    second = np.array([other.figure(quantity.key) for _, other in pairs], dtype=np.float64)
+    kept = np.isfinite(first) & np.isfinite(second)
+    if quantity.scale == "ratio":
+        kept &= (first > 0.0) & (second > 0.0)
+    return first[kept], second[kept]
+
+
+def median_interval(values: FloatArray) -> ConfidenceInterval:
     """Interval of a median from the order of the sample alone, without any assumption on its distribution.
 
     The number of values below the median is binomial with ½, so the k-th value from either end bounds it with a
@@ -173,9 +197,9 @@ def median_interval(values: FloatArray) -> Interval:
     count = len(values)
     k = int(stats.binom.ppf((1.0 - LEVEL) / 2.0, count, 0.5)) if count else 0
     if k < 1:
-        return Interval(-math.inf, math.inf)
+        return ConfidenceInterval(-math.inf, math.inf)
     ordered = np.sort(values)
-    return Interval(float(ordered[k - 1]), float(ordered[count - k]))
+    return ConfidenceInterval(float(ordered[k - 1]), float(ordered[count - k]))
 
 
 def _wilcoxon(gap: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""Named suites of problems, and problems from files: what a comparison is made on."""
+"""Which problems a comparison is made on: named suites of random scenes, the shared files, or given files."""
 
 import hashlib
 import re
@@ -13,12 +13,13 @@ from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import Problem
 
 SHARED = "shared"
-ON_AXIS = "feed-"
-"""How the names of shared problems with a feed axis begin; the baseline knows no such axis."""
 """The suite of the problem files that come with the package."""
+ON_AXIS = "feed-"
+"""How the names of shared problems with a feed axis begin; they are left out, since the baseline knows no such axis."""
 GENERATOR = 1
 """Counts changes of the random scenes: runs on other scenes are other runs."""
 DEFAULT_COUNT = 20
+"""Random problems of a suite when no number is asked for."""
 
 SUITES: Mapping[str, Callable[[int], Scene]] = {
     "open-space": open_space,
@@ -36,11 +37,11 @@ class Case:
     """One problem of a comparison; a random one is made where it is solved.
 
     Attributes:
-        name: of the problem; its own within a comparison.
+        name: of the problem, unique within a comparison.
         suite: where the problem is from; "files" for a file.
         seed: of the random scene.
         given: the problem of a file.
-        fingerprint: tells problems apart whose names are the same.
+        fingerprint: differs where problems of the same name differ.
     """
 
     name: str
@@ -51,7 +52,10 @@ class Case:
 
     def problem(self) -> Problem:
         """The problem itself."""
-        return self.given if self.given is not None else scene_maker(self.suite)(self.seed).problem(name=self.name)
+        if self.given is not None:
+            return self.given
+        scene = scene_maker(self.suite)(self.seed)
+        return scene.problem(name=self.name)
 
 
 def scene_maker(suite: str) -> Callable[[int], Scene]:
@@ -86,8 +90,12 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
             raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
         return cases[:count]
     scene_maker(suite)
-    seeds = range(first_seed, first_seed + (DEFAULT_COUNT if count is None else count))
-    return tuple(Case(f"{suite}-{seed}", suite, seed, None, f"{GENERATOR}:{suite}:{seed}") for seed in seeds)
+    wanted = DEFAULT_COUNT if count is None else count
+    seeds = range(first_seed, first_seed + wanted)
+    return tuple(
+        Case(name=f"{suite}-{seed}", suite=suite, seed=seed, fingerprint=f"{GENERATOR}:{suite}:{seed}")
+        for seed in seeds
+    )
 
 
 def cases_of_files(files: Sequence[Path]) -> tuple[Case, ...]:
@@ -96,10 +104,12 @@ def cases_of_files(files: Sequence[Path]) -> tuple[Case, ...]:
     Raises:
         ProblemError: when a file cannot be used.
     """
-    problems = [load_problem(file) for file in files]
-    return tuple(
-        Case(item.name, "files", 0, item, hashlib.sha256(item.source.encode()).hexdigest()) for item in problems
-    )
+    cases = []
+    for file in files:
+        problem = load_problem(file)
+        fingerprint = hashlib.sha256(problem.source.encode()).hexdigest()
+        cases.append(Case(name=problem.name, suite="files", given=problem, fingerprint=fingerprint))
+    return tuple(cases)
 
 
 def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
@@ -110,7 +120,8 @@ def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
     """
     kept: dict[str, Case] = {}
     for case in cases:
-        if kept.setdefault(case.name, case).fingerprint != case.fingerprint:
+        same_name = kept.setdefault(case.name, case)
+        if same_name.fingerprint != case.fingerprint:
             raise ProblemError(f"two different problems are called '{case.name}'; give each its own name")
     return tuple(kept.values())
 

@@ -66,7 +66,7 @@ def timed(cases: Sequence[Case], method: str, workers: int) -> tuple[float, floa
     """Time of a comparison from ready workers to the last result, and the time of its runs added up [s]."""
     with tempfile.TemporaryDirectory() as folder, open_journal(Path(folder) / "journal.jsonl") as journal:
         comparison = compare(cases, (method,), WarmWorkers(workers, method), journal)
-        return clock["done"] - clock["ready"], sum(run.wall for run in comparison.of(method))
+        return clock["done"] - clock["ready"], sum(run.wall for run in comparison.runs_of(method))
 
 
 def workers(options: argparse.Namespace) -> None:

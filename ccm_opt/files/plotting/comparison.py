@@ -48,7 +48,7 @@ class MethodRuns:
 
 
 @dataclass(frozen=True)
-class Panel:
+class PairedPanel:
     """One figure of two methods, drawn against each other.
 
     Attributes:
@@ -108,7 +108,7 @@ def _draw_curve(axes: Axes, method: MethodRuns, number: int, end: float) -> None
     axes.plot([place, place], [low, high], color=colour, linewidth=2.2, alpha=0.6, zorder=2)
 
 
-def paired_png(first: MethodRuns, second: MethodRuns, panels: Sequence[Panel]) -> bytes:
+def paired_png(first: MethodRuns, second: MethodRuns, panels: Sequence[PairedPanel]) -> bytes:
     """Every problem that both methods solve as a point, one panel a figure; content of a PNG file.
 
     Args:
@@ -120,7 +120,7 @@ def paired_png(first: MethodRuns, second: MethodRuns, panels: Sequence[Panel]) -
         return _png(_paired_figure(first, second, panels))
 
 
-def _paired_figure(first: MethodRuns, second: MethodRuns, panels: Sequence[Panel]) -> Figure:
+def _paired_figure(first: MethodRuns, second: MethodRuns, panels: Sequence[PairedPanel]) -> Figure:
     columns = min(MOST_COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(3.1 * columns, 3.2 * rows + 0.4), dpi=DOTS_PER_INCH, layout="constrained")
@@ -135,7 +135,7 @@ def _paired_figure(first: MethodRuns, second: MethodRuns, panels: Sequence[Panel
     return figure
 
 
-def _draw_panel(axes: Axes, x: FloatArray, y: FloatArray, panel: Panel) -> None:
+def _draw_panel(axes: Axes, x: FloatArray, y: FloatArray, panel: PairedPanel) -> None:
     kept = np.isfinite(x) & np.isfinite(y)
     if panel.logarithmic:
         kept &= (x > 0.0) & (y > 0.0)

@@ -25,7 +25,7 @@ _POINTS = 161
 
 
 @dataclass(frozen=True)
-class Panel:
+class SchemaPanel:
     """One part of a figure.
 
     Attributes:
@@ -43,7 +43,7 @@ class Panel:
     subgoal: TipGoal | None = None
 
 
-def schemas_png(panels: Sequence[Panel], columns: int = 1, shown: int = 14) -> bytes:
+def schemas_png(panels: Sequence[SchemaPanel], columns: int = 1, shown: int = 14) -> bytes:
     """The picture of some schemas.
 
     Args:
@@ -69,7 +69,7 @@ def schemas_png(panels: Sequence[Panel], columns: int = 1, shown: int = 14) -> b
     return buffer.getvalue()
 
 
-def _draw_configurations(axes: Axes, panel: Panel, shown: int) -> None:
+def _draw_configurations(axes: Axes, panel: SchemaPanel, shown: int) -> None:
     axes.set_title(panel.title, fontsize=8, loc="left")
     axes.set_aspect("equal")
     if panel.workspace is not None:
@@ -99,7 +99,7 @@ def _draw_arrow(axes: Axes, goal: TipGoal, reach: float, face: str) -> None:
         axes.annotate("", xy=tuple(ahead), xytext=tuple(goal.position), arrowprops=arrow, zorder=9)
 
 
-def _draw_curvature(axes: Axes, panel: Panel, shown: int) -> None:
+def _draw_curvature(axes: Axes, panel: SchemaPanel, shown: int) -> None:
     drawn = _chosen(panel.configurations, shown)
     for configuration, colour in zip(drawn, _colours(len(drawn)), strict=True):
         arc = np.linspace(0.0, configuration.length, _POINTS)
