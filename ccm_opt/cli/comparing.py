@@ -65,7 +65,7 @@ def compare_methods(options: CompareOptions) -> int:
     """
     code = run_all([options], _compare)
     if code == CANCELLED:
-        complain(f"every finished run is in {options.out / JOURNAL}; the same command continues from there")
+        complain(f"every finished run is in {options.out / JOURNAL}; the same command goes on from there")
     return code
 
 
