@@ -50,7 +50,7 @@ def corridor_scene() -> CorridorScene:
     """A room with three obstacles and three ways to a goal that is entered from below."""
     obstacles = tuple(Obstacle(name, shapely.Polygon(corners)) for name, corners in BLOCKS.items())
     workspace = Workspace(shapely.box(-0.08, -0.42, 1.2, 0.45), obstacles, 0.0)
-    room = FreeSpace.of(workspace, RADIUS + MARGIN)
+    room = FreeSpace(workspace, RADIUS + MARGIN)
     base, goal, heading = np.array([0.0, 0.0]), np.array([1.02, 0.24]), 0.5 * np.pi
     routes = room.routes(base, goal, 3, longest=0.985 * LENGTH, shrink=0.016 * LENGTH)
     corridor = room.corridor(routes[2])
@@ -109,7 +109,7 @@ def hairpin_scene() -> HairpinScene:
     """The hairpin of the shared problem *horn-wide*, which begins inside a horn and ends outside."""
     problem = ccm_opt.load_problem(PROBLEMS / "horn-wide.toml")
     ends = resolve_ends(problem)
-    room = FreeSpace.of(problem.workspace, route_margin(problem, ends))
+    room = FreeSpace(problem.workspace, route_margin(problem, ends))
     tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room))
     space, v = LinkSpace.through(problem.arm, ends.start)
     margin, reach = 0.06 * space.unit, 0.96 * space.unit

@@ -122,7 +122,7 @@ def later(seconds: float = 60.0) -> Deadline:
 def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = False) -> MotionTask:
     """What the planner asks of the search for a problem, with or without guesses of goal poses."""
     ends = curve_planner.resolve_ends(problem)
-    room = FreeSpace.of(problem.workspace, curve_planner.route_margin(problem, ends))
+    room = FreeSpace(problem.workspace, curve_planner.route_margin(problem, ends))
     routes = () if ends.goal_headings is not None else curve_planner.find_routes(problem, ends, room)
     return MotionTask(
         arm=problem.arm,

@@ -54,7 +54,7 @@ def _assert_crossed_left_to_right(string: shapely.LineString, portal: np.ndarray
 @given(st.integers(0, 10_000), st.sampled_from([3, 12, 35]), st.sampled_from([0.0, 0.01]))
 def test_corridors_keep_their_contract(seed: int, count: int, shrink: float) -> None:
     """Regions are free and overlap along the string, portals lie in both neighbours and are crossed left to right."""
-    space = FreeSpace.of(clutter(count, seed), 0.02)
+    space = FreeSpace(clutter(count, seed), 0.02)
     ends = space.snapped(np.array([[0.15, 0.15], [2.2, 2.2]]))
     for route in space.routes(ends[0], ends[1], 3, shrink=shrink):
         _check(space, space.corridor(route))
@@ -63,7 +63,7 @@ def test_corridors_keep_their_contract(seed: int, count: int, shrink: float) -> 
 @pytest.mark.parametrize("seed", range(4))
 def test_corridors_in_dense_clutter(seed: int) -> None:
     """The contract holds, and a corridor comes at all, among three hundred polygons that leave narrow gaps only."""
-    space = FreeSpace.of(clutter(300, seed), 0.02)
+    space = FreeSpace(clutter(300, seed), 0.02)
     ends = space.snapped(np.array([[0.1, 0.1], [2.3, 2.3]]))
     for route in space.routes(ends[0], ends[1], 2):
         _check(space, space.corridor(route))
@@ -72,7 +72,7 @@ def test_corridors_in_dense_clutter(seed: int) -> None:
 @pytest.mark.parametrize("margin", [0.02, 1e-6])
 def test_corridors_among_circles_walls_and_sheets(margin: float) -> None:
     """The contract holds among round, thick, thin and non-convex obstacles."""
-    space = FreeSpace.of(mixed_room(), margin)
+    space = FreeSpace(mixed_room(), margin)
     for route in space.routes(np.array([0.1, 0.1]), np.array([2.2, 1.5]), 6):
         _check(space, space.corridor(route))
 
@@ -81,7 +81,7 @@ def test_corridors_among_circles_walls_and_sheets(margin: float) -> None:
 @given(st.integers(0, 10_000))
 def test_corridors_of_a_line_among_sheets(seed: int) -> None:
     """The contract holds for an arm of no width among walls of no thickness."""
-    space = FreeSpace.of(sheets(20, seed), 1e-6)
+    space = FreeSpace(sheets(20, seed), 1e-6)
     ends = space.snapped(np.array([[0.1, 0.1], [2.3, 2.3]]))
     for route in space.routes(ends[0], ends[1], 2):
         _check(space, space.corridor(route))
@@ -90,7 +90,7 @@ def test_corridors_of_a_line_among_sheets(seed: int) -> None:
 def test_corridor_of_an_l_shaped_duct_has_two_regions() -> None:
     """Round one corner two regions suffice, whatever the triangulation."""
     block = Obstacle("block", shapely.box(0.3, 0.3, 1.0, 1.0))
-    space = FreeSpace.of(Workspace(shapely.box(0.0, 0.0, 1.0, 1.0), (block,)), 0.02)
+    space = FreeSpace(Workspace(shapely.box(0.0, 0.0, 1.0, 1.0), (block,)), 0.02)
     route = space.routes(np.array([0.15, 0.9]), np.array([0.9, 0.15]), 1)[0]
     corridor = space.corridor(route)
     _check(space, corridor)
@@ -102,6 +102,6 @@ def test_corridor_in_a_row_of_posts_is_one_region() -> None:
     posts = tuple(
         Obstacle(f"{x}{y}", shapely.box(x, y, x + 0.1, y + 0.1)) for x in np.arange(0.2, 1.8, 0.3) for y in (0.3, 0.6)
     )
-    space = FreeSpace.of(Workspace(shapely.box(0.0, 0.0, 2.0, 1.0), posts), 0.02)
+    space = FreeSpace(Workspace(shapely.box(0.0, 0.0, 2.0, 1.0), posts), 0.02)
     route = space.routes(np.array([0.1, 0.5]), np.array([1.9, 0.5]), 1)[0]
     assert len(space.corridor(route).regions) == 1

@@ -48,7 +48,7 @@ def test_sleeves_must_meet_to_be_joined() -> None:
 @example(8532, 2)  # a near-empty room, where the sampled length is a tenth too long
 def test_first_route_is_the_shortest_path(seed: int, count: int) -> None:
     """The first route is as long as the shortest path found by an independent visibility graph."""
-    space = FreeSpace.of(clutter(count, seed, side=1.0), 0.02)
+    space = FreeSpace(clutter(count, seed, side=1.0), 0.02)
     start, goal = _free_points(space, 2, seed)
     route = space.routes(start, goal, 1)[0]
     assert route.length == pytest.approx(visibility_length(space.polygons, start, goal), abs=1e-7)
@@ -59,7 +59,7 @@ def test_first_route_is_the_shortest_path(seed: int, count: int) -> None:
 @given(seeds, st.sampled_from([10, 30]))
 def test_routes_are_sorted_different_and_free(seed: int, count: int) -> None:
     """Routes come by length, in pairwise different classes, within free space, with the ends asked for."""
-    space = FreeSpace.of(clutter(count, seed), 0.02)
+    space = FreeSpace(clutter(count, seed), 0.02)
     start, goal = _free_points(space, 2, seed)
     routes = space.routes(start, goal, 5)
     lengths = [route.length for route in routes]
@@ -76,7 +76,7 @@ def test_routes_are_sorted_different_and_free(seed: int, count: int) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_different_routes_enclose_an_obstacle(seed: int) -> None:
     """Two routes of the same ends wind differently about some hole of the free set."""
-    space = FreeSpace.of(clutter(20, seed), 0.02)
+    space = FreeSpace(clutter(20, seed), 0.02)
     start, goal = _free_points(space, 2, seed)
     for one, other in itertools.combinations(space.routes(start, goal, 5), 2):
         assert np.any(winding_numbers(np.concatenate((one.taut, other.taut[::-1])), space.polygons) != 0)
@@ -85,7 +85,7 @@ def test_different_routes_enclose_an_obstacle(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(8))
 def test_few_routes_are_the_first_of_many(seed: int) -> None:
     """Asking for more routes does not bring shorter ones to light."""
-    space = FreeSpace.of(clutter(30, seed), 0.02)
+    space = FreeSpace(clutter(30, seed), 0.02)
     few, many = (space.routes(*_free_points(space, 2, seed), count) for count in (5, 30))
     assert [route.sleeve for route in few] == [route.sleeve for route in many[:5]]
 
@@ -94,7 +94,7 @@ def test_few_routes_are_the_first_of_many(seed: int) -> None:
 @given(seeds, st.integers(3, 8))
 def test_taut_path_is_homotopic_and_shortest(seed: int, corners: int) -> None:
     """The taut path of a polyline winds about the holes as that does, is no longer, and is its own taut path."""
-    space = FreeSpace.of(clutter(15, seed), 0.02)
+    space = FreeSpace(clutter(15, seed), 0.02)
     points = _free_points(space, corners, seed)
     polyline = np.concatenate(
         [space.routes(a, b, 2)[-1].taut[:-1] for a, b in itertools.pairwise(points)] + [points[-1:]]
@@ -109,7 +109,7 @@ def test_taut_path_is_homotopic_and_shortest(seed: int, corners: int) -> None:
 @given(seeds)
 def test_taut_path_ignores_detours_that_cancel(seed: int) -> None:
     """A detour to anywhere and back the same way does not change the taut path or the class."""
-    space = FreeSpace.of(clutter(20, seed), 0.02)
+    space = FreeSpace(clutter(20, seed), 0.02)
     a, b, aside = _free_points(space, 3, seed)
     way, detour = space.routes(a, b, 3)[-1].taut, space.routes(a, aside, 2)[-1].taut
     with_detour = np.concatenate((detour, detour[::-1], way[1:]))
@@ -119,9 +119,7 @@ def test_taut_path_ignores_detours_that_cancel(seed: int) -> None:
 
 def test_a_string_wound_round_a_post_stays_wound() -> None:
     """A sleeve that passes the same triangles again is unfolded: a turn round a post costs its girth."""
-    space = FreeSpace.of(
-        Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), (Obstacle("post", shapely.Point(0, 0), 0.1),)), 0.02
-    )
+    space = FreeSpace(Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), (Obstacle("post", shapely.Point(0, 0), 0.1),)), 0.02)
     angles = np.linspace(-np.pi, 2.5 * np.pi, 351)
     spiral = 0.5 * np.column_stack((np.cos(angles), np.sin(angles)))
     taut = space.taut_path(spiral)
@@ -145,7 +143,7 @@ def test_taut_string_bends_at_the_ends_of_portals() -> None:
 
 def test_longest_leaves_out_long_routes() -> None:
     """No route is longer than allowed, and all that are allowed still come."""
-    space = FreeSpace.of(clutter(20, 1), 0.02)
+    space = FreeSpace(clutter(20, 1), 0.02)
     start, goal = _free_points(space, 2, 5)
     routes = space.routes(start, goal, 6)
     allowed = routes[2].length + 1e-9
@@ -155,7 +153,7 @@ def test_longest_leaves_out_long_routes() -> None:
 
 def test_ends_outside_are_led_to_free_space() -> None:
     """A base on the wall keeps its own point as the path's end; the corridor starts at the nearest free point."""
-    space = FreeSpace.of(mixed_room(), 0.02)
+    space = FreeSpace(mixed_room(), 0.02)
     base, goal = np.array([0.0, 0.9]), np.array([2.2, 0.3])
     route = space.routes(base, goal, 1)[0]
     assert np.array_equal(route.taut[0], base)
@@ -168,7 +166,7 @@ def test_ends_outside_are_led_to_free_space() -> None:
 def test_a_polyline_may_cut_through_walls_a_little() -> None:
     """An arm that leans into a post is taken round the side it leans to."""
     room = Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), (Obstacle("post", shapely.Point(0, 0), 0.1),))
-    space = FreeSpace.of(room, 0.02)
+    space = FreeSpace(room, 0.02)
     for side in (1.0, -1.0):
         leaning = np.array([[-0.5, 0.0], [0.0, 0.08 * side], [0.5, 0.0]])
         clear = np.array([[-0.5, 0.0], [0.0, 0.4 * side], [0.5, 0.0]])
@@ -178,7 +176,7 @@ def test_a_polyline_may_cut_through_walls_a_little() -> None:
 
 def test_chambers_without_a_door() -> None:
     """Between components there are no routes, a polyline is refused, and the diagnosis names the wall between."""
-    space = FreeSpace.of(divided_room(), 0.02)
+    space = FreeSpace(divided_room(), 0.02)
     left, right = np.array([0.3, 0.5]), np.array([1.7, 0.5])
     assert space.component(left) != space.component(right)
     assert space.routes(left, right, 3) == ()
@@ -193,7 +191,7 @@ def test_chambers_without_a_door() -> None:
 def test_a_narrow_door_is_the_bottleneck() -> None:
     """On the shortest route through a door the width left for the axis is door minus twice the margin."""
     doorposts = tuple(Obstacle(f"post {k}", shapely.box(0.95, 1.0 * k - 0.45, 1.05, 1.0 * k + 0.45)) for k in (0, 1))
-    space = FreeSpace.of(Workspace(shapely.box(0.0, 0.0, 2.0, 1.0), doorposts), 0.02)
+    space = FreeSpace(Workspace(shapely.box(0.0, 0.0, 2.0, 1.0), doorposts), 0.02)
     door = space.bottlenecks(np.array([0.2, 0.5]), np.array([1.8, 0.5]))
     assert door.connected
     assert door.width == pytest.approx(0.06)
@@ -202,7 +200,7 @@ def test_a_narrow_door_is_the_bottleneck() -> None:
 
 def test_start_and_goal_in_one_triangle() -> None:
     """In open space the route is the straight line."""
-    space = FreeSpace.of(Workspace(shapely.box(0.0, 0.0, 1.0, 1.0)), 0.1)
+    space = FreeSpace(Workspace(shapely.box(0.0, 0.0, 1.0, 1.0)), 0.1)
     route = space.routes(np.array([0.2, 0.3]), np.array([0.21, 0.3]), 4)[0]
     assert route.length == pytest.approx(0.01)
     assert len(space.corridor(route).regions) == 1

@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.corridors import CorridorMaker
+from ccm_opt.freespace.corridor_maker import CorridorMaker
 from ccm_opt.freespace.inflation import free_set
 from ccm_opt.freespace.regions import grow
 from ccm_opt.freespace.triangulation import Triangulation, triangulate

@@ -280,4 +280,4 @@ def test_a_gap_hardly_wider_than_the_arm_has_a_route() -> None:
     ends = curve_planner.resolve_ends(problem)
     margin = curve_planner.route_margin(problem, ends)
     assert 0.03 < margin < 0.0302
-    assert curve_planner.find_routes(problem, ends, FreeSpace.of(problem.workspace, margin))
+    assert curve_planner.find_routes(problem, ends, FreeSpace(problem.workspace, margin))

@@ -146,7 +146,7 @@ def over_a_box(weights: Weights) -> tuple[FloatArray, float]:
     problem = scene.problem(TipGoal(np.array([0.955, 0.0])))
     problem = replace(problem, planner=replace(problem.planner, weights=weights))
     ends = curve_planner.resolve_ends(problem)
-    room = FreeSpace.of(problem.workspace, curve_planner.route_margin(problem, ends))
+    room = FreeSpace(problem.workspace, curve_planner.route_margin(problem, ends))
     route = curve_planner.find_routes(problem, ends, room)[0]
     curve = find_configuration(curve_planner.configuration_task(problem, ends, room, route))
     s = np.linspace(0.0, scene.arm.length, 400)

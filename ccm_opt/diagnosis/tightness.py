@@ -36,7 +36,7 @@ def tight_places(problem: Problem) -> tuple[Finding, ...]:
         return ()
     try:
         ends = resolve_ends(problem)
-        room = FreeSpace.of(problem.workspace, route_margin(problem, ends))
+        room = FreeSpace(problem.workspace, route_margin(problem, ends))
         routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
     except NoPlanFound:
         return ()

@@ -9,18 +9,19 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion
+from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.regions import TOUCHING
 from ccm_opt.freespace.taut_stations import TautString
 from ccm_opt.geometry.polygons import after_each, chords, intersection, nearest_on_segments, signed_area
 
-TRIALS = 6  # crossings at most tried for each portal
-THICK_ENOUGH = 0.2  # least thickness of an overlap, as a share of the width that its portal should have
-UNUSABLE = -1.0  # quality of a pair of regions whose overlap is away from the string: taken where nothing else leads on
-WORTHLESS = 1e-7  # overlaps worse than this are as bad as none [m]
+UNUSABLE = -1.0
+"""Marks a pair of regions whose overlap is away from the string: taken where nothing else leads on."""
+WORTHLESS = 1e-7
+"""Overlaps worse than this are as bad as none: rounding, 100 times what counts as touching [m]."""
 
 
 @dataclass(frozen=True)
-class Candidate:
+class RegionSpan:
     """A region with the part of a taut string that it covers.
 
     Attributes:
@@ -36,7 +37,7 @@ class Candidate:
     @classmethod
     def around(
         cls, region: ConvexRegion, first: float, last: float, taut: TautString, slack: float = 0.0
-    ) -> "Candidate":
+    ) -> "RegionSpan":
         """A region with all of the string that it covers around a span known to be covered.
 
         Args:
@@ -49,10 +50,17 @@ class Candidate:
         slacks = np.full(len(taut.stations), max(slack, TOUCHING))
         slacks[[0, -1]] = TOUCHING
         outside = taut.stations[np.max(taut.points @ region.normals.T - region.offsets, axis=1) > slacks]
-        before, after = outside[outside < first], outside[outside > last]
-        entered = taut.stations[np.searchsorted(taut.stations, before[-1], side="right")] if len(before) else 0.0
-        left = taut.stations[np.searchsorted(taut.stations, after[0]) - 1] if len(after) else taut.length
-        return cls(region, min(first, float(entered)), max(last, float(left)))
+
+        # The covered part reaches from the station after the last one outside before the known span to the station
+        # before the first one outside behind it.
+        entered, left = 0.0, taut.length
+        before = outside[outside < first]
+        if len(before):
+            entered = float(taut.stations[np.searchsorted(taut.stations, before[-1], side="right")])
+        after = outside[outside > last]
+        if len(after):
+            left = float(taut.stations[np.searchsorted(taut.stations, after[0]) - 1])
+        return cls(region, min(first, entered), max(last, left))
 
 
 @dataclass(frozen=True)
@@ -63,11 +71,13 @@ class Cover:
         candidates: in order along the string; each one's span meets that of the next.
         taut: the string.
         slack: how far outside the regions the string may run, and how far beside the portals pass [m].
+        settings: numbers of the choice of portals.
     """
 
-    candidates: Sequence[Candidate]
+    candidates: Sequence[RegionSpan]
     taut: TautString
     slack: float = 0.0
+    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 
     @cached_property
     def _links(self) -> dict[tuple[int, int], "Link"]:
@@ -76,9 +86,8 @@ class Cover:
     def link(self, here: int, there: int) -> "Link":
         """How two candidates overlap."""
         if (here, there) not in self._links:
-            self._links[here, there] = link_between(
-                self.candidates[here], self.candidates[there], self.taut, self.slack
-            )
+            pair = self.candidates[here], self.candidates[there]
+            self._links[here, there] = link_between(*pair, self.taut, self.slack, self.settings)
         return self._links[here, there]
 
     def portals(self, sequence: Sequence[int]) -> FloatArray:
@@ -92,6 +101,7 @@ class Cover:
         Raises:
             ValueError: when the spans of following candidates do not meet.
         """
+        # Wide overlaps serve the curve's planner best, so ask for less only when nothing else leads through.
         wanted = min(wanted, self.taut.length)
         while wanted > WORTHLESS:
             found = self._search(wanted)
@@ -153,13 +163,23 @@ class Link:
     chords: tuple[Chord, ...]
 
 
-def link_between(here: Candidate, there: Candidate, taut: TautString, beside: float) -> Link:
+def link_between(
+    here: RegionSpan,
+    there: RegionSpan,
+    taut: TautString,
+    beside: float,
+    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE,
+) -> Link:
     """The overlap of two regions whose spans meet; its chords pass the string by ``beside`` at most."""
-    first, last = max(here.first, there.first), min(here.last, there.last)
+    first = max(here.first, there.first)
+    last = min(here.last, there.last)
     overlap = intersection(here.region.vertices, there.region.normals, there.region.offsets)
     normals = np.concatenate((here.region.normals, there.region.normals))
     offsets = np.concatenate((here.region.offsets, there.region.offsets))
-    places = _trial_places(taut, first, last)
+
+    # Where the string runs beside the overlap, portals are tried at the nearest points of the overlap; they count in
+    # full only where they pass the string by no more than is allowed.
+    places = _trial_places(taut, first, last, settings.portal_trials)
     points = [_nearest_within(overlap, normals, offsets, taut.at(place)) for place in places]
     near = [k for k, place in enumerate(places) if np.linalg.norm(points[k] - taut.at(place)) <= beside + TOUCHING]
     trials = [
@@ -168,7 +188,7 @@ def link_between(here: Candidate, there: Candidate, taut: TautString, beside: fl
         for direction, squareness in taut.directions_across(places[k])
     ]
     found = _chords(trials, normals, offsets)
-    best = min(max(choice.score for choice in found), _thickness(overlap) / THICK_ENOUGH)
+    best = min(max(choice.score for choice in found), _thickness(overlap) / settings.overlap_thickness)
     return Link(best if near else UNUSABLE, found)
 
 
@@ -182,10 +202,10 @@ def _chords(
     return tuple(Chord(place, pair, score) for place, pair, score in zip(places, ends, scores.tolist(), strict=True))
 
 
-def _trial_places(taut: TautString, first: float, last: float) -> list[float]:
+def _trial_places(taut: TautString, first: float, last: float, trials: int) -> list[float]:
     """Arc lengths where portals are tried: the ends and the middle of a span and some of the crossings in it."""
     crossings = taut.crossings_within(first, last)
-    some = crossings[:: 1 + len(crossings) // TRIALS]
+    some = crossings[:: 1 + len(crossings) // trials]
     places: list[float] = np.unique(np.concatenate(([first, 0.5 * (first + last), last], some))).tolist()
     return places
 

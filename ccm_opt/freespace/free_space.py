@@ -10,7 +10,8 @@ from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.freespace import sleeve as sleeves
 from ccm_opt.freespace.bottleneck import Bottleneck, missing_link, narrowest_passage
 from ccm_opt.freespace.corridor import Corridor, Route
-from ccm_opt.freespace.corridors import CorridorMaker
+from ccm_opt.freespace.corridor_maker import CorridorMaker
+from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.funnel import taut_string
 from ccm_opt.freespace.inflation import free_set
 from ccm_opt.freespace.junctions import EdgeMetric
@@ -19,8 +20,8 @@ from ccm_opt.freespace.triangulation import Triangulation, triangulate
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.geometry.polyline import path_length
 
-CORNER_SLACK = 0.9  # fraction of the margin by which a taut string may leave a corridor where it bends round a corner
-MOVED = 1e-9  # an end farther than this from its nearest free point is kept beside it [m]
+MOVED = 1e-9
+"""Rounding: an end farther than this from its nearest free point is kept beside it [m]."""
 
 
 @dataclass(frozen=True)
@@ -31,31 +32,27 @@ class FreeSpace:
 
     Attributes:
         workspace: the room and its obstacles.
-        margin: the arm's radius plus clearance [m].
+        margin: the arm's radius plus clearance [m], positive; a tiny number, as 1e-6, for an arm of no width.
+        settings: numbers of the method.
+
+    Raises:
+        ValueError: when the margin is not positive.
     """
 
     workspace: Workspace
     margin: float
+    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 
-    @classmethod
-    def of(cls, workspace: Workspace, margin: float) -> "FreeSpace":
-        """Free space of a workspace.
-
-        Args:
-            workspace: the room and its obstacles.
-            margin: the arm's radius plus clearance [m], positive; a tiny number, as 1e-6, for an arm of no width.
-
-        Raises:
-            ValueError: when the margin is not positive.
-        """
-        if not margin > 0.0:
-            raise ValueError(f"got margin = {margin} m, expected a positive length: for an arm of no width pass 1e-6")
-        return cls(workspace, margin)
+    def __post_init__(self) -> None:
+        if not self.margin > 0.0:
+            raise ValueError(
+                f"got margin = {self.margin} m, expected a positive length: for an arm of no width pass 1e-6"
+            )
 
     @cached_property
     def polygons(self) -> shapely.MultiPolygon:
         """Free space as polygons; a subset of the exact free set."""
-        polygons = free_set(self.workspace, self.margin)
+        polygons = free_set(self.workspace, self.margin, self.settings)
         shapely.prepare(polygons)
         return polygons
 
@@ -67,7 +64,7 @@ class FreeSpace:
     @cached_property
     def corridor_maker(self) -> CorridorMaker:
         """Convex cells and the regions grown from them."""
-        return CorridorMaker(self.triangulation, CORNER_SLACK * self.margin)
+        return CorridorMaker(self.triangulation, self.settings.corner_slack * self.margin, self.settings)
 
     @cached_property
     def _metric(self) -> EdgeMetric:
@@ -93,7 +90,7 @@ class FreeSpace:
         Raises:
             UnreachableGoal: when its ends lie in different components.
         """
-        return sleeves.sleeve_of(self.triangulation, np.asarray(polyline, dtype=np.float64))
+        return sleeves.sleeve_of(self.triangulation, np.asarray(polyline, dtype=np.float64), self.settings.bisections)
 
     def same_homotopy(self, one: FloatArray, other: FloatArray) -> bool:
         """Whether two polylines (m, 2), (k, 2) [m] with the same ends are homotopic in free space."""
@@ -140,8 +137,9 @@ class FreeSpace:
         """
         ends = np.array([start, goal], dtype=np.float64)
         triangles, free = self.triangulation.nearest(ends)
+        # The pieces from the ends to their nearest free points belong to every route.
         allowed = longest - float(np.linalg.norm(ends - free, axis=1).sum())
-        found = shortest_routes(self._metric, triangles, free, count, allowed, shrink)
+        found = shortest_routes(self._metric, triangles, free, count, allowed, shrink, self.settings)
         strings = [_with_ends(route.taut, ends) for route in found]
         return tuple(Route(r.sleeve, taut, path_length(taut)) for r, taut in zip(found, strings, strict=True))
 
@@ -155,7 +153,7 @@ class FreeSpace:
     def bottlenecks(self, start: FloatArray, goal: FloatArray) -> Bottleneck:
         """The narrowest place on the shortest route between two points (2,) [m], or the gap that keeps them apart."""
         ends, free = self.triangulation.nearest(np.array([start, goal], dtype=np.float64))
-        routes = shortest_routes(self._metric, ends, free, 1)
+        routes = shortest_routes(self._metric, ends, free, 1, settings=self.settings)
         if not routes:
             return missing_link(self.workspace, self.triangulation, int(ends[0]), int(ends[1]))
         return narrowest_passage(self.workspace, self.triangulation, routes[0].sleeve)

@@ -22,8 +22,8 @@ def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink
         portals: left end, right end of each edge crossed, shape (n, 2, 2) [m]; following ones share a triangle.
         start: a point of the triangle before the first portal, shape (2,) [m].
         goal: a point of the triangle behind the last one, shape (2,) [m].
-        shrink: how far both ends of each portal are drawn inwards [m], at most .45 of its width, to stay away from
-            corners.
+        shrink: how far both ends of each portal are drawn inwards [m], at most 0.45 of its width, to stay away
+            from corners.
 
     Returns:
         The vertices of the path, start and goal included, shape (k, 2) [m]. Time is O(n).
@@ -36,7 +36,7 @@ def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink
 
 
 def drawn_in(portals: FloatArray, shrink: float) -> FloatArray:
-    """Portals (n, 2, 2) with both ends drawn inwards by ``shrink`` [m], at most .45 of the width."""
+    """Portals (n, 2, 2) with both ends drawn inwards by ``shrink`` [m]; by 0.45 of the width at most, lest they meet."""
     if shrink <= 0.0:
         return portals
     across = portals[:, 1] - portals[:, 0]

@@ -16,7 +16,8 @@ from scipy.sparse.csgraph import dijkstra
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.junctions import SAMPLES, Chain, EdgeMetric, chains_between, min_plus
 
-TINY = 1e-12  # keeps edges of no length in a sparse matrix [m]
+TINY = 1e-12
+"""Keeps edges of no length in a sparse matrix, where zero means no edge [m]."""
 
 
 @dataclass(frozen=True, order=True)
@@ -65,7 +66,7 @@ def homotopy_classes(
         longest: sampled length beyond which no sleeve is looked for [m].
         effort: number of partial walks looked at.
     """
-    start, goal = int(ends[0]), int(ends[1])
+    start, goal = ends.tolist()
     if start == goal:
         yield float(np.linalg.norm(points[1] - points[0])), (start,)
     graph = class_graph(metric, ends, points[1])
@@ -106,7 +107,7 @@ def _joined(chains: list[Chain]) -> tuple[int, ...]:
 
 def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> ClassGraph:
     """Chains, the steps between them, and the least remaining lengths by one Dijkstra search from the goal."""
-    start, goal = int(ends[0]), int(ends[1])
+    start, goal = ends.tolist()
     chains = chains_between(metric, (start, goal))
     leaving: dict[int, list[int]] = {}
     for index, chain in enumerate(chains):

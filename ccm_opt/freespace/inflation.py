@@ -11,22 +11,24 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.geometry.angles import heading_of, unit_vector
 from ccm_opt.geometry.polygons import cross
 
-MITRE_LIMIT = 1.02  # a corner's tangent lies at this multiple of the margin: turns below 22° then need one vertex only
-CIRCLE_QUAD_SEGS = 3  # a circle becomes a 12-gon, 3.5 % wider at its vertices
-SMALLEST_AREA = 1e-12  # of a piece of free space worth keeping [m²]
-DENT = 0.02  # dents shallower than this fraction of the margin are filled
+SMALLEST_AREA = 1e-12
+"""Smaller pieces of free space are rounding [m²]."""
 
 
-def free_set(workspace: Workspace, margin: float) -> shapely.MultiPolygon:
+def free_set(
+    workspace: Workspace, margin: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+) -> shapely.MultiPolygon:
     """All places of the arm's axis farther than ``margin`` from every wall, less a little at rounded corners.
 
     Args:
         workspace: the room and its obstacles.
         margin: the arm's radius plus clearance [m], positive; for an arm of no width a tiny number.
+        settings: how finely corners and circles are drawn.
 
     Returns:
         The free set; empty when nothing is free. Components may be several.
@@ -36,23 +38,26 @@ def free_set(workspace: Workspace, margin: float) -> shapely.MultiPolygon:
     """
     if margin <= 0.0:
         raise ValueError(f"got margin = {margin} m, expected a positive length: for an arm of no width pass 1e-6")
-    room = shapely.buffer(workspace.boundary, -margin, join_style="mitre", mitre_limit=MITRE_LIMIT)
-    grown = shapely.union_all([grown_outline(obstacle, margin) for obstacle in workspace.obstacles])
+    room = shapely.buffer(workspace.boundary, -margin, join_style="mitre", mitre_limit=settings.mitre_limit)
+    grown = shapely.union_all([grown_outline(obstacle, margin, settings) for obstacle in workspace.obstacles])
     pieces = shapely.get_parts(shapely.difference(room, grown))
-    polygons = [_without_dents(piece, DENT * margin) for piece in pieces if shapely.area(piece) > SMALLEST_AREA]
+    dent = settings.dent * margin
+    polygons = [_without_dents(piece, dent) for piece in pieces if shapely.area(piece) > SMALLEST_AREA]
     return shapely.MultiPolygon([polygon for polygon in polygons if isinstance(polygon, shapely.Polygon)])
 
 
-def grown_outline(obstacle: Obstacle, margin: float) -> shapely.Geometry:
+def grown_outline(
+    obstacle: Obstacle, margin: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+) -> shapely.Geometry:
     """A polygon of few vertices that contains all points within ``margin`` [m] of the obstacle."""
     radius = obstacle.rounding + margin
     core = obstacle.core
     if isinstance(core, shapely.Point):
-        return obstacle.outline(margin, CIRCLE_QUAD_SEGS)
+        return obstacle.outline(margin, settings.circle_quad_segs)
     if isinstance(core, shapely.LineString):
         points = shapely.get_coordinates(core)
         return shapely.union_all([_capsule(a, b, radius) for a, b in itertools.pairwise(points)])
-    return shapely.buffer(core, radius, join_style="mitre", mitre_limit=MITRE_LIMIT)
+    return shapely.buffer(core, radius, join_style="mitre", mitre_limit=settings.mitre_limit)
 
 
 def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:
@@ -74,9 +79,11 @@ def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
 
 def _cut_corners(ring: FloatArray, depth: float) -> FloatArray:
     """A ring (m, 2), free space on its left, less its flat and barely convex vertices, no two neighbours at once."""
-    before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
+    before = np.roll(ring, 1, axis=0)
+    after = np.roll(ring, -1, axis=0)
     base = np.linalg.norm(after - before, axis=1)
     height = cross(ring - before, after - ring) / np.maximum(base, 1e-300)
     drop = (height >= 0.0) & (height < depth)
+    # Heights hold for one vertex at a time: without its neighbour too the ring might leave free space.
     drop &= ~np.roll(drop, 1)
     return ring[~drop] if np.count_nonzero(~drop) >= 3 else ring

@@ -2,7 +2,7 @@
 
 Lengths are measured over a few sample points on every edge: from the sample points of one edge to those of another
 edge of the same triangle by straight lines, composed along a chain as min-plus matrix products. This approaches the
-taut length from above, within .03 (mostly .01) of it in clutter, more coarsely in near-empty rooms: enough to put
+taut length from above, within 0.03 (mostly 0.01) of it in clutter, more coarsely in near-empty rooms: enough to put
 homotopy classes nearly in order before their taut strings are known.
 """
 
@@ -15,7 +15,8 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.triangulation import WALL, Triangulation
 
-SAMPLES = 7  # points on each edge, ends included
+SAMPLES = 7
+"""Points on each edge, ends included; the shape of every array here."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,9 @@ class EdgeMetric:
         """Sample points of each triangle's edges, alike seen from either side, shape (T, 3, m, 2) [m]."""
         mesh = self.triangulation
         forward = mesh.triangles < np.roll(mesh.triangles, -1, axis=1)
-        tails, heads = mesh.corners, np.roll(mesh.corners, -1, axis=1)
+        tails = mesh.corners
+        heads = np.roll(mesh.corners, -1, axis=1)
+        # From the vertex of the lower number, so that both triangles of an edge see the same points.
         first = np.where(forward[..., None], tails, heads)[:, :, None]
         last = np.where(forward[..., None], heads, tails)[:, :, None]
         fraction = np.linspace(0.0, 1.0, SAMPLES)[:, None]

@@ -10,7 +10,8 @@ import numpy as np
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.triangulation import Triangulation
 
-STRAIGHT = 1e-12  # a corner that is dented by less than this counts as convex [m]
+STRAIGHT = 1e-12
+"""Rounding: a corner that is dented by less than this counts as convex [m]."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +57,18 @@ class _Faces:
     def remove_if_convex(self, half_edge: int) -> None:
         """Join the faces on both sides of an edge unless a corner at one of its ends would turn right."""
         twin = self.twin[half_edge]
-        tails = self.before[half_edge], self.before[twin]
-        heads = self.following[twin], self.following[half_edge]
-        one, other = self._face(half_edge // 3), self._face(twin // 3)
-        if one == other or not all(self._turns_left(tail, head) for tail, head in zip(tails, heads, strict=True)):
+        # Without the edge, what comes before it is followed by what follows its twin, and the other way round.
+        corners = (
+            (self.before[half_edge], self.following[twin]),
+            (self.before[twin], self.following[half_edge]),
+        )
+        one = self._face(half_edge // 3)
+        other = self._face(twin // 3)
+        if one == other or not all(self._turns_left(tail, head) for tail, head in corners):
             return
-        for tail, head in zip(tails, heads, strict=True):
-            self.following[tail], self.before[head] = head, tail
+        for tail, head in corners:
+            self.following[tail] = head
+            self.before[head] = tail
         self.parent[other] = one
         self.removed[half_edge] = self.removed[twin] = True
 
@@ -77,6 +83,7 @@ class _Faces:
         return Partition(tuple(self._ring(first[int(root)]) for root in roots), cell_of.reshape(-1).astype(np.intp))
 
     def _face(self, triangle: int) -> int:
+        """The first triangle of the face that a triangle belongs to by now (union-find, paths halved)."""
         while self.parent[triangle] != triangle:
             self.parent[triangle] = self.parent[self.parent[triangle]]
             triangle = self.parent[triangle]
@@ -84,7 +91,9 @@ class _Faces:
 
     def _turns_left(self, tail: int, head: int) -> bool:
         """Whether half-edge ``tail`` followed by ``head`` does not turn right."""
-        (ax, ay), (bx, by), (cx, cy) = self.points[tail], self.points[head], self.points[self.following[head]]
+        ax, ay = self.points[tail]
+        bx, by = self.points[head]
+        cx, cy = self.points[self.following[head]]
         longer = max(abs(bx - ax) + abs(by - ay), abs(cx - bx) + abs(cy - by))
         return (bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -STRAIGHT * longer
 

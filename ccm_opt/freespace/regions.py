@@ -9,6 +9,7 @@ import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.freespace.corridor import ConvexRegion
+from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.geometry.polygons import (
     after_each,
     clip,
@@ -18,10 +19,12 @@ from ccm_opt.geometry.polygons import (
     without_short_edges,
 )
 
-TOUCHING = 1e-9  # tolerance of all contacts [m]
-NEAR = 1e-6  # a wall nearer than this is shut out by an edge line: its nearest point gives no sharp direction [m]
-SHORTEST_EDGE = 1e-9  # of a region [m]
-FIRST_LOOK = 48  # walls shut out before the others are looked at: they usually hide all others
+TOUCHING = 1e-9
+"""Rounding: sets nearer than this touch [m]."""
+NEAR = 1e-6
+"""Rounding: a wall nearer than this is shut out by an edge line; its nearest point gives no sharp direction [m]."""
+SHORTEST_EDGE = 1e-9
+"""Rounding: shorter edges of a region are dropped [m]."""
 
 
 def region_of(vertices: FloatArray) -> ConvexRegion:
@@ -30,18 +33,21 @@ def region_of(vertices: FloatArray) -> ConvexRegion:
     return ConvexRegion(vertices, *half_planes(vertices))
 
 
-def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
+def grow(
+    cell: FloatArray, walls: FloatArray, room: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+) -> ConvexRegion:
     """A convex free region that contains a convex free cell.
 
     Args:
         cell: counter-clockwise vertices, shape (m, 2) [m]; m = 2 for a segment.
         walls: the edges of free space, free space on their left, shape (w, 2, 2) [m].
         room: a convex polygon that holds free space, counter-clockwise, shape (r, 2) [m].
+        settings: number of walls to begin with.
 
     Returns:
         The region; it contains the cell and meets no wall, both within 1e-9 m.
     """
-    near = _nearest_first(cell, walls)[:FIRST_LOOK]
+    near = _nearest_first(cell, walls)[: settings.walls_first]
     region = _shut_out(cell, walls[near], room)
     normals, offsets = half_planes(without_short_edges(region, SHORTEST_EDGE))
     left_over = ~np.any(np.all(walls @ normals.T >= offsets - TOUCHING, axis=1), axis=1)
@@ -50,7 +56,8 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
 
 def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
     """Walls in the order of a lower bound of their distance to the middle of the cell."""
-    middles, halves = walls.mean(axis=1), 0.5 * np.linalg.norm(walls[:, 1] - walls[:, 0], axis=1)
+    middles = walls.mean(axis=1)
+    halves = 0.5 * np.linalg.norm(walls[:, 1] - walls[:, 0], axis=1)
     return np.argsort(np.linalg.norm(middles - cell.mean(axis=0), axis=1) - halves, kind="stable")
 
 
@@ -67,6 +74,7 @@ def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatA
         else:
             normal, offset = _touching_half_plane(cell, walls[wall], region)
         region = clip(region, normal, offset)
+        # Walls that this half-plane shuts out as well need none of their own.
         inside &= np.any(walls @ normal < offset - TOUCHING, axis=1)
         inside[wall] = False
     return region

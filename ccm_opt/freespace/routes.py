@@ -10,22 +10,22 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.corridor import Route
+from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.funnel import taut_string
 from ccm_opt.freespace.homotopy_classes import homotopy_classes
 from ccm_opt.freespace.junctions import EdgeMetric
 from ccm_opt.freespace.triangulation import Triangulation
 from ccm_opt.geometry.polyline import path_length
 
-SURPLUS = 6  # at most so many classes are drawn taut for each one wanted
-LEAST_CANDIDATES = 20  # but so many in any case: in near-empty rooms the sampled length is at its coarsest
-METRIC_EXCESS = (
-    1.25  # the sampled length of a class is at most this multiple of its taut length (mostly 1.01 in clutter)
-)
-EFFORT = 400  # partial walks looked at for each class wanted
-
 
 def shortest_routes(
-    metric: EdgeMetric, ends: IntArray, points: FloatArray, count: int, longest: float = np.inf, shrink: float = 0.0
+    metric: EdgeMetric,
+    ends: IntArray,
+    points: FloatArray,
+    count: int,
+    longest: float = np.inf,
+    shrink: float = 0.0,
+    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE,
 ) -> tuple[Route, ...]:
     """Up to ``count`` routes in different homotopy classes by increasing taut length.
 
@@ -36,6 +36,7 @@ def shortest_routes(
         count: number of routes wanted.
         longest: routes with a longer taut string are left out [m].
         shrink: distance kept from corners where there is room [m].
+        settings: how many classes are looked at.
 
     Returns:
         The routes; none when start and goal are in different components or all routes are too long.
@@ -44,9 +45,12 @@ def shortest_routes(
     if mesh.components[ends[0]] != mesh.components[ends[1]]:
         return ()
     best: list[tuple[float, Route]] = []
-    candidates = homotopy_classes(metric, ends, points, METRIC_EXCESS * longest, EFFORT * max(count, 4))
-    for sampled, sleeve in itertools.islice(candidates, max(SURPLUS * count, LEAST_CANDIDATES)):
-        if len(best) >= count and sampled > METRIC_EXCESS * best[count - 1][0]:
+    excess = settings.sampled_excess
+    effort = settings.walks_per_route * max(count, settings.least_routes)
+    classes = homotopy_classes(metric, ends, points, excess * longest, effort)
+    for sampled, sleeve in itertools.islice(classes, max(settings.route_surplus * count, settings.least_classes)):
+        # The classes come by sampled length: once it exceeds the worst kept by all that sampling may add, none is left.
+        if len(best) >= count and sampled > excess * best[count - 1][0]:
             break
         route = route_of_sleeve(mesh, sleeve, points[0], points[1], shrink)
         bisect.insort(best, (route.length, route), key=lambda pair: pair[0])

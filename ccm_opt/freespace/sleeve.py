@@ -10,12 +10,13 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, UnreachableGoal
+from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE
 from ccm_opt.freespace.triangulation import WALL, Triangulation
 
 Point: TypeAlias = tuple[float, float]
 
-INWARDS = 1e-7  # fraction of the way to the centroid by which a point is moved off edges and vertices
-DEEPEST_BISECTION = 6  # of a straight piece that meets a wall
+INWARDS = 1e-7
+"""Rounding: share of the way to the centroid by which a point is moved off edges and vertices."""
 
 
 def reduce(sleeve: Iterable[int]) -> tuple[int, ...]:
@@ -43,12 +44,15 @@ def concatenate(*sleeves: tuple[int, ...]) -> tuple[int, ...]:
     return reduce(itertools.chain.from_iterable(sleeves))
 
 
-def sleeve_of(triangulation: Triangulation, polyline: FloatArray) -> tuple[int, ...]:
+def sleeve_of(
+    triangulation: Triangulation, polyline: FloatArray, bisections: int = DEFAULT_FREE_SPACE.bisections
+) -> tuple[int, ...]:
     """The reduced sleeve of a polyline; places outside free space count as the nearest free ones.
 
     Args:
         triangulation: of free space.
         polyline: shape (m, 2) [m]; may run back over itself and graze or leave free space a little.
+        bisections: times that a straight piece which meets a wall is halved.
 
     Returns:
         Triangle numbers, each a neighbour of the one before, without immediate returns.
@@ -58,17 +62,16 @@ def sleeve_of(triangulation: Triangulation, polyline: FloatArray) -> tuple[int, 
     """
     triangles, free = triangulation.nearest(polyline)
     components = triangulation.components[triangles]
-    kept = np.flatnonzero(
-        components == components[0]
-    )  # a point in a wall may be nearest to an enclosed pocket: pass it over
+    # A point in a wall may be nearest to an enclosed pocket: pass it over.
+    kept = np.flatnonzero(components == components[0])
     if kept[-1] != len(polyline) - 1:
         raise UnreachableGoal(_gap(triangulation, int(triangles[0]), int(triangles[-1])))
-    places = [_Place(polyline[k], free[k], int(triangles[k])) for k in kept]
-    walks = (_between(triangulation, p, q, DEEPEST_BISECTION) for p, q in itertools.pairwise(places))
+    places = [_SleevePoint(polyline[k], free[k], int(triangles[k])) for k in kept]
+    walks = (_between(triangulation, p, q, bisections) for p, q in itertools.pairwise(places))
     return reduce(itertools.chain([places[0].triangle], *walks))
 
 
-class _Place(NamedTuple):
+class _SleevePoint(NamedTuple):
     """A point (2,) [m], its nearest free point (2,) [m] and the triangle that holds that one."""
 
     point: FloatArray
@@ -76,7 +79,7 @@ class _Place(NamedTuple):
     triangle: int
 
 
-def _between(mesh: Triangulation, p: _Place, q: _Place, depth: int) -> list[int]:
+def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
     """Triangles from one place to another, straight on where that is free."""
     if p.triangle == q.triangle:
         return [p.triangle]
@@ -87,11 +90,11 @@ def _between(mesh: Triangulation, p: _Place, q: _Place, depth: int) -> list[int]
     triangles, free = mesh.nearest(middle[None])
     if depth == 0 or mesh.components[triangles[0]] != mesh.components[p.triangle]:
         return _shortest_walk(mesh, p, q)
-    halfway = _Place(middle, free[0], int(triangles[0]))
+    halfway = _SleevePoint(middle, free[0], int(triangles[0]))
     return [*_between(mesh, p, halfway, depth - 1), *_between(mesh, halfway, q, depth - 1)]
 
 
-def _off_edges(mesh: Triangulation, place: _Place) -> Point:
+def _off_edges(mesh: Triangulation, place: _SleevePoint) -> Point:
     """The free point moved a hair towards the centroid of its triangle, so that it lies on no edge."""
     x, y = place.free + INWARDS * (mesh.centroids[place.triangle] - place.free)
     return float(x), float(y)
@@ -99,7 +102,8 @@ def _off_edges(mesh: Triangulation, place: _Place) -> Point:
 
 def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: int) -> list[int]:
     """Triangles along the segment p–q, empty when it meets a wall. A vertex on the line counts as left of it."""
-    dx, dy = q[0] - p[0], q[1] - p[1]
+    dx = q[0] - p[0]
+    dy = q[1] - p[1]
     walked = [here]
     while here != there and len(walked) <= len(mesh):
         left = [dx * (y - p[1]) - dy * (x - p[0]) >= 0.0 for x, y in mesh.corner_lists[here]]
@@ -110,7 +114,7 @@ def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: in
     return walked if here == there else []
 
 
-def _shortest_walk(mesh: Triangulation, p: _Place, q: _Place) -> list[int]:
+def _shortest_walk(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint) -> list[int]:
     """The shortest walk between two places of one component (A*); edges are crossed on the way to the goal."""
     goal = (float(q.free[0]), float(q.free[1]))
     queue = [(0.0, 0.0, p.triangle, (float(p.free[0]), float(p.free[1])), WALL)]
@@ -134,7 +138,8 @@ def _shortest_walk(mesh: Triangulation, p: _Place, q: _Place) -> list[int]:
 
 def _mirror_point(p: Point, q: Point, a: Sequence[float], b: Sequence[float]) -> Point:
     """The point x of the segment a–b with the least |p − x| + |x − q| (Heron's mirror)."""
-    ux, uy = b[0] - a[0], b[1] - a[1]
+    ux = b[0] - a[0]
+    uy = b[1] - a[1]
     square = ux * ux + uy * uy
     along_p, along_q = ((x - a[0]) * ux + (y - a[1]) * uy for x, y in (p, q))
     off_p, off_q = (abs((x - a[0]) * uy - (y - a[1]) * ux) for x, y in (p, q))

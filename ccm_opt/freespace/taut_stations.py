@@ -6,11 +6,9 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.geometry.polygons import cross
 from ccm_opt.geometry.polyline import arc_lengths, leg_lengths, points_at
-
-STATIONS = 200  # evenly spaced sample places, beside the vertices and crossings
-LEAST_SQUARENESS = 1e-3  # of a chord that the string only touches
 
 
 @dataclass(frozen=True)
@@ -21,16 +19,20 @@ class TautString:
         path: its vertices, shape (k, 2) [m].
         edges: left and right ends of the edges crossed, shape (n, 2, 2) [m].
         crossings: arc length where each is crossed, not decreasing, shape (n,) [m].
+        settings: number of sample places.
     """
 
     path: FloatArray
     edges: FloatArray
     crossings: FloatArray
+    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 
     @classmethod
-    def through(cls, edges: FloatArray, path: FloatArray) -> "TautString":
+    def through(
+        cls, edges: FloatArray, path: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+    ) -> "TautString":
         """The taut string ``path`` (k, 2) of the sleeve with the given edges (n, 2, 2) [m]."""
-        return cls(path, edges, _crossings(edges, path))
+        return cls(path, edges, _crossings(edges, path), settings)
 
     @cached_property
     def knots(self) -> FloatArray:
@@ -45,7 +47,8 @@ class TautString:
     @cached_property
     def stations(self) -> FloatArray:
         """Arc lengths of the sample places, increasing, vertices and crossings among them, shape (s,) [m]."""
-        return np.unique(np.concatenate((np.linspace(0.0, self.length, STATIONS), self.knots, self.crossings)))
+        even = np.linspace(0.0, self.length, self.settings.stations)
+        return np.unique(np.concatenate((even, self.knots, self.crossings)))
 
     @cached_property
     def points(self) -> FloatArray:
@@ -73,7 +76,7 @@ class TautString:
         normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
         edges = self.edges[self.crossings == place]
         across = _units(np.concatenate((normals, normals.sum(axis=0, keepdims=True), edges[:, 0] - edges[:, 1])))
-        squareness = np.clip(np.min(across @ normals.T, axis=1, initial=1.0), LEAST_SQUARENESS, 1.0)
+        squareness = np.clip(np.min(across @ normals.T, axis=1, initial=1.0), self.settings.least_squareness, 1.0)
         return list(zip(across, squareness.tolist(), strict=True)) or [(np.array([0.0, 1.0]), 1.0)]
 
 
@@ -87,13 +90,17 @@ def _crossings(edges: FloatArray, path: FloatArray) -> FloatArray:
     """Arc length where the string crosses each edge: the first place not on the near side."""
     lengths = leg_lengths(path)
     knots = arc_lengths(path)
-    found, leg, reached = np.empty(len(edges)), 0, 0.0
+    found = np.empty(len(edges))
+    leg = 0
+    reached = 0.0
     for k, (left, right) in enumerate(edges):
         near = cross(left - right, path[leg:] - right) / np.linalg.norm(left - right)  # positive before the edge
         beyond = np.flatnonzero(near[1:] <= 0.0)
         step = int(beyond[0]) if len(beyond) else len(path) - 2 - leg
-        before, after = max(float(near[step]), 0.0), min(float(near[step + 1]), 0.0)
+        before = max(float(near[step]), 0.0)
+        after = min(float(near[step + 1]), 0.0)
         leg += step
+        # Edges that meet in a corner of the string are crossed there, in their order: rounding must not turn it round.
         fraction = before / (before - after) if before > after else 0.0
         reached = max(reached, float(knots[leg] + fraction * lengths[leg]))
         found[k] = reached

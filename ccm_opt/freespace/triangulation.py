@@ -16,6 +16,7 @@ from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.geometry.polygons import cross, nearest_on_segments
 
 WALL = -1
+"""Stands for the triangle across an edge that is a wall."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,8 @@ class Triangulation:
             raise ValueError(
                 "free space is empty: the margin leaves the arm no room, try a smaller radius or clearance"
             )
-        triangles, free = self.locate(points), np.array(points, dtype=np.float64)
+        triangles = self.locate(points)
+        free = np.array(points, dtype=np.float64)
         outside = np.flatnonzero(triangles < 0)
         if len(outside):
             which, found = self._tree.query_nearest(shapely.points(free[outside]), all_matches=True)
@@ -140,13 +142,16 @@ def _oriented(corners: FloatArray) -> FloatArray:
 
 def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
     """Pair the half-edges that join the same two vertices."""
-    heads, tails = triangles, np.roll(triangles, -1, axis=1)
+    heads = triangles
+    tails = np.roll(triangles, -1, axis=1)
     key = (np.minimum(heads, tails) * vertices + np.maximum(heads, tails)).ravel()
     order = np.argsort(key, kind="stable")
     pair = np.flatnonzero(np.diff(key[order]) == 0)
-    one, other = order[pair], order[pair + 1]
+    one = order[pair]
+    other = order[pair + 1]
     neighbours = np.full(key.size, WALL, dtype=np.intp)
-    neighbours[one], neighbours[other] = other // 3, one // 3
+    neighbours[one] = other // 3
+    neighbours[other] = one // 3
     return neighbours.reshape(-1, 3)
 
 

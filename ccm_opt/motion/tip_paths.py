@@ -62,7 +62,7 @@ def find_tip_paths(
         shrink: distance kept from corners where there is room [m].
     """
     puncture = Obstacle("base", shapely.Point(points[0]))
-    room = FreeSpace.of(replace(workspace, obstacles=(*workspace.obstacles, puncture)), margin)
+    room = FreeSpace(replace(workspace, obstacles=(*workspace.obstacles, puncture)), margin)
     return tip_paths_in(room, points, routes, shrink)
 
 

@@ -98,7 +98,7 @@ class CurvePlanner:
             NoPlanFound: with the reason and what would help.
         """
         with self.stages("free space"):
-            room = FreeSpace.of(problem.workspace, route_margin(problem, ends))
+            room = FreeSpace(problem.workspace, route_margin(problem, ends))
             routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
             tip_paths = tip_paths_along(problem, ends, routes)
         guesses = Remembered(self._in_stage(find_guesses(problem, ends, room, routes)))
@@ -156,7 +156,7 @@ def route_margin(problem: Problem, ends: Ends) -> float:
 
 def _connected(problem: Problem, ends: Ends, margin: float) -> bool:
     """Whether the free places nearest to the base and to the goal are in one piece."""
-    pieces = shapely.get_parts(FreeSpace.of(problem.workspace, margin).polygons)
+    pieces = shapely.get_parts(FreeSpace(problem.workspace, margin).polygons)
     if len(pieces) < 2:
         return len(pieces) == 1
     nearest = [np.argmin(shapely.distance(pieces, shapely.Point(p))) for p in (problem.arm.base, ends.goal.position)]

@@ -63,7 +63,7 @@ def clutter_tasks(obstacles: int, seeds: int) -> list[ConfigurationTask]:
 
 def clutter_task(obstacles: int, seed: int) -> ConfigurationTask:
     """One random pair of ends at least 0.8 m apart; the tip heads on within a radian of the route's last leg."""
-    room, rng = FreeSpace.of(clutter(obstacles, seed), 0.021), np.random.default_rng(100 + seed)
+    room, rng = FreeSpace(clutter(obstacles, seed), 0.021), np.random.default_rng(100 + seed)
     while True:
         ends = rng.uniform(0.1, 2.3, (2, 2))
         if np.hypot(*(ends[1] - ends[0])) < 0.8 or not room.contains(ends).all():

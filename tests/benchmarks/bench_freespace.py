@@ -29,7 +29,7 @@ def timed(stage: Callable[[], object]) -> tuple[float, object]:
 
 def measure(count: int, seed: int, side: float) -> list[float]:
     """The figures of one scene, in the order of the columns from ``triangles`` on."""
-    space = FreeSpace.of(clutter(count, seed, side), MARGIN)
+    space = FreeSpace(clutter(count, seed, side), MARGIN)
     inflate, _ = timed(lambda: space.polygons)
     triangulate, mesh = timed(lambda: space.triangulation)
     ends = space.snapped(np.array([[0.1, 0.1], [side - 0.1, side - 0.1]]))

@@ -149,7 +149,7 @@ class LeaderPaths:
         arm = self.problem.arm
         workspace = self.problem.workspace
         sagitta = 0.125 * arm.joint_limit * arm.link_length  # κ l²/8 with κ = limit / l
-        return FreeSpace.of(workspace, max(arm.radius + workspace.clearance + margin * sagitta, _LEAST_MARGIN))
+        return FreeSpace(workspace, max(arm.radius + workspace.clearance + margin * sagitta, _LEAST_MARGIN))
 
     def _curve_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
         """Where the curve begins and ends; with a goal heading the last link lies straight behind the goal."""

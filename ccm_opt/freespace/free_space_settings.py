@@ -1,0 +1,53 @@
+"""The numbers of free space, its routes and its corridors, in one place."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FreeSpaceSettings:
+    """How finely free space is drawn, how many classes of paths are looked at, and how regions are chosen.
+
+    Attributes:
+        mitre_limit: distance of a grown corner's tangent, as a multiple of the margin. Derived: with 1.02, turns below
+            22° need one vertex only, and nothing is given away but 2 % of the margin.
+        circle_quad_segs: sides of the polygon around a quarter of a circle; with 3, a circle becomes a 12-gon, 3.5 %
+            wider at its vertices. Taste.
+        dent: depth up to which dents of free space are filled, as a share of the margin. Taste.
+        route_surplus: classes that are drawn taut for each route wanted, at most. Taste.
+        least_classes: but so many in any case: in near-empty rooms the sampled length is at its coarsest. Taste.
+        sampled_excess: the sampled length of a class is at most this multiple of its taut length; mostly 1.01 in
+            clutter. Taste, with room to spare.
+        walks_per_route: partial walks looked at for each route wanted. Taste.
+        least_routes: routes for which that effort is spent even if fewer are wanted. Taste.
+        bisections: times that a straight piece which meets a wall is halved before the shortest walk is taken. Taste.
+        walls_first: walls that are shut out of a growing region before the others are looked at; these usually hide
+            all others, so the number moves the time only. Taste.
+        corner_slack: share of the margin by which a taut string may leave a corridor where it bends round a corner.
+            Derived: less than 1, so that no obstacle fits in between.
+        portal_width: width that a portal should have, as a share of the route's narrowest edge. Taste.
+        portal_trials: crossings of the string at which a portal is tried, at most. Taste.
+        overlap_thickness: least thickness of an overlap, as a share of the width that its portal should have. Taste.
+        stations: evenly spaced sample places along a taut string, beside its vertices and crossings. Taste.
+        least_squareness: squareness that a chord is credited with where the string only touches it. Taste.
+    """
+
+    mitre_limit: float = 1.02
+    circle_quad_segs: int = 3
+    dent: float = 0.02
+    route_surplus: int = 6
+    least_classes: int = 20
+    sampled_excess: float = 1.25
+    walks_per_route: int = 400
+    least_routes: int = 4
+    bisections: int = 6
+    walls_first: int = 48
+    corner_slack: float = 0.9
+    portal_width: float = 0.5
+    portal_trials: int = 6
+    overlap_thickness: float = 0.2
+    stations: int = 200
+    least_squareness: float = 1e-3
+
+
+DEFAULT_FREE_SPACE = FreeSpaceSettings()
+"""The numbers that are used unless others are passed."""
