@@ -11,8 +11,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING
 from ccm_opt.jointed.mapping import MappingName, curve_points, map_curve, mean_headings, shape_error
-from ccm_opt.jointed.mapping_least_squares import REGULARISATION
 
 METHODS = ("least-squares", "even-joints")
 
@@ -71,7 +71,7 @@ def test_least_squares_minimises_its_objective(seed: int) -> None:
 
     def cost(headings: FloatArray) -> float:
         inner = (arm.joint_positions(headings) - points)[1:-1] / arm.link_length
-        return float((inner**2).sum() + REGULARISATION * ((headings - mean) ** 2).sum())
+        return float((inner**2).sum() + DEFAULT_MAPPING.regularisation * ((headings - mean) ** 2).sum())
 
     def miss(headings: FloatArray) -> FloatArray:
         return (arm.joint_positions(headings)[-1] - points[-1]) / arm.link_length

@@ -28,6 +28,7 @@ _LARGEST_SUM = 6.28
 _SYMMETRY = 1e-9
 """Poses whose headings the chord bisects to this angle are symmetric [rad]."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
+"""Gauss points of the chord's integral."""
 
 
 def chord_ratio(turn: float) -> float:
@@ -91,7 +92,8 @@ class CubicSpiral:
     @cached_property
     def end(self) -> FloatArray:
         """The end point, shape (2,) [m]: a chord of ℓ D(α) at half the turn."""
-        middle, chord = self.heading + 0.5 * self.turn, self.length * chord_ratio(self.turn)
+        middle = self.heading + 0.5 * self.turn
+        chord = self.length * chord_ratio(self.turn)
         return self.start + chord * unit_vector(middle)
 
     @property
@@ -138,10 +140,12 @@ def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: 
     Raises:
         ProblemError: the points are one, or no mean pose keeps both turns within ``LARGEST_TURN``.
     """
-    start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    start = np.asarray(start, dtype=np.float64)
+    end = np.asarray(end, dtype=np.float64)
     chord = end - start
     direction = heading_of(chord)
-    before, after = wrap(direction - heading), wrap(end_heading - direction)
+    before = wrap(direction - heading)
+    after = wrap(end_heading - direction)
     if abs(before - after) <= _SYMMETRY and 2.0 * abs(before) <= LARGEST_TURN:
         return (CubicSpiral.to_point(start, heading, end),)
     low, high = _mean_range(before, after)
@@ -160,22 +164,26 @@ def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: 
 
 def _mean_range(before: float, after: float) -> tuple[float, float]:
     """Places t of the mean pose at which both turns, 2A - t (A + B) and 2B - (1 - t)(A + B), are small enough."""
-    total, low, high = before + after, 0.0, 1.0
+    total = before + after
+    low = 0.0
+    high = 1.0
     for constant, slope in ((2.0 * before, -total), (2.0 * after - total, total)):
-        if abs(slope) < 1e-12:
-            low, high = (low, high) if abs(constant) <= LARGEST_TURN else (1.0, 0.0)
-        else:
+        if abs(slope) >= 1e-12:
             ends = sorted(((-LARGEST_TURN - constant) / slope, (LARGEST_TURN - constant) / slope))
-            low, high = max(low, ends[0]), min(high, ends[1])
-    margin = 1e-6
-    return low + margin, high - margin
+            low = max(low, ends[0])
+            high = min(high, ends[1])
+        elif abs(constant) > LARGEST_TURN:
+            return 1.0, 0.0  # the turn is the same everywhere, and too large
+    apart = 1e-6  # at the very ends one of the two turns has no length
+    return low + apart, high - apart
 
 
 def _halves(
     start: FloatArray, heading: float, chord: FloatArray, bends: tuple[float, float], t: float
 ) -> tuple[CubicSpiral, CubicSpiral]:
     """The two turns through the mean pose at place t."""
-    half, distance = 0.5 * (bends[0] + bends[1]), float(np.hypot(*chord))
+    half = 0.5 * (bends[0] + bends[1])
+    distance = float(np.hypot(*chord))
     direction = heading_of(chord) - t * half
     share = (1.0 - t) * np.sinc((1.0 - t) * half / np.pi) / np.sinc(half / np.pi)
     middle = start + distance * share * unit_vector(direction)

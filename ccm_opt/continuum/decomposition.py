@@ -19,9 +19,11 @@ from ccm_opt.errors import ProblemError
 SHORTEST = 1e-6
 """Shortest part that division makes, as a share of the segment."""
 _PIECES = 4
+"""Cubic pieces of a segment's curvature: it has five knots."""
 _SAME = 1e-9
 """Relative jump of a derivative that counts as rounding."""
 _FIT_SAMPLES = 65
+"""Headings that a least-squares fit looks at: thirteen for each value that it finds."""
 
 
 def add_segment(configuration: Configuration, segment: CurvatureSegment) -> Configuration:
@@ -54,7 +56,7 @@ def divide_segment(configuration: Configuration, index: int, at: float) -> Confi
     """
     if not SHORTEST <= at <= 1.0 - SHORTEST:
         raise ProblemError(f"a segment is divided between its ends, at a share in (0, 1) of its length; got {at}")
-    stretch = _Stretch.of((configuration.segments[index],))
+    stretch = _Stretch.from_segments((configuration.segments[index],))
     cut = at * stretch.length
     parts = stretch.part(0.0, cut).segment(), stretch.part(cut, stretch.length).segment()
     return _replaced(configuration, index, index + 1, parts)
@@ -102,12 +104,12 @@ def start_of(segment: CurvatureSegment, length: float) -> CurvatureSegment:
     """The first ``length`` metres of a segment, exactly."""
     if length >= segment.length:
         return segment
-    return _Stretch.of((segment,)).part(0.0, length).segment()
+    return _Stretch.from_segments((segment,)).part(0.0, length).segment()
 
 
 def rest_of(segment: CurvatureSegment, length: float) -> CurvatureSegment:
     """What follows the first ``length`` metres of a segment, exactly."""
-    return _Stretch.of((segment,)).part(length, segment.length).segment()
+    return _Stretch.from_segments((segment,)).part(length, segment.length).segment()
 
 
 def interpolate(first: Configuration, last: Configuration, share: float) -> Configuration:
@@ -123,7 +125,8 @@ def interpolate(first: Configuration, last: Configuration, share: float) -> Conf
     """
     if share >= 1.0:
         return last
-    one, other = _Stretch.of(first.segments), _Stretch.of(last.segments)
+    one = _Stretch.from_segments(first.segments)
+    other = _Stretch.from_segments(last.segments)
     breaks = _merged(np.concatenate((one.breaks, other.breaks)), one.length)
     mixed = (1.0 - share) * one.on(breaks) + share * other.on(breaks)
     heading = first.base_heading + share * (last.base_heading - first.base_heading)
@@ -137,7 +140,7 @@ def _joined(configuration: Configuration, index: int) -> "_Stretch":
         raise ProblemError(
             f"segment {index} has no neighbour after it; expected 0 to {len(configuration.segments) - 2}"
         )
-    return _Stretch.of(configuration.segments[index : index + 2])
+    return _Stretch.from_segments(configuration.segments[index : index + 2])
 
 
 def _replaced(
@@ -169,7 +172,8 @@ class _Stretch:
     coefficients: FloatArray
 
     @classmethod
-    def of(cls, segments: Sequence[CurvatureSegment]) -> "_Stretch":
+    def from_segments(cls, segments: Sequence[CurvatureSegment]) -> "_Stretch":
+        """The stretch of segments end to end."""
         ends = np.concatenate(([0.0], np.cumsum([s.length for s in segments])))
         breaks = [start + s.breakpoints[:-1] for start, s in zip(ends[:-1], segments, strict=True)]
         coefficients = np.concatenate([s.coefficients for s in segments])
@@ -182,7 +186,8 @@ class _Stretch:
     def on(self, breaks: FloatArray) -> FloatArray:
         """Coefficients on finer breaks, shape (len(breaks) - 1, 4)."""
         piece = np.searchsorted(self.breaks[1:-1], 0.5 * (breaks[:-1] + breaks[1:]))
-        t, c = breaks[:-1] - self.breaks[piece], self.coefficients[piece]
+        t = breaks[:-1] - self.breaks[piece]
+        c = self.coefficients[piece]
         value = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
         slope = c[:, 1] + t * (2.0 * c[:, 2] + 3.0 * t * c[:, 3])
         return np.stack((value, slope, c[:, 2] + 3.0 * t * c[:, 3], c[:, 3]), axis=1)
@@ -232,12 +237,17 @@ class _Stretch:
         return found
 
     def _exact(self) -> CurvatureSegment | None:
+        """The stretch as one segment where that changes nothing, else None."""
         jumps = self._jumps()
         scale = _SAME * max(1.0 / self.length, float(np.abs(self.coefficients[:, 0]).max()))
-        scale *= 1.0 + 1e3 * (len(self.breaks) > _PIECES + 1)  # differences of merged parts carry more rounding
+        too_many = len(self.breaks) > _PIECES + 1
+        if too_many:
+            scale *= 1.0 + 1e3  # differences of merged parts carry more rounding
         if np.any(jumps[:, :3] > 1e3 * scale):
             return None
-        knots = self.breaks[1:-1][jumps[:, 3] > scale] if len(self.breaks) > _PIECES + 1 else self.breaks[1:-1]
+        knots = self.breaks[1:-1]
+        if too_many:
+            knots = knots[jumps[:, 3] > scale]  # a break where no derivative jumps is no knot
         if len(knots) > _PIECES - 1:
             return None
         breaks = _with_idle(np.concatenate(([0.0], knots, [self.length])))

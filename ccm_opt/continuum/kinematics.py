@@ -7,7 +7,9 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Gauss points of positions."""
 _CUBIC_NODES, _CUBIC_WEIGHTS = np.polynomial.legendre.leggauss(3)
+"""Gauss points of headings: three integrate a quintic exactly."""
 MAX_TURN_STEP = 0.4
 """Largest total turn [rad] in a quadrature interval; 8 Gauss points then err by less than 1e-12 of its length."""
 

@@ -80,6 +80,7 @@ class CurvatureSegment:
 
     @cached_property
     def _piece_headings(self) -> FloatArray:
-        a, c = np.diff(self.breakpoints), self.coefficients
+        a = np.diff(self.breakpoints)
+        c = self.coefficients
         turns = a * (c[:, 0] + a * (c[:, 1] / 2 + a * (c[:, 2] / 3 + a * c[:, 3] / 4)))
         return self.heading + np.concatenate(([0.0], np.cumsum(turns)))

@@ -12,7 +12,11 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import heading_of, wrap
 
 _FIRST_ZERO_OF_J0 = 2.404825557695773
+"""Where the chord of a modal curve vanishes [rad]."""
 _SAMPLES_PER_PIECE = 32
+"""Headings at which the signs of a segment's curvature are looked for, on each of its cubic pieces."""
+_SINE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
+"""A whole wave of the sine at a segment's five knots."""
 
 
 class SegmentType(StrEnum):
@@ -87,8 +91,13 @@ def select_segment_type(
     direction = heading_of(chord)
     alpha = None if base_heading is None else wrap(direction - base_heading)
     beta = None if tip_heading is None else wrap(tip_heading - direction)
-    alpha, beta = (beta or 0.0) if alpha is None else alpha, (alpha or 0.0) if beta is None else beta
-    first, last = _sign(alpha, tolerance), _sign(beta, tolerance)
+    # A free end takes the turn of the other one, as on a circular arc; with both ends free the line is straight.
+    if alpha is None:
+        alpha = beta or 0.0
+    if beta is None:
+        beta = alpha
+    first = _sign(alpha, tolerance)
+    last = _sign(beta, tolerance)
     if first == last:
         return {0: SegmentType.STRAIGHT, 1: SegmentType.LEFT, -1: SegmentType.RIGHT}[first]
     return SegmentType.LEFT_RIGHT if first > last else SegmentType.RIGHT_LEFT
@@ -123,9 +132,6 @@ def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length
     sign = 1.0 if kind in {SegmentType.LEFT, SegmentType.LEFT_RIGHT} else -1.0
     shape = np.full(5, 2.0) if kind in {SegmentType.LEFT, SegmentType.RIGHT} else 2.0 * np.pi * _SINE
     return CurvatureSegment(length, direction - sign * amplitude, sign * amplitude / length * shape)
-
-
-_SINE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
 
 
 def end_angle(kind: SegmentType, ratio: float) -> float:

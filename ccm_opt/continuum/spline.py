@@ -34,6 +34,7 @@ def piece_coefficients(widths: FloatArray, values: FloatArray, ends: tuple[float
     """Power coefficients of each cubic piece in its own offset t in [0, a_i], shape (4 pieces, 4 powers, ...)."""
     moments = second_derivatives(widths, values, ends)
     a = widths.reshape(-1, *([1] * (values.ndim - 1)))
-    left, right = moments[:-1], moments[1:]
+    left = moments[:-1]
+    right = moments[1:]
     linear = np.diff(values, axis=0) / a - a * (2.0 * left + right) / 6.0
     return np.stack((values[:-1], linear, 0.5 * left, (right - left) / (6.0 * a)), axis=1)

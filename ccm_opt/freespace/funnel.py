@@ -36,7 +36,7 @@ def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink
 
 
 def drawn_in(portals: FloatArray, shrink: float) -> FloatArray:
-    """Portals (n, 2, 2) with both ends drawn inwards by ``shrink`` [m]; by 0.45 of the width at most, lest they meet."""
+    """Portals (n, 2, 2) with both ends drawn inwards by ``shrink`` [m], at most 0.45 of the width: they never meet."""
     if shrink <= 0.0:
         return portals
     across = portals[:, 1] - portals[:, 0]

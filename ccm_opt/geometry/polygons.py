@@ -4,7 +4,8 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 
-PARALLEL = 1e-12  # cosine below which a line counts as parallel to an edge
+PARALLEL = 1e-12
+"""Rounding: cosine below which a line counts as parallel to an edge."""
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -83,7 +84,10 @@ def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
     for i, here in enumerate(excess):
         there = excess[i - 1]
         if (here < 0.0 < there) or (there < 0.0 < here):
-            (x, y), (u, v), fraction = points[i], points[i - 1], here / (here - there)
+            # The edge from the vertex before crosses the line: keep the point where it does.
+            x, y = points[i]
+            u, v = points[i - 1]
+            fraction = here / (here - there)
             kept.append([x + fraction * (u - x), y + fraction * (v - y)])
         if here <= 0.0:
             kept.append(points[i])
@@ -121,6 +125,7 @@ def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, direct
 
 def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
     """The nearest points of segments (..., 2, 2) to points (..., 2), broadcast; shape (..., 2) [m]."""
-    tail, along = segments[..., 0, :], segments[..., 1, :] - segments[..., 0, :]
+    tail = segments[..., 0, :]
+    along = segments[..., 1, :] - tail
     fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)
     return np.asarray(tail + np.clip(fraction, 0.0, 1.0)[..., None] * along, dtype=np.float64)

@@ -83,7 +83,8 @@ def _ball_rows(arm: Arm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
 
 def base_rotation(arm: Arm) -> FloatArray:
     """Rotation world ← base, shape (3, 3): −base_heading about world +y."""
-    c, s = np.cos(arm.base_heading), np.sin(arm.base_heading)
+    c = np.cos(arm.base_heading)
+    s = np.sin(arm.base_heading)
     return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
 
 
@@ -113,8 +114,10 @@ def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
 
 def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
     """Transform of one DH row, Rz(θ + offset) Tz(d) Tx(a) Rx(α), shape (..., 4, 4) for angles of shape (...) [rad]."""
-    c, s = np.cos(angle + row.offset), np.sin(angle + row.offset)
-    ca, sa = np.cos(row.alpha), np.sin(row.alpha)
+    c = np.cos(angle + row.offset)
+    s = np.sin(angle + row.offset)
+    ca = np.cos(row.alpha)
+    sa = np.sin(row.alpha)
     matrix = np.zeros((*np.shape(angle), 4, 4))
     matrix[..., 0, :] = np.stack((c, -s * ca, s * sa, row.a * c), axis=-1)
     matrix[..., 1, :] = np.stack((s, c * ca, -c * sa, row.a * s), axis=-1)

@@ -6,11 +6,10 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import base_position, base_rotation
+from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING
 
-LENGTH_TOLERANCE = 1e-6  # of a link length
 
-
-def ball_angles(arm: Arm, positions: FloatArray) -> FloatArray:
+def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPPING.length_tolerance) -> FloatArray:
     """Revolute angles that place the balls and the tip at given positions, with θ3 = 0.
 
     In the base frame of its ball a link points along Rz(θ1) Ry(θ2) x̂ = (c1 c2, s1 c2, −s2), for ``zyx`` and ``zyz``
@@ -21,6 +20,7 @@ def ball_angles(arm: Arm, positions: FloatArray) -> FloatArray:
         arm: the arm.
         positions: of the balls and the tip, shape (..., links + 1, 2) in the plane or (..., links + 1, 3) in the
             world [m]; the first must be the arm's base, or lie on its feed axis.
+        tolerance: how far the base and the link lengths may be off, as a share of a link.
 
     Returns:
         Angles in (−π, π], shape (..., 3 * links) [rad].
@@ -29,13 +29,14 @@ def ball_angles(arm: Arm, positions: FloatArray) -> FloatArray:
         ProblemError: when the shape, the base or a link length does not fit the arm.
     """
     points = _world_points(arm, positions)
-    directions = _link_directions(arm, points)
+    directions = _link_directions(arm, points, tolerance * arm.link_length)
     angles = np.zeros((*directions.shape[:-2], 3 * arm.links))
     rotation = np.broadcast_to(base_rotation(arm), (*directions.shape[:-2], 3, 3))  # world <- ball base
     for ball in range(arm.links):
         local = np.einsum("...ij,...i->...j", rotation, directions[..., ball, :])
         yaw, bend = _aim(local)
-        angles[..., 3 * ball], angles[..., 3 * ball + 1] = yaw, bend
+        angles[..., 3 * ball] = yaw
+        angles[..., 3 * ball + 1] = bend
         rotation = rotation @ _yaw_bend_rotation(yaw, bend)
     return angles
 
@@ -49,7 +50,10 @@ def _aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _yaw_bend_rotation(yaw: FloatArray, bend: FloatArray) -> FloatArray:
     """Rz(θ1) Ry(θ2), shape (..., 3, 3)."""
-    c1, s1, c2, s2 = np.cos(yaw), np.sin(yaw), np.cos(bend), np.sin(bend)
+    c1 = np.cos(yaw)
+    s1 = np.sin(yaw)
+    c2 = np.cos(bend)
+    s2 = np.sin(bend)
     zero = np.zeros_like(c1)
     rows = ((c1 * c2, -s1, c1 * s2), (s1 * c2, c1, s1 * s2), (-s2, zero, c2))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
@@ -65,23 +69,24 @@ def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
         )
     if positions.shape[-1] == 3:
         return positions
-    x, z = positions[..., 0], positions[..., 1]
+    x = positions[..., 0]
+    z = positions[..., 1]
     return np.stack((x, np.zeros_like(x), z), axis=-1)
 
 
-def _link_directions(arm: Arm, points: FloatArray) -> FloatArray:
-    """Unit directions of the links in the world, shape (..., links, 3); checks base and link lengths."""
+def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> FloatArray:
+    """Unit directions of the links in the world, shape (..., links, 3); checks base and lengths to a tolerance [m]."""
     off = points[..., 0, :] - base_position(arm)
     if arm.feed is not None:
         axis = base_rotation(arm)[:, 0]
         off = off - np.clip(off @ axis, arm.feed.low, arm.feed.high)[..., None] * axis
     offset = float(np.max(np.abs(off), initial=0.0))
-    if not offset <= LENGTH_TOLERANCE * arm.link_length:
+    if not offset <= tolerance:  # so written, a NaN is refused too
         raise ProblemError(f"the first position lies {offset:.3g} m off the arm's base; it must be the base itself")
     steps = np.diff(points, axis=-2)
     lengths = np.linalg.norm(steps, axis=-1)
     errors = np.abs(lengths - arm.link_length)
-    if not np.all(errors <= LENGTH_TOLERANCE * arm.link_length):
+    if not np.all(errors <= tolerance):
         worst = np.unravel_index(int(np.argmax(np.nan_to_num(errors, nan=np.inf))), errors.shape)
         raise ProblemError(
             f"link {worst[-1] + 1} would be {lengths[worst]:.6g} m long; every link is {arm.link_length:.6g} m: "

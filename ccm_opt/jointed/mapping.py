@@ -6,14 +6,14 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.arm import Arm, MappingName
+from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING, MappingSettings
 from ccm_opt.jointed.mapping_even_joints import even_joint_headings
 from ccm_opt.jointed.mapping_least_squares import least_squares_headings
 
-LENGTH_TOLERANCE = 1e-6
-"""Relative difference of length allowed between curve and arm."""
 
-
-def map_curve(arm: Arm, configuration: Configuration, method: MappingName) -> FloatArray:
+def map_curve(
+    arm: Arm, configuration: Configuration, method: MappingName, settings: MappingSettings = DEFAULT_MAPPING
+) -> FloatArray:
     """Link headings that follow a curve, shape (links,) [rad]; every link keeps its length by construction.
 
     Args:
@@ -21,19 +21,21 @@ def map_curve(arm: Arm, configuration: Configuration, method: MappingName) -> Fl
         configuration: a curve as long as the arm.
         method: ``even-joints`` puts every second joint on the curve (section 5.3), ``least-squares`` brings all
             joints near their points of the curve with the tip exact.
+        settings: tolerances, and the weight that keeps links from zigzagging.
 
     Raises:
         ProblemError: the lengths differ, or the mapping does not exist for this curve.
     """
-    if abs(configuration.length - arm.length) > LENGTH_TOLERANCE * arm.length:
+    if abs(configuration.length - arm.length) > settings.length_tolerance * arm.length:
         raise ProblemError(
             f"the curve is {configuration.length:.9g} m long but the arm {arm.length:.9g} m "
             f"({arm.links} links of {arm.link_length:g} m); make the segment lengths add up to the arm's length"
         )
+    points = curve_points(configuration, arm.links)
     headings = mean_headings(configuration, arm.links)
     if method == "even-joints":
-        return even_joint_headings(curve_points(configuration, arm.links), headings, arm.link_length)
-    return least_squares_headings(curve_points(configuration, arm.links), headings, arm.link_length)
+        return even_joint_headings(points, headings, arm.link_length, settings)
+    return least_squares_headings(points, headings, arm.link_length, settings)
 
 
 def mean_headings(configuration: Configuration, links: int) -> FloatArray:

@@ -4,14 +4,12 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-
-REGULARISATION = 0.05
-"""ε in units of l²: just enough to keep neighbouring links from zig-zagging."""
-_MAX_ITERATIONS = 60
-_STEP_TOLERANCE = 1e-11
+from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING, MappingSettings
 
 
-def least_squares_headings(points: FloatArray, mean: FloatArray, link_length: float) -> FloatArray:
+def least_squares_headings(
+    points: FloatArray, mean: FloatArray, link_length: float, settings: MappingSettings = DEFAULT_MAPPING
+) -> FloatArray:
     """Link headings φ = argmin Σ|P_j - p(s_j)|² + ε|φ - φ̄|² subject to the tip being exact.
 
     Gauss-Newton on the least-squares part, Newton on the two tip equations (Nocedal and Wright, Numerical
@@ -21,6 +19,7 @@ def least_squares_headings(points: FloatArray, mean: FloatArray, link_length: fl
         points: of the curve at the arc length of every joint, shape (links + 1, 2) [m].
         mean: φ̄, mean headings of the curve per link, shape (links,) [rad].
         link_length: l [m].
+        settings: ε, and when the iteration has settled.
 
     Returns:
         Shape (links,) [rad].
@@ -28,14 +27,15 @@ def least_squares_headings(points: FloatArray, mean: FloatArray, link_length: fl
     Raises:
         ProblemError: the iteration does not settle.
     """
-    headings, epsilon = mean.copy(), REGULARISATION * link_length**2
-    for _ in range(_MAX_ITERATIONS):
+    headings = mean.copy()
+    epsilon = settings.regularisation * link_length**2
+    for _ in range(settings.most_steps):
         step, miss = _newton_step(points, headings, mean, link_length, epsilon)
         headings = headings + step
-        if np.abs(step).max() < _STEP_TOLERANCE:
+        if np.abs(step).max() < settings.settled:
             return headings
     raise ProblemError(
-        f"the least-squares mapping did not settle in {_MAX_ITERATIONS} steps, the tip is still {miss:.3g} m off; "
+        f"the least-squares mapping did not settle in {settings.most_steps} steps, the tip is still {miss:.3g} m off; "
         "use more links or a curve that bends less per link"
     )
 

@@ -7,9 +7,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names
-
-NEARLY_SINGULAR = 0.05
-"""Determinant of a ball's axes below which it counts as singular; 1 is best, 0 singular."""
+from ccm_opt.jointed.jointed_settings import DEFAULT_POSE_CHECK, PoseCheckSettings
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,9 @@ class PoseIssue:
     text: str
 
 
-def pose_issues(arm: Arm, angles: FloatArray) -> tuple[PoseIssue, ...]:
+def pose_issues(
+    arm: Arm, angles: FloatArray, settings: PoseCheckSettings = DEFAULT_POSE_CHECK
+) -> tuple[PoseIssue, ...]:
     """Everything wrong with a pose, from the base outward.
 
     A link's deflection is the angle between it and the link before, acos(cos θ1 cos θ2) with θ3 turning about itself;
@@ -41,8 +41,10 @@ def pose_issues(arm: Arm, angles: FloatArray) -> tuple[PoseIssue, ...]:
     Args:
         arm: the arm; its bend limits are taken as limits on deflections.
         angles: revolute angles, shape (3 * links,) [rad].
+        settings: what counts as singular.
     """
-    yaw, bend = angles[0::3], angles[1::3]
+    yaw = angles[0::3]
+    bend = angles[1::3]
     deflections = np.arccos(np.clip(np.cos(yaw) * np.cos(bend), -1.0, 1.0))
     determinants = np.abs(np.cos(bend) if arm.axes == "zyx" else np.sin(bend))
     issues = []
@@ -50,8 +52,8 @@ def pose_issues(arm: Arm, angles: FloatArray) -> tuple[PoseIssue, ...]:
         limit = float(arm.bend_limits[ball])
         if deflections[ball] > limit:
             issues.append(_beyond_limit(name, float(deflections[ball]), limit))
-        if determinants[ball] < NEARLY_SINGULAR:
-            issues.append(_singular(arm, name, float(determinants[ball])))
+        if determinants[ball] < settings.least_determinant:
+            issues.append(_singular(arm, name, float(determinants[ball]), settings.least_determinant))
     return tuple(issues)
 
 
@@ -60,7 +62,7 @@ def _beyond_limit(name: str, value: float, limit: float) -> PoseIssue:
     return PoseIssue(name, "limit", value, limit, text)
 
 
-def _singular(arm: Arm, name: str, value: float) -> PoseIssue:
+def _singular(arm: Arm, name: str, value: float, bound: float) -> PoseIssue:
     where = "a bend of 90 deg" if arm.axes == "zyx" else "a bend of 0"
     text = f"{name}: the {arm.axes} ball is nearly singular, determinant {value:.2g}; it is so at {where}"
-    return PoseIssue(name, "singular", value, NEARLY_SINGULAR, text)
+    return PoseIssue(name, "singular", value, bound, text)

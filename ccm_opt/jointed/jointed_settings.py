@@ -1,0 +1,40 @@
+"""The numbers of the mappings from the curve to the jointed arm and of the check of single poses, in one place."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class MappingSettings:
+    """How the jointed arm is laid along a curve, and how exactly curve and arm must agree.
+
+    Attributes:
+        length_tolerance: difference allowed between two lengths that should be one, as a share of the length: the
+            curve's length is only known to about that accuracy. Taste.
+        regularisation: ε of the least-squares mapping, in units of l²: just enough to keep neighbouring links from
+            zigzagging. Taste.
+        most_steps: Newton steps of the least-squares mapping, at most. Taste, ten times what is usual.
+        settled: step of the headings below which it has settled [rad]. Derived: a hundred times rounding.
+    """
+
+    length_tolerance: float = 1e-6
+    regularisation: float = 0.05
+    most_steps: int = 60
+    settled: float = 1e-11
+
+
+@dataclass(frozen=True)
+class PoseCheckSettings:
+    """What counts as a bad pose in three dimensions.
+
+    Attributes:
+        least_determinant: determinant of a ball's axes below which the ball counts as singular; 1 is best, 0 is
+            singular. Taste.
+    """
+
+    least_determinant: float = 0.05
+
+
+DEFAULT_MAPPING = MappingSettings()
+"""The mappings' numbers unless others are passed."""
+DEFAULT_POSE_CHECK = PoseCheckSettings()
+"""The pose check's numbers unless others are passed."""
