@@ -1,6 +1,6 @@
 """Free space of the arm's axis: membership, homotopy classes, taut paths, routes and corridors (section 4.1)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -41,7 +41,7 @@ class FreeSpace:
 
     workspace: Workspace
     margin: float
-    settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+    settings: FreeSpaceSettings = field(default=DEFAULT_FREE_SPACE, kw_only=True)
 
     def __post_init__(self) -> None:
         if not self.margin > 0.0:
