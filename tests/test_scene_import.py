@@ -18,7 +18,7 @@ from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.files.problem_file import load_problem, parse_problem, problem_from_mapping
 from ccm_opt.files.problem_file.data import recorded_data
 from ccm_opt.files.scene_import import ImportOptions, import_scene
-from ccm_opt.files.scene_import.chains import Piece, joined
+from ccm_opt.files.scene_import.chains import Piece, joined_pieces
 from ccm_opt.files.scene_import.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
 from ccm_opt.freespace.workspace import Obstacle
 
@@ -371,10 +371,10 @@ def test_lines_of_a_polygon_join_to_it_in_any_order_and_direction(data: st.DataO
     order = data.draw(st.permutations(range(corners)))
     flips = data.draw(st.lists(st.booleans(), min_size=corners, max_size=corners))
     sides = [np.array([points[k], points[(k + 1) % corners]])[:: -1 if flips[k] else 1] for k in order]
-    (ring,) = joined([Piece(side) for side in sides], 1e-9)
+    (ring,) = joined_pieces([Piece(side) for side in sides], 1e-9)
     assert ring.closed
     assert shapely.Polygon(ring.points).equals(shapely.Polygon(points))
-    (chain,) = joined([Piece(side) for side in sides[1:]], 1e-9)
+    (chain,) = joined_pieces([Piece(side) for side in sides[1:]], 1e-9)
     assert not chain.closed
     assert len(chain.points) == corners
 
@@ -382,7 +382,7 @@ def test_lines_of_a_polygon_join_to_it_in_any_order_and_direction(data: st.DataO
 def test_chains_end_where_three_lines_meet() -> None:
     """A junction of three ends joins nothing."""
     star = [Piece(np.array([[0.0, 0.0], [np.cos(a), np.sin(a)]])) for a in (0.0, 2.0, 4.0)]
-    assert len(joined(star, 1e-9)) == 3
+    assert len(joined_pieces(star, 1e-9)) == 3
 
 
 def with_drawing(keys: str = "") -> str:

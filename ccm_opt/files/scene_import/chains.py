@@ -1,4 +1,4 @@
-"""Open pieces joined end to end: chains between junctions, and closed loops."""
+"""Joins open pieces of a drawing end to end: chains between junctions, and closed loops."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Piece:
     name: str = ""
 
 
-def joined(pieces: Sequence[Piece], gap: float) -> list[Piece]:
+def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
     """Join open pieces where exactly two ends meet; where more meet, chains end.
 
     Args:
@@ -42,14 +42,22 @@ def joined(pieces: Sequence[Piece], gap: float) -> list[Piece]:
     """
     if not pieces:
         return []
+    # Piece k has the ends 2k and 2k + 1, so that end ^ 1 is the other end of the same piece.
     places = _clusters(np.array([piece.points[[0, -1]] for piece in pieces]).reshape(-1, 2), gap)
     ends: dict[int, list[int]] = {}
     for end, place in enumerate(places):
         ends.setdefault(int(place), []).append(end)
-    partner = {end: other for pair in ends.values() if len(pair) == 2 for end, other in (pair, pair[::-1])}
+    partner: dict[int, int] = {}
+    for meeting in ends.values():
+        if len(meeting) == 2:
+            one, other = meeting
+            partner[one] = other
+            partner[other] = one
+
     chains: dict[int, Piece] = {}
     left = set(range(len(pieces)))
     free = [end for end in range(2 * len(pieces)) if end not in partner]
+    # Chains start at their free ends; what is left after that are loops, which may start anywhere.
     for start in [*free, *range(0, 2 * len(pieces), 2)]:
         if start // 2 in left:
             steps, closed = _walk(start, partner)
@@ -67,7 +75,8 @@ def _clusters(points: FloatArray, gap: float) -> np.ndarray:
 
 def _walk(start: int, partner: dict[int, int]) -> tuple[list[int], bool]:
     """The ends at which a chain from the end ``start`` enters its pieces, and whether it comes back to it."""
-    steps, end = [start], start ^ 1
+    steps = [start]
+    end = start ^ 1
     while end in partner and partner[end] != start:
         steps.append(partner[end])
         end = partner[end] ^ 1
@@ -75,9 +84,12 @@ def _walk(start: int, partner: dict[int, int]) -> tuple[list[int], bool]:
 
 
 def _chain(pieces: Sequence[Piece], entries: Sequence[int], closed: bool) -> Piece:
-    points = np.concatenate(
-        [piece.points[::-1] if entry % 2 else piece.points for piece, entry in zip(pieces, entries, strict=True)]
-    )
+    """Pieces in the order of a chain as one; points that meet are kept once."""
+    runs = []
+    for piece, entry in zip(pieces, entries, strict=True):
+        entered_at_its_end = entry % 2 == 1
+        runs.append(piece.points[::-1] if entered_at_its_end else piece.points)
+    points = np.concatenate(runs)
     different = np.concatenate(([True], np.any(np.diff(points, axis=0) != 0.0, axis=1)))
     points = points[different]
     if closed and len(points) > 1 and np.all(points[0] == points[-1]):

@@ -1,4 +1,4 @@
-"""Curves to polylines with a guaranteed distance.
+"""From curves of a drawing to polylines, with a guaranteed distance between them.
 
 A curve p(t), replaced by chords over equal steps h of its parameter, is nowhere farther from the chord at the same
 parameter than h² max|p''| / 8 (the error of linear interpolation). The number of steps follows from a bound on p''.
@@ -63,7 +63,9 @@ def flatten_ellipse(
     """
     longest = max(float(np.hypot(*major)), float(np.hypot(*minor)))
     quarters = math.ceil(abs(sweep) / (0.5 * math.pi))
-    t = start + sweep * np.linspace(0.0, 1.0, max(_steps(longest * sweep**2, distance), quarters, 1) + 1)
+    # A chord a quarter at least keeps the outline of an ellipse from collapsing where the distance is large.
+    steps = max(_steps(longest * sweep**2, distance), quarters, 1)
+    t = start + sweep * np.linspace(0.0, 1.0, steps + 1)
     points: FloatArray = center + np.outer(np.cos(t), major) + np.outer(np.sin(t), minor)
     return points
 
@@ -104,7 +106,8 @@ def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) ->
 
 def _pinned(points: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
     """The same points with their ends free of rounding."""
-    points[0], points[-1] = first, last
+    points[0] = first
+    points[-1] = last
     return points
 
 

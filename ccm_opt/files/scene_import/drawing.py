@@ -1,9 +1,7 @@
-"""A drawing to obstacles: choose the reader by the suffix, place, repair, name; all defects in one error."""
+"""From a drawing to obstacles: read by its format, place, repair, name; all defects are reported in one error."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
-from importlib import import_module
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,44 +9,23 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.found_shapes import Disc, Line, Reader, Region, Shape
+from ccm_opt.files.scene_import.formats import READERS
+from ccm_opt.files.scene_import.found_shapes import Disc, Line, Region, Shape
+from ccm_opt.files.scene_import.import_settings import IMPORT, ImportOptions, ImportSettings
 from ccm_opt.files.scene_import.obstacles import obstacles_of, with_unique_names
 from ccm_opt.freespace.workspace import Obstacle
 
-READERS: Mapping[str, str] = {".svg": "svg", ".dxf": "dxf", ".geojson": "geojson", ".json": "geojson", ".wkt": "wkt"}
-"""Module of this package that reads each kind of file; loaded when such a file is read."""
-MAX_BYTES = 32 * 2**20
-MAX_VERTICES = 50_000
-"""Larger drawings are refused: a planner would not come back from them."""
-_SHOWN = 10
-_FLATTENING_SHARE = 0.499
-"""Share of the tolerance by which a polyline may leave its curve: grown by as much, it is still within tolerance."""
 
-
-@dataclass(frozen=True)
-class ImportOptions:
-    """How a drawing becomes obstacles.
-
-    Attributes:
-        scale: length in the result of one unit of the drawing.
-        offset: place in the result of the drawing's origin, shape (2,).
-        curve_tolerance: how far outside a curve its polygon may lie, in the unit of the result; it never lies inside.
-        wall_thickness: of open lines, in the unit of the result.
-    """
-
-    scale: float = 1.0
-    offset: tuple[float, float] = (0.0, 0.0)
-    curve_tolerance: float = 2.5e-4
-    wall_thickness: float = 0.0
-
-
-def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()) -> tuple[Obstacle, ...]:
+def import_scene(
+    path: Path, options: ImportOptions, taken: Collection[str] = (), settings: ImportSettings = IMPORT
+) -> tuple[Obstacle, ...]:
     """The obstacles of a drawing.
 
     Args:
         path: an SVG, DXF, GeoJSON or WKT file, told apart by the suffix.
         options: placement and tolerances.
-        taken: names that are given away already.
+        taken: names that other obstacles have already.
+        settings: tolerances and bounds of the import.
 
     Returns:
         Obstacles in the order of the drawing, their names unique; in the unit that ``options.scale`` leads to.
@@ -57,29 +34,32 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
         ProblemError: the file cannot be read, holds nothing that can be an obstacle, or holds shapes that cannot be
             used; those are listed by name.
     """
-    content = _content(path)
-    growth = _FLATTENING_SHARE * options.curve_tolerance
-    reader: Reader = import_module(f"ccm_opt.files.scene_import.{READERS[path.suffix.lower()]}").read
+    content = _content(path, settings)
+    flattening = settings.flattening_share * options.curve_tolerance
+    reader = READERS[path.suffix.lower()]
     try:
-        shapes = reader(content, growth / options.scale)
+        shapes = reader(content, flattening / options.scale)
     except ProblemError as error:
         raise ProblemError(f"{path.name}: {error}") from error
     if not shapes:
         raise ProblemError(f"{path.name} holds no shape that could be an obstacle; draw outlines, circles or lines")
-    obstacles, refusals = _collect(shapes, options, 0.5 * options.curve_tolerance)
-    if refusals:
-        more = [f"and {len(refusals) - _SHOWN} more"] if len(refusals) > _SHOWN else []
-        raise ProblemError(f"{path.name}: " + "; ".join([*refusals[:_SHOWN], *more]))
-    vertices = sum(shapely.get_num_coordinates(obstacle.core) for obstacle in obstacles)
-    if vertices > MAX_VERTICES:
-        raise ProblemError(
-            f"{path.name} holds {vertices} vertices, at most {MAX_VERTICES} can be used; simplify the drawing, or "
-            f"allow a larger curve_tolerance than {options.curve_tolerance:g}"
-        )
+    obstacles = _collected(path, shapes, options, settings)
+    _refuse_too_many_vertices(path, obstacles, options, settings)
     return with_unique_names(obstacles, taken)
 
 
-def _content(path: Path) -> bytes:
+def _refuse_too_many_vertices(
+    path: Path, obstacles: Sequence[Obstacle], options: ImportOptions, settings: ImportSettings
+) -> None:
+    vertices = sum(shapely.get_num_coordinates(obstacle.core) for obstacle in obstacles)
+    if vertices > settings.most_vertices:
+        raise ProblemError(
+            f"{path.name} holds {vertices} vertices, at most {settings.most_vertices} can be used; simplify the "
+            f"drawing, or allow a larger curve_tolerance than {options.curve_tolerance:g}"
+        )
+
+
+def _content(path: Path, settings: ImportSettings) -> bytes:
     """The bytes of a file of a known kind."""
     if path.suffix.lower() not in READERS:
         kinds = ", ".join(READERS)
@@ -88,8 +68,11 @@ def _content(path: Path) -> bytes:
         if not path.is_file():
             what = "is a directory" if path.is_dir() else "does not exist"
             raise ProblemError(f"{path} {what}; expected a drawing, its path relative to the problem file")
-        if (size := path.stat().st_size) > MAX_BYTES:
-            raise ProblemError(f"{path.name} has {size} bytes, at most {MAX_BYTES} can be read; simplify the drawing")
+        size = path.stat().st_size
+        if size > settings.most_bytes:
+            raise ProblemError(
+                f"{path.name} has {size} bytes, at most {settings.most_bytes} can be read; simplify the drawing"
+            )
         content = path.read_bytes()
     except (OSError, ValueError) as error:
         raise ProblemError(f"{path.name} cannot be read: {getattr(error, 'strerror', None) or error}") from error
@@ -98,27 +81,36 @@ def _content(path: Path) -> bytes:
     return content
 
 
-def _collect(shapes: list[Shape], options: ImportOptions, growth: float) -> tuple[list[Obstacle], list[str]]:
+def _collected(path: Path, shapes: Sequence[Shape], options: ImportOptions, settings: ImportSettings) -> list[Obstacle]:
+    """The obstacles of all shapes; what cannot be one is refused in one error that lists them by name."""
+    growth = settings.growth_share * options.curve_tolerance
     obstacles: list[Obstacle] = []
     refusals: list[str] = []
     for shape in shapes:
         try:
-            obstacles += obstacles_of(_placed(shape, options), growth, options.wall_thickness)
+            obstacles += obstacles_of(_placed(shape, options), growth, options.wall_thickness, settings)
         except ProblemError as error:
             refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
-    return obstacles, refusals
+    if refusals:
+        listed = refusals[: settings.reported_defects]
+        if len(refusals) > len(listed):
+            listed.append(f"and {len(refusals) - len(listed)} more")
+        raise ProblemError(f"{path.name}: " + "; ".join(listed))
+    return obstacles
 
 
 def _placed(shape: Shape, options: ImportOptions) -> Shape:
-    place = partial(_place, options=options)
+    """A shape in the coordinates of the result."""
+    scale = options.scale
     if isinstance(shape, Disc):
-        return replace(shape, center=place(shape.center), radius=shape.radius * options.scale)
+        return replace(shape, center=_placed_points(shape.center, options), radius=shape.radius * scale)
+    half_width = shape.half_width * scale
     if isinstance(shape, Line):
-        return replace(shape, points=place(shape.points), half_width=shape.half_width * options.scale)
-    rings = tuple(place(ring) for ring in shape.rings)
-    return Region(shape.name, rings, shape.rule, shape.curved, shape.half_width * options.scale)
+        return replace(shape, points=_placed_points(shape.points, options), half_width=half_width)
+    rings = tuple(_placed_points(ring, options) for ring in shape.rings)
+    return Region(shape.name, rings, shape.rule, shape.curved, half_width)
 
 
-def _place(points: FloatArray, options: ImportOptions) -> FloatArray:
+def _placed_points(points: FloatArray, options: ImportOptions) -> FloatArray:
     placed: FloatArray = np.asarray(points, dtype=np.float64) * options.scale + np.asarray(options.offset)
     return placed

@@ -1,4 +1,4 @@
-"""DXF: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks of them.
+"""Reads DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks of them.
 
 Only the model space counts, seen along z, without layers that are off or frozen. Open pieces on one layer whose
 ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out; whatever else
@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.chains import Piece, joined
+from ccm_opt.files.scene_import.chains import Piece, joined_pieces
 from ccm_opt.files.scene_import.dxf_entities import PIECES, Entity, corner_points, hatch_rings, piece_of
 from ccm_opt.files.scene_import.found_shapes import Disc, Line, Region, Shape
 
@@ -47,6 +47,7 @@ IGNORED = frozenset(
 )
 """Annotations, pictures and construction lines."""
 _DEEPEST = 32
+"""Blocks nested deeper than this are taken for blocks that hold themselves."""
 _GAP = 1e-6
 """Ends nearer than this, relative to the extent of the layer's open pieces, meet."""
 
@@ -60,7 +61,7 @@ class _Placed:
     name: str
 
 
-def read(content: bytes, distance: float) -> list[Shape]:
+def read_dxf(content: bytes, distance: float) -> list[Shape]:
     """The shapes of a DXF file.
 
     A shape is named by its layer; on layer 0 by its block, or else by its type and handle.
@@ -127,13 +128,15 @@ def _exploded(entity: Entity, layer: str, name: str, refusals: list[str], depth:
 
     for copy in entity.multi_insert() if entity.mcount > 1 else [entity]:
         for part in copy.virtual_entities(skipped_entity_callback=skipped):
-            own = str(part.dxf.get("layer", "0"))
-            yield from _exploded(part, layer if own == "0" else own, str(entity.dxf.name), refusals, depth - 1)
+            drawn_on = str(part.dxf.get("layer", "0"))
+            part_layer = layer if drawn_on == "0" else drawn_on
+            yield from _exploded(part, part_layer, str(entity.dxf.name), refusals, depth - 1)
 
 
 def _add(item: _Placed, distance: float, shapes: list[Shape], open_pieces: dict[str, list[Piece]]) -> None:
     """Turn one entity into a shape, or keep it as an open piece of its layer."""
-    kind, entity = item.entity.dxftype(), item.entity
+    entity = item.entity
+    kind = entity.dxftype()
     if kind in IGNORED:
         return
     _turn_upright(entity)
@@ -169,7 +172,7 @@ def _chained(pieces: list[Piece], distance: float) -> list[Shape]:
     """The shapes of a layer's open pieces after joining."""
     points = np.concatenate([piece.points for piece in pieces])
     gap = min(distance, _GAP * float(np.ptp(points, axis=0).max()))
-    return [_shape(chain) for chain in joined(pieces, gap)]
+    return [_shape(chain) for chain in joined_pieces(pieces, gap)]
 
 
 def _shape(piece: Piece) -> Shape:

@@ -1,4 +1,4 @@
-"""Single entities of a DXF drawing as pieces; extrusions along -z are turned upright before."""
+"""Single entities of a DXF drawing as pieces; what is drawn on the back of the plane was turned upright before."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.chains import Piece, joined
+from ccm_opt.files.scene_import.chains import Piece, joined_pieces
 from ccm_opt.files.scene_import.curves import flatten_arc, flatten_bulges, flatten_ellipse, flatten_spline
 
 if TYPE_CHECKING:
@@ -50,7 +50,8 @@ def corner_points(entity: Entity) -> FloatArray:
 
 
 def _line(entity: Entity, _distance: float) -> Piece:
-    start, end = entity.dxf.start, entity.dxf.end
+    start = entity.dxf.start
+    end = entity.dxf.end
     return Piece(np.array([(start.x, start.y), (end.x, end.y)], dtype=np.float64))
 
 
@@ -103,7 +104,9 @@ def _polygonal(points: FloatArray, bulges: FloatArray, closed: bool, distance: f
     if len(points) < 2:
         raise ProblemError(f"it has {len(points)} vertices; expected at least two")
     if not closed and len(points) > 2 and np.all(points[0] == points[-1]):
-        points, bulges, closed = points[:-1], bulges[:-1], True
+        points = points[:-1]
+        bulges = bulges[:-1]
+        closed = True
     path = np.vstack((points, points[:1])) if closed else points
     flat = flatten_bulges(path, bulges[: len(path) - 1], distance)
     curved = bool(np.any(bulges[: len(path) - 1] != 0.0))
@@ -129,7 +132,7 @@ def _boundary(path: Entity, distance: float) -> Piece:
         table = np.array(path.vertices, dtype=np.float64).reshape(-1, 3)
         return _polygonal(table[:, :2], table[:, 2], closed=True, distance=distance)
     pieces = [_edge(edge, distance) for edge in path.edges]
-    loops = [piece for piece in pieces if piece.closed] or joined(pieces, max(distance, _gap(pieces)))
+    loops = [piece for piece in pieces if piece.closed] or joined_pieces(pieces, max(distance, _gap(pieces)))
     if len(loops) != 1 or not loops[0].closed:
         raise ProblemError("a boundary of the hatch is not closed; close it, or draw a closed polyline")
     return loops[0]

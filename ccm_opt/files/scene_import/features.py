@@ -1,8 +1,9 @@
-"""Geometries as shapely knows them to shapes; shared by the readers of WKT and GeoJSON."""
+"""From geometries of shapely to shapes of a drawing; shared by the readers of WKT and GeoJSON."""
 
 import numpy as np
 import shapely
 
+from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.found_shapes import Line, Region, Shape
 
@@ -33,5 +34,6 @@ def shapes_of(geometry: shapely.Geometry, name: str) -> list[Shape]:
     )
 
 
-def _ring(ring: shapely.LinearRing) -> np.ndarray:
-    return shapely.get_coordinates(ring)[:-1]
+def _ring(ring: shapely.LinearRing) -> FloatArray:
+    points: FloatArray = shapely.get_coordinates(ring)[:-1]
+    return points

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias
 from ccm_opt.arrays import FloatArray
 
 FillRule = Literal["polygon", "evenodd", "nonzero"]
+"""How rings within rings count, see ``Region``."""
 
 
 @dataclass(frozen=True)

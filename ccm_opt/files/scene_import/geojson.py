@@ -1,4 +1,4 @@
-"""GeoJSON (RFC 7946): geometries, features and collections of them; coordinates are taken as plane coordinates."""
+"""Reads GeoJSON drawings (RFC 7946): geometries, features, collections of them, all in plane coordinates."""
 
 import json
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ GEOMETRIES = frozenset(
 )
 
 
-def read(content: bytes, distance: float) -> list[Shape]:
+def read_geojson(content: bytes, distance: float) -> list[Shape]:
     """The shapes of a GeoJSON file.
 
     A feature's ``properties.name`` names it, or else its ``id``, or else ``feature`` and its place from 1.
@@ -51,7 +51,8 @@ def _feature_shapes(data: object, place: int) -> list[Shape]:
         raise ProblemError(f"feature {place}: expected a GeoJSON object in braces, got {type(data).__name__}")
     if data.get("type") != "Feature":
         return shapes_of(_geometry(data, f"feature {place}"), f"feature {place}")
-    name, geometry = _name(data, place), data.get("geometry")
+    name = _name(data, place)
+    geometry = data.get("geometry")
     return [] if geometry is None else shapes_of(_geometry(geometry, name), name)
 
 

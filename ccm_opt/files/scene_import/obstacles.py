@@ -1,4 +1,4 @@
-"""Shapes of a drawing to obstacles: placed, grown by what flattening cut off, and named without doubles."""
+"""From shapes of a drawing to obstacles: grown by what flattening cut off, and named so that no two names are equal."""
 
 import math
 from collections.abc import Collection, Iterable
@@ -11,22 +11,24 @@ import shapely
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.found_shapes import Disc, Line, Shape
+from ccm_opt.files.scene_import.import_settings import IMPORT, ImportSettings
 from ccm_opt.files.scene_import.rings import filled, polygons_of
 from ccm_opt.freespace.workspace import Obstacle
 
 MAX_COORDINATE = 1e9
 """Largest coordinate; beyond it double precision no longer tells a millionth."""
-_CORNER_SHARE = 1.9
-"""Sharp corners of a grown polygon are cut at this many times the growth from the corner, less than the tolerance."""
 
 
-def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obstacle]:
+def obstacles_of(
+    shape: Shape, growth: float, wall_thickness: float, settings: ImportSettings = IMPORT
+) -> list[Obstacle]:
     """The obstacles that a placed shape stands for.
 
     Args:
         shape: in the coordinates of the result.
-        growth: distance between flattened curves and the true ones; what is curved grows by so much.
+        growth: distance between flattened curves and the true ones; whatever is curved grows by it.
         wall_thickness: least thickness of open lines.
+        settings: tolerances of the import.
 
     Returns:
         At least one obstacle, all of the shape's name.
@@ -42,28 +44,30 @@ def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obs
     if min(len(ring) for ring in shape.rings) < 3:
         raise ProblemError("the outline encloses no area; expected at least three corners")
     grow = shape.half_width + (growth if shape.curved else 0.0)
-    polygons = filled(shape.rings, shape.rule)
+    polygons = filled(shape.rings, shape.rule, settings)
     if grow > 0.0:
-        polygons = _grown(shapely.MultiPolygon(polygons), grow)
+        polygons = _grown(shapely.MultiPolygon(polygons), grow, settings.corner_reach)
     return [Obstacle(shape.name, polygon) for polygon in polygons]
 
 
 def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()) -> tuple[Obstacle, ...]:
-    """The same obstacles; a name that was there before gets the first free number from 2 behind it."""
-    used, result = set(taken), []
+    """The same obstacles; a name that is taken gets the first free number from 2 behind it."""
+    used = set(taken)
+    result = []
     for obstacle in obstacles:
         name = obstacle.name
         if name in used:
-            name = next(numbered for k in count(2) if (numbered := f"{obstacle.name} {k}") not in used)
+            numbered = (f"{obstacle.name} {k}" for k in count(2))
+            name = next(candidate for candidate in numbered if candidate not in used)
         used.add(name)
         result.append(replace(obstacle, name=name))
     return tuple(result)
 
 
-def _grown(polygons: shapely.MultiPolygon, growth: float) -> list[shapely.Polygon]:
+def _grown(polygons: shapely.MultiPolygon, growth: float, corner_reach: float) -> list[shapely.Polygon]:
     """Polygons that hold every point within ``growth``; corners stay corners, but for very sharp ones."""
     mitred = polygons.buffer(growth, join_style="mitre")
-    return polygons_of(shapely.intersection(mitred, polygons.buffer(_CORNER_SHARE * growth)))
+    return polygons_of(shapely.intersection(mitred, polygons.buffer(corner_reach * growth)))
 
 
 def _wall(line: Line, growth: float, thickness: float) -> Obstacle:

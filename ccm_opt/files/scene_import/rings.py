@@ -1,4 +1,4 @@
-"""Rings to valid polygons: small defects are repaired, others refused with the place."""
+"""From rings to valid polygons: small defects are repaired, others are refused with their place."""
 
 import re
 from collections.abc import Sequence
@@ -8,17 +8,16 @@ import shapely
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.found_shapes import FillRule
-
-REPAIR_SHARE = 1e-3
-"""A repair that changes the enclosed area by more than this share is refused: something else was meant."""
+from ccm_opt.files.scene_import.import_settings import IMPORT, ImportSettings
 
 
-def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]:
+def filled(rings: Sequence[FloatArray], rule: FillRule, settings: ImportSettings = IMPORT) -> list[shapely.Polygon]:
     """The polygons that rings enclose.
 
     Args:
         rings: each of shape (k, 2), k >= 3.
         rule: how rings within rings count.
+        settings: how much a repair may change.
 
     Returns:
         Valid polygons with area, at least one; holes are kept.
@@ -27,9 +26,9 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
         ProblemError: a ring encloses no area, or crosses itself so that its repair would change the area.
     """
     if rule == "polygon":
-        return repaired(shapely.Polygon(rings[0], rings[1:]))
-    solids = [(shapely.MultiPolygon(repaired(shapely.Polygon(ring))), _turn(ring)) for ring in rings]
-    solids.sort(key=lambda item: -item[0].area)
+        return repaired(shapely.Polygon(rings[0], rings[1:]), settings)
+    solids = [(shapely.MultiPolygon(repaired(shapely.Polygon(ring), settings)), _turn(ring)) for ring in rings]
+    solids.sort(key=lambda item: -item[0].area)  # whatever is around a ring comes before it
     whole: shapely.Geometry = shapely.MultiPolygon()
     for k, (solid, _) in enumerate(solids):
         around = [turn for outer, turn in solids[: k + 1] if outer.covers(solid)]
@@ -38,14 +37,15 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
     return polygons_of(whole)
 
 
-def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
+def repaired(polygon: shapely.Polygon, settings: ImportSettings = IMPORT) -> list[shapely.Polygon]:
     """A polygon as valid polygons.
 
     Args:
         polygon: any; its outline may cross itself.
+        settings: how much a repair may change.
 
     Returns:
-        Valid polygons with area, at least one, that differ from the given one by at most ``REPAIR_SHARE`` of its area;
+        Valid polygons with area, at least one, that differ from the given one by at most ``repair_share`` of its area;
         holes smaller than that, which a repair may leave at a crossing, are filled.
 
     Raises:
@@ -58,12 +58,13 @@ def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
     area = sum(part.area for part in mended)
     if area == 0.0:
         raise ProblemError("the outline encloses no area; expected at least three corners that are not in one line")
-    if abs(area - polygon.area) > REPAIR_SHARE * area:
+    allowed = settings.repair_share
+    if abs(area - polygon.area) > allowed * area:
         raise ProblemError(
             f"the outline {_sentence(why)}; a repair would change its area by {abs(area - polygon.area) / area:.1%}, "
-            f"allowed {REPAIR_SHARE:.1%}; list the corners in order round the shape"
+            f"allowed {allowed:.1%}; list the corners in order round the shape"
         )
-    return [_without_specks(part, REPAIR_SHARE * area) for part in mended]
+    return [_without_specks(part, allowed * area) for part in mended]
 
 
 def polygons_of(geometry: shapely.Geometry) -> list[shapely.Polygon]:
@@ -79,6 +80,7 @@ def _without_specks(polygon: shapely.Polygon, area: float) -> shapely.Polygon:
 
 
 def _turn(ring: FloatArray) -> int:
+    """1 for a counter-clockwise ring, -1 for a clockwise one: the winding that the rule ``nonzero`` counts."""
     return 1 if shapely.LinearRing(ring).is_ccw else -1
 
 

@@ -1,4 +1,4 @@
-"""SVG: path, polygon, polyline, rect, circle, ellipse and line, with all transforms.
+"""Reads SVG drawings: path, polygon, polyline, rect, circle, ellipse and line, with all transforms.
 
 Coordinates are the user units of the outermost element: its width, height and viewBox do not matter. SVG's y points
 down; it is negated, so that the picture looks the same. What is not drawn as a shape is left out: definitions that
@@ -31,7 +31,7 @@ _CLOSED = 1e-9
 """A path whose ends are nearer than this, relative to its extent, is closed."""
 
 
-def read(content: bytes, distance: float) -> list[Shape]:
+def read_svg(content: bytes, distance: float) -> list[Shape]:
     """The shapes of an SVG file.
 
     A shape is named by its inkscape:label, title or id, or else by those of the nearest group that has one, or else by
@@ -187,19 +187,24 @@ def _segment_points(segment: object, distance: float) -> FloatArray:
     import svgelements  # noqa: PLC0415 - loaded already
 
     if isinstance(segment, svgelements.Arc):
-        turn, rx, ry = float(segment.get_rotation()), float(segment.rx), float(segment.ry)
-        major, minor = rx * np.array([math.cos(turn), math.sin(turn)]), ry * np.array([-math.sin(turn), math.cos(turn)])
-        start = float(segment.get_start_t())
-        arc = flatten_ellipse(np.array(_point(segment.center)), major, minor, start, float(segment.sweep), distance)
-        arc[0], arc[-1] = _point(segment.start), _point(segment.end)
-        return arc
+        return _arc_points(segment, distance)
     if isinstance(segment, svgelements.CubicBezier):
         control = [segment.start, segment.control1, segment.control2, segment.end]
         return flatten_bezier(np.array([_point(p) for p in control]), distance)
     if isinstance(segment, svgelements.QuadraticBezier):
         return flatten_bezier(np.array([_point(p) for p in (segment.start, segment.control, segment.end)]), distance)
-    start, end = segment.start, segment.end  # type: ignore[attr-defined]
-    return np.array([_point(start), _point(end)])
+    return np.array([_point(segment.start), _point(segment.end)])  # type: ignore[attr-defined]
+
+
+def _arc_points(arc: "svgelements.Arc", distance: float) -> FloatArray:
+    turn = float(arc.get_rotation())
+    major = float(arc.rx) * np.array([math.cos(turn), math.sin(turn)])
+    minor = float(arc.ry) * np.array([-math.sin(turn), math.cos(turn)])
+    center = np.array(_point(arc.center))
+    points = flatten_ellipse(center, major, minor, float(arc.get_start_t()), float(arc.sweep), distance)
+    points[0] = _point(arc.start)  # the ends as written, free of the rounding of the arc's centre form
+    points[-1] = _point(arc.end)
+    return points
 
 
 def _point(point: "svgelements.Point") -> tuple[float, float]:

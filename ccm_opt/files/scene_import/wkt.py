@@ -1,4 +1,4 @@
-"""Well-known text: one geometry, or several one after the other."""
+"""Reads drawings in well-known text: one geometry, or several one after the other."""
 
 import re
 
@@ -11,7 +11,7 @@ from ccm_opt.files.scene_import.features import shapes_of
 from ccm_opt.files.scene_import.found_shapes import Shape
 
 
-def read(content: bytes, distance: float) -> list[Shape]:
+def read_wkt(content: bytes, distance: float) -> list[Shape]:
     """The shapes of a WKT file, named ``geometry 1``, ``geometry 2``, … in their order.
 
     Args:
@@ -34,7 +34,8 @@ def read(content: bytes, distance: float) -> list[Shape]:
 
 def _pieces(text: str) -> list[str]:
     """The texts of the geometries: lines are joined until their brackets balance."""
-    pieces, piece = [], ""
+    pieces = []
+    piece = ""
     for line in text.splitlines():
         piece = f"{piece} {line}".strip()
         if piece and piece.count("(") <= piece.count(")"):
