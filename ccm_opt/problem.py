@@ -6,11 +6,12 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm, Axes, MappingName
+from ccm_opt.jointed.coordinates import Coordinates
 
 MethodName = Literal["nlp", "hill-climbing"]
 OptimiserName = Literal["sequential-convex", "interior-point", "none"]
@@ -42,6 +43,46 @@ class Limits:
     jerk: FloatArray | None = None
     feed_jerk: float | None = None
 
+    def of_drives(self, coordinates: Coordinates) -> "DriveLimits":
+        """The limits of every drive of an arm, drive by drive."""
+        axes = len(coordinates.base_names)
+
+        def both(of_revolutes: FloatArray | None, of_axes: float | None) -> FloatArray:
+            joints = np.full(coordinates.revolutes, np.inf) if of_revolutes is None else of_revolutes
+            return np.append(joints, np.full(axes, np.inf if of_axes is None else of_axes))
+
+        return DriveLimits(
+            velocity=both(self.velocity, self.feed_velocity),
+            acceleration=both(self.acceleration, self.feed_acceleration),
+            jerk=both(self.jerk, self.feed_jerk),
+            effort=both(self.torque, self.feed_force),
+        )
+
+    def of_coordinates(self, coordinates: Coordinates) -> "DriveLimits":
+        """The limits of the drives that move an arm's coordinates, one for each coordinate."""
+        return self.of_drives(coordinates).of(coordinates.drive_numbers)
+
+
+@dataclass(frozen=True)
+class DriveLimits:
+    """The limits of some drives in a row, ∞ where there is none; units of a revolute, and of an axis of the base.
+
+    Attributes:
+        velocity: shape (n,) [rad/s, m/s].
+        acceleration: shape (n,) [rad/s², m/s²].
+        jerk: shape (n,) [rad/s³, m/s³].
+        effort: shape (n,) [N m, N].
+    """
+
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+    effort: FloatArray
+
+    def of(self, drives: IntArray) -> "DriveLimits":
+        """The limits of drives of given numbers."""
+        return DriveLimits(self.velocity[drives], self.acceleration[drives], self.jerk[drives], self.effort[drives])
+
 
 @dataclass(frozen=True)
 class JointPose:
@@ -54,6 +95,15 @@ class JointPose:
 
     bends: FloatArray
     feed: float = 0.0
+
+    @classmethod
+    def from_configuration(cls, q: FloatArray, coordinates: Coordinates) -> "JointPose":
+        """The pose of a configuration, shape (c,) [rad, m]."""
+        return cls(q[coordinates.bends], float(coordinates.advance(q)))
+
+    def configuration(self, arm: Arm) -> FloatArray:
+        """The pose as a configuration of an arm, shape (c,) [rad, m]."""
+        return arm.configuration(self.bends, self.feed)
 
 
 @dataclass(frozen=True)
@@ -265,24 +315,24 @@ def _weight_defects(weights: Weights) -> Iterator[str]:
 
 
 def _feed_defects(problem: Problem) -> Iterator[str]:
-    feed, limits = problem.arm.feed, problem.limits
+    limits = problem.limits
     poses = [("start", problem.start), ("goal", problem.goal)]
     poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
     placed = [(name, pose.feed) for name, pose in poses if not isinstance(pose, TipGoal)]
-    if feed is None:
+    if not problem.arm.base_axes:
         yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
-        return
-    if not feed.low < feed.high:
-        yield f"arm.feed must have low < high, got {feed.low} and {feed.high}"
-    for key in ("feed_velocity", "feed_acceleration"):
-        if getattr(limits, key) is None or not getattr(limits, key) > 0.0:
-            yield f"limits.{key} must be positive when the arm has a feed axis, got {getattr(limits, key)}"
-    for key in ("feed_force", "feed_jerk"):
-        if getattr(limits, key) is not None and not getattr(limits, key) > 0.0:
-            yield f"limits.{key} must be positive, or left out when it is not limited, got {getattr(limits, key)}"
-    for name, value in placed:
-        if not feed.low <= value <= feed.high:
-            yield f"{name}.feed must be within the range of the axis, {feed.low} to {feed.high} m, got {value}"
+    for axis in problem.arm.base_axes:
+        if not axis.low < axis.high:
+            yield f"arm.feed must have low < high, got {axis.low} and {axis.high}"
+        for key in ("feed_velocity", "feed_acceleration"):
+            if getattr(limits, key) is None or not getattr(limits, key) > 0.0:
+                yield f"limits.{key} must be positive when the arm has a feed axis, got {getattr(limits, key)}"
+        for key in ("feed_force", "feed_jerk"):
+            if getattr(limits, key) is not None and not getattr(limits, key) > 0.0:
+                yield f"limits.{key} must be positive, or left out when it is not limited, got {getattr(limits, key)}"
+        for name, value in placed:
+            if not axis.low <= value <= axis.high:
+                yield f"{name}.feed must be within the range of the axis, {axis.low} to {axis.high} m, got {value}"
 
 
 def _positive_arrays(problem: Problem) -> Iterator[_Array]:

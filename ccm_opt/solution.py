@@ -4,12 +4,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
+
+_ALL_BENDS = planar_coordinates(0)
+"""Stands for a layout that is left out."""
+
+
+def _left_out() -> FloatArray:
+    """Stands for what the axes that carry the base do when it is left out."""
+    return np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
@@ -17,9 +28,8 @@ class JointPath:
     """An untimed, certified motion of the jointed arm.
 
     Attributes:
-        spline: C² clamped spline of the joint bends over the path parameter u in [0, 1], values (links,) [rad]; with a
-            feed axis one more value, its position [m].
-        keyframes: bends at the planner's keyframes, shape (K, links) [rad]; with a feed axis one more column [m].
+        spline: C² clamped spline of the arm's coordinates over the path parameter u in [0, 1], values (c,) [rad, m].
+        keyframes: coordinates at the planner's keyframes, shape (K, c) [rad, m].
         curves: the continuum curve behind each keyframe, length K.
         candidate: name of the tactic that found the motion.
         leaders: paths that the arm follows joint by joint, in order, each of shape (m, 2) [m]; none when it does not.
@@ -48,51 +58,94 @@ class JointPath:
 
 
 @dataclass(frozen=True)
-class FeedMotion:
-    """The base on its feed axis at every sample; each of shape (T,).
-
-    Attributes:
-        positions: [m].
-        velocities: [m/s].
-        accelerations: [m/s²].
-    """
-
-    positions: FloatArray
-    velocities: FloatArray
-    accelerations: FloatArray
-
-
-@dataclass(frozen=True)
 class JointTrajectory:
     """A timed motion, sampled.
 
     Attributes:
         time: shape (T,) [s], from 0, steps of at most 5 ms.
-        bend_angles: planar joint bends, counter-clockwise, shape (T, links) [rad].
-        bend_velocities: shape (T, links) [rad/s].
-        bend_accelerations: shape (T, links) [rad/s²].
-        feed: what the feed axis does, or None when the base is fixed.
+        positions: of all coordinates: bends, counter-clockwise, then the axes that carry the base, shape (T, c)
+            [rad, m].
+        velocities: shape (T, c) [rad/s, m/s].
+        accelerations: shape (T, c) [rad/s², m/s²].
+        coordinates: what the columns are; when left out, each is the bend of a joint.
         stops: numbers of the samples at which the arm rests at its goals on the way, in order.
     """
 
     time: FloatArray
-    bend_angles: FloatArray
-    bend_velocities: FloatArray
-    bend_accelerations: FloatArray
-    feed: FeedMotion | None = None
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+    coordinates: Coordinates = _ALL_BENDS
     stops: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.coordinates is _ALL_BENDS:
+            object.__setattr__(self, "coordinates", planar_coordinates((np.shape(self.positions) or (0,))[-1]))
 
     @property
     def duration(self) -> float:
         """Time from first to last sample [s]."""
         return float(self.time[-1])
 
+    @property
+    def bend_angles(self) -> FloatArray:
+        """Bends of the joints, shape (T, links) [rad]."""
+        return self.positions[:, self.coordinates.bends]
+
+    @property
+    def bend_velocities(self) -> FloatArray:
+        """Velocities of the bends, shape (T, links) [rad/s]."""
+        return self.velocities[:, self.coordinates.bends]
+
+    @property
+    def bend_accelerations(self) -> FloatArray:
+        """Accelerations of the bends, shape (T, links) [rad/s²]."""
+        return self.accelerations[:, self.coordinates.bends]
+
+    @property
+    def base_positions(self) -> FloatArray:
+        """Positions of the axes that carry the base, shape (T, axes) [m]; (T, 0) when it is fixed."""
+        return self.positions[:, self.coordinates.base]
+
+    @property
+    def base_velocities(self) -> FloatArray:
+        """Velocities of the axes that carry the base, shape (T, axes) [m/s]."""
+        return self.velocities[:, self.coordinates.base]
+
+    @property
+    def base_accelerations(self) -> FloatArray:
+        """Accelerations of the axes that carry the base, shape (T, axes) [m/s²]."""
+        return self.accelerations[:, self.coordinates.base]
+
+    def part(self, samples: slice) -> "JointTrajectory":
+        """Some of the samples, in their order; stops that are not among them are left out.
+
+        Args:
+            samples: a slice without a step.
+        """
+        first, last, _ = samples.indices(len(self.time))
+        return replace(
+            self,
+            time=self.time[samples],
+            positions=self.positions[samples],
+            velocities=self.velocities[samples],
+            accelerations=self.accelerations[samples],
+            stops=tuple(stop - first for stop in self.stops if first <= stop < last),
+        )
+
 
 @dataclass(frozen=True)
 class JointStates:
-    """The same motion for the three revolutes of every ball joint, order of ``joint_names``; shapes (T, 3 * links).
+    """The same motion as the drives see it: the three revolutes of every ball joint, and the axes of the base.
 
-    ``feed_forces``, shape (T,) [N], is what the feed axis bears along its direction; None when the base is fixed.
+    Attributes:
+        names: of the revolutes, in the order of ``joint_names``.
+        angles: of the revolutes, shape (T, 3 * links) [rad].
+        velocities: shape (T, 3 * links) [rad/s].
+        accelerations: shape (T, 3 * links) [rad/s²].
+        torques: shape (T, 3 * links) [N m].
+        base_forces: what the axes that carry the base bear along their direction, shape (T, axes) [N]; when left out,
+            the base is fixed.
     """
 
     names: tuple[str, ...]
@@ -100,7 +153,11 @@ class JointStates:
     velocities: FloatArray
     accelerations: FloatArray
     torques: FloatArray
-    feed_forces: FloatArray | None = None
+    base_forces: FloatArray = field(default_factory=_left_out)
+
+    def __post_init__(self) -> None:
+        if self.base_forces.shape == (0, 0):
+            object.__setattr__(self, "base_forces", np.zeros((len(self.angles), 0)))
 
 
 @dataclass(frozen=True)
@@ -112,14 +169,18 @@ class SimulatedMotion:
         torques: applied, shape (T, 3 * links) [N m].
         tracking_error: largest joint error at any integration step [rad].
         saturated: whether any torque met its limit.
-        base_feed: position of the base on its feed axis, shape (T,) [m], or None when the base is fixed.
+        base_positions: of the axes that carry the base, shape (T, axes) [m]; when left out, the base is fixed.
     """
 
     angles: FloatArray
     torques: FloatArray
     tracking_error: float
     saturated: bool
-    base_feed: FloatArray | None = None
+    base_positions: FloatArray = field(default_factory=_left_out)
+
+    def __post_init__(self) -> None:
+        if self.base_positions.shape == (0, 0):
+            object.__setattr__(self, "base_positions", np.zeros((len(self.angles), 0)))
 
 
 @dataclass(frozen=True)
@@ -160,6 +221,4 @@ class Solution:
     @property
     def joint_positions(self) -> FloatArray:
         """Joint and tip positions at every sample, shape (T, links + 1, 2) [m]."""
-        arm = self.problem.arm
-        feed = self.trajectory.feed
-        return arm.joint_positions(arm.headings(self.trajectory.bend_angles), 0.0 if feed is None else feed.positions)
+        return self.problem.arm.joint_positions_at(self.trajectory.positions)

@@ -46,6 +46,15 @@ def smooth_trajectory(bends: FloatArray, duration: float = 1.0, interval: float 
     return JointTrajectory(time, s * bends, rate * bends, curve * bends)
 
 
+def carried(arm: Arm, bends: JointTrajectory, base: JointTrajectory) -> JointTrajectory:
+    """A motion of an arm on a feed axis, from that of its bends and that of its base."""
+    pairs = [
+        np.column_stack((getattr(bends, name), getattr(base, name)))
+        for name in ("positions", "velocities", "accelerations")
+    ]
+    return JointTrajectory(bends.time, *pairs, arm.coordinates)
+
+
 def random_states(joints: int, count: int = 4, seed: int = 0) -> FloatArray:
     """Three random states with angles within 1 rad, shape (3, count, joints)."""
     return np.random.default_rng(seed).uniform(-1.0, 1.0, (3, count, joints))

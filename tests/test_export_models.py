@@ -15,8 +15,7 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import UNLIMITED_EFFORT, urdf_text
 from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.frames import joint_names, joint_positions_3d, revolute_angles
-from ccm_opt.solution import FeedMotion
-from tests.dynamics_arms import loose_limits, make_arm, smooth_trajectory
+from tests.dynamics_arms import carried, loose_limits, make_arm, smooth_trajectory
 
 GRAVITY = np.array([0.5, 0.0, -9.81])
 AXES: tuple[Axes, ...] = ("zyx", "zyz")
@@ -195,13 +194,10 @@ def test_mujoco_replays_the_torques(on_axis: bool) -> None:
     trajectory = smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0, interval=1e-3)
     if on_axis:
         arm, base = replace(arm, feed=Feed(0.0, 0.4, 0.4)), smooth_trajectory(np.array([0.3]), 1.0, 1e-3)
-        motion = (base.bend_angles[:, 0], base.bend_velocities[:, 0], base.bend_accelerations[:, 0])
-        trajectory = replace(trajectory, feed=FeedMotion(*motion))
+        trajectory = carried(arm, trajectory, base)
     joints = joint_states(arm, trajectory, InverseDynamics(arm, GRAVITY))
-    efforts, q = joints.torques, joints.angles
-    if trajectory.feed is not None and joints.feed_forces is not None:
-        efforts = np.column_stack((joints.feed_forces, efforts))
-        q = np.column_stack((trajectory.feed.positions, q))
+    efforts = np.column_stack((joints.base_forces, joints.torques))
+    q = np.column_stack((trajectory.base_positions, joints.angles))
     model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", GRAVITY))
     data = mujoco.MjData(model)
     data.qpos[:] = q[0]

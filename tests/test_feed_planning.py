@@ -20,9 +20,7 @@ from ccm_opt.jointed.arm import Feed
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.spline_path import clamped_spline
 from ccm_opt.planners.feed import FeedPlanner
-from ccm_opt.planners.feed.fed_poses import FedPose
 from ccm_opt.planners.feed.reshaping import Reshaping
-from ccm_opt.planners.following.carried_arm import CarriedArm
 from ccm_opt.planners.following.deviation import deviation
 from ccm_opt.planners.following.elastic_band import ElasticBand
 from ccm_opt.planners.following.feed_path import FeedMotions
@@ -53,12 +51,13 @@ def test_joints_slide_along_the_path(turn: float, start: float) -> None:
 
 
 def test_poses_carry_the_feed() -> None:
-    """A pose of the carried arm stands where the arm stands with its feed given beside it."""
+    """A pose of the arm stands where the arm stands with its feed given beside it, and gives its configuration back."""
     arm = make_arm(base_heading=0.7)
     row = np.append(np.linspace(-0.2, 0.3, arm.links), 0.123)
-    carried = CarriedArm.of(arm)
     expected = arm.joint_positions(arm.headings(row[:-1]), 0.123)
-    assert np.allclose(carried.joint_positions(carried.poses(row)), expected)
+    assert np.allclose(arm.points(arm.poses(row)), expected)
+    assert np.allclose(arm.joint_positions_at(row), expected)
+    assert np.allclose(arm.configurations(arm.poses(row)), row)
 
 
 def test_bending_in_the_guide_is_seen() -> None:
@@ -77,7 +76,7 @@ def test_deviation_of_a_bow() -> None:
     arm = make_arm()
     path = bow(arm, 1.5)
     keyframes = slide(arm, path, 0.0, path.base_with_tip_at_end(arm.links, LINK))
-    found = deviation(arm, keyframes[:, :-1], keyframes[:, -1], (path.points,))
+    found = deviation(arm, keyframes, (path.points,))
     sagitta = LINK**2 * (1.5 / 0.5) / 8.0
     assert 0.9 * sagitta < found.worst < 1.01 * sagitta
     assert found.straight_worst < 1e-6
@@ -183,7 +182,7 @@ def test_reshaping_leaves_the_guide_alone() -> None:
         start = np.zeros(arm.links)
         start[-beyond + 1 : -beyond + 3] = 0.3
         reshaping = Reshaping(problem, Deadline(time.monotonic() + 20.0))
-        keyframes = reshaping.keyframes(FedPose(start, feed), bends, 0.8)
+        keyframes = reshaping.keyframes(JointPose(start, feed), bends, 0.8)
         assert keyframes is not None
         assert np.array_equal(keyframes[:, -1], np.full(len(keyframes), feed))
         assert not keyframes[:, : arm.links - beyond].any()
@@ -217,7 +216,7 @@ def test_shipped_problems(name: str) -> None:
     path = FeedPlanner().plan(problem)
     rows = np.asarray(path.spline(np.linspace(0.0, 1.0, 400)))
     assert_sound(problem, rows)
-    found = deviation(problem.arm, rows[:, :-1], rows[:, -1], path.leaders)
+    found = deviation(problem.arm, rows, path.leaders)
     assert found.straight_mean < 0.02 * problem.arm.radius
     assert 0.0 < found.mean < found.worst < 0.1 * problem.arm.radius
 
@@ -273,6 +272,5 @@ def test_a_fast_feed_is_held_back_where_joints_leave_the_guide() -> None:
     problem = load_problem(PROBLEMS / "feed-s-duct.toml")
     fast = replace(problem, limits=replace(problem.limits, feed_velocity=300.0, feed_acceleration=300.0))
     solution = solve(fast)
-    assert solution.trajectory.feed is not None
     most = DEFAULT_FOLLOWING.links_per_sample * problem.arm.link_length / DEFAULT_FOLLOWING.sample_period
-    assert np.max(np.abs(solution.trajectory.feed.velocities)) <= most
+    assert np.max(np.abs(solution.trajectory.base_velocities)) <= most

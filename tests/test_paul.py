@@ -16,10 +16,12 @@ from ccm_opt.driver.verified_plan import timed_leg
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import RetimingError, VerificationError
 from ccm_opt.files.problem_file import load_problem, parse_problem
+from ccm_opt.jointed.coordinates import planar_coordinates
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.planners.legs import Leg
 from ccm_opt.problem import JointPose, Limits, Problem
-from ccm_opt.retiming.paul import WINDOWS, Axes, fastest_legs, retime_paul
+from ccm_opt.retiming.path_limits import PathLimits
+from ccm_opt.retiming.paul import WINDOWS, fastest_legs, retime_paul
 from ccm_opt.retiming.transitions import Legs
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
@@ -95,7 +97,9 @@ def test_places_rates_and_growth_are_one_motion(seed: int, links: int) -> None:
     vias = np.unique(random_keyframes(seed, links), axis=0)
     if len(vias) < 2:
         return
-    legs = fastest_legs(vias, Axes.of(even_limits(links, 1.0, 3.0), links), 0.5, 8e-3)
+    legs = fastest_legs(
+        vias, PathLimits.from_limits(even_limits(links, 1.0, 3.0), planar_coordinates(links), links), 0.5, 8e-3
+    )
     time, h = np.linspace(0.01, 0.99, 301) * legs.duration, 1e-5
     middle, before, after = legs.at(time), legs.at(time - h), legs.at(time + h)
     np.testing.assert_allclose((after[0] - before[0]) / (2.0 * h), middle[1], atol=1e-4)
@@ -174,10 +178,9 @@ def test_a_feed_axis_keeps_its_own_limits() -> None:
     path = made_path(np.array([[0.0, 0.0], [0.1, 0.2], [0.5, 0.3]]))
     trajectory = retime_paul(path, limits, pendulums, revolutes=to_revolutes)
     assert trajectory.bend_angles.shape[1] == 1
-    assert trajectory.feed is not None
-    assert 0.09 <= np.max(np.abs(trajectory.feed.velocities)) <= 0.1
-    assert np.max(np.abs(trajectory.feed.accelerations)) <= 0.5
-    assert trajectory.feed.positions[-1] == 0.3
+    assert 0.09 <= np.max(np.abs(trajectory.base_velocities)) <= 0.1
+    assert np.max(np.abs(trajectory.base_accelerations)) <= 0.5
+    assert trajectory.base_positions[-1, 0] == 0.3
 
 
 CORNERS = np.array([[0.0, 0.0, 0.0, 0.0], [0.0, 0.9, 0.9, 0.0], [0.9, 0.0, 0.9, 0.0]])

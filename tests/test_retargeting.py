@@ -11,8 +11,8 @@ from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.problem import Limits, TipGoal
-from ccm_opt.solution import FeedMotion, JointTrajectory, Solution
-from tests.dynamics_arms import make_arm, smooth_trajectory
+from ccm_opt.solution import JointTrajectory, Solution
+from tests.dynamics_arms import carried, make_arm, smooth_trajectory
 
 WEIGHT = np.array([0.0, 0.0, -9.81])
 PROBLEM = """
@@ -40,7 +40,7 @@ joints_deg = [60, 20, 10, 10, 10, 10]
 def limits_of(arm: Arm, trajectory: JointTrajectory, torque: float) -> Limits:
     """Limits that the motion keeps, the accelerations with nothing to spare."""
     n, most = 3 * arm.links, float(np.max(np.abs(trajectory.bend_accelerations)))
-    feed = 1.0 if trajectory.feed is None else float(np.max(np.abs(trajectory.feed.accelerations)))
+    feed = float(np.max(np.abs(trajectory.base_accelerations), initial=0.0)) or 1.0
     return Limits(np.full(n, 10.0), np.full(n, 1.001 * most), np.full(n, torque), 1.0, 1.001 * feed, 40.0)
 
 
@@ -59,8 +59,7 @@ def test_braking_keeps_limits_and_path(moment: float, on_axis: bool) -> None:
     arm, whole = make_arm(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0)
     if on_axis:
         arm, base = replace(arm, feed=Feed(0.0, 0.4, 0.4)), smooth_trajectory(np.array([0.3]), duration=1.0)
-        motion = (base.bend_angles[:, 0], base.bend_velocities[:, 0], base.bend_accelerations[:, 0])
-        whole = replace(whole, feed=FeedMotion(*motion))
+        whole = carried(arm, whole, base)
     dynamics = InverseDynamics(arm, WEIGHT)
     planned = joint_states(arm, whole, dynamics)
     limits = limits_of(arm, whole, 1.001 * float(np.max(np.abs(planned.torques))))
@@ -73,9 +72,9 @@ def test_braking_keeps_limits_and_path(moment: float, on_axis: bool) -> None:
     joints = joint_states(arm, stopped, dynamics)
     assert np.max(np.abs(joints.torques)) <= limits.torque[0]
     assert moment < stopped.duration < 1.0
-    if stopped.feed is not None:
-        assert np.max(np.abs(stopped.feed.accelerations)) <= limits.feed_acceleration
-        assert stopped.feed.velocities[-1] == 0.0
+    if on_axis:
+        assert np.max(np.abs(stopped.base_accelerations)) <= limits.feed_acceleration
+        assert stopped.base_velocities[-1, 0] == 0.0
 
 
 def test_braking_is_as_soon_as_the_limits_allow() -> None:

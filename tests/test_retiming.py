@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import RetimingError
+from ccm_opt.jointed.coordinates import planar_coordinates
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.grid import path_grid
 from ccm_opt.retiming.path_rows import path_rows
@@ -62,7 +63,8 @@ def test_paths_that_turn_back_where_linear_programs_fail_are_timed(seed: int, li
 def test_two_ways_of_the_same_sweeps_agree(seed: int, links: int) -> None:
     """The sweeps that cannot fail find the squared speeds that the linear programs find."""
     path, limits = make_path(random_control(seed, links)), even_limits(links, 2.0, 10.0, 40.0)
-    rows = path_rows(path.spline, path_grid(path.spline, 100), limits, pendulums, to_revolutes)
+    columns = planar_coordinates(links)
+    rows = path_rows(path.spline, path_grid(path.spline, 100), limits, pendulums, to_revolutes, columns)
     slack, cap = np.full_like(rows.c, 0.99), (0.99 / np.maximum(rows.speed, 1e-3)) ** 2
     ours = SpeedProfile(rows.s, reachable_profile(rows, slack, cap))
     assert np.all(ours.squared[1:-1] > 0.0)

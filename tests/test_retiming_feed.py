@@ -50,8 +50,8 @@ def test_the_feed_axis_keeps_its_own_limits() -> None:
     best = 0.3 / 0.1 + 0.1 / 0.5
     assert best <= trajectory.duration <= 1.02 * best
     assert trajectory.bend_angles.shape[1] == 2
-    np.testing.assert_allclose(trajectory.feed.positions[[0, -1]], [0.0, 0.3], atol=1e-12)
-    assert np.abs(trajectory.feed.velocities).max() == pytest.approx(0.1, rel=0.02)
+    np.testing.assert_allclose(trajectory.base_positions[[0, -1], 0], [0.0, 0.3], atol=1e-12)
+    assert np.abs(trajectory.base_velocities).max() == pytest.approx(0.1, rel=0.02)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -66,8 +66,8 @@ def test_force_and_torque_limits_hold_with_a_feed_axis(seed: int) -> None:
         to_revolutes(values)
         for values in (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
     ]
-    torques = np.abs(Cart()(*motion, trajectory.feed.accelerations)).max() / limits.torque[0]
-    force = np.abs(Cart().feed_forces(*motion, trajectory.feed.accelerations)).max() / limits.feed_force
+    torques = np.abs(Cart()(*motion, trajectory.base_accelerations[:, 0])).max() / limits.torque[0]
+    force = np.abs(Cart().feed_forces(*motion, trajectory.base_accelerations[:, 0])).max() / limits.feed_force
     assert max(torques, force) <= 1.0 + 1e-9
     assert force >= 0.95
 
@@ -105,7 +105,7 @@ def test_joined_legs_are_one_motion_that_rests_at_its_stops(seed: int, pauses: l
     for stop, leg in zip(whole.stops, parts[:-1], strict=True):
         np.testing.assert_array_equal(whole.bend_angles[stop], leg.bend_angles[-1])
         assert not np.any(whole.bend_velocities[stop])
-        assert whole.feed.velocities[stop] == 0.0
+        assert whole.base_velocities[stop, 0] == 0.0
     mean = np.diff(whole.bend_angles, axis=0) / steps[:, None]
     second = np.diff(mean, axis=0) / (0.5 * (steps[1:] + steps[:-1]))[:, None]
     assert np.abs(second).max() <= 10.0 * (1.0 + 1e-6)
@@ -124,7 +124,7 @@ def test_reversing_twice_is_the_identity_and_once_swaps_the_ends() -> None:
     assert again.stops == whole.stops
     np.testing.assert_allclose(again.time, whole.time, atol=1e-12)
     np.testing.assert_array_equal(again.bend_accelerations, whole.bend_accelerations)
-    np.testing.assert_array_equal(again.feed.positions, whole.feed.positions)
+    np.testing.assert_array_equal(again.base_positions, whole.base_positions)
 
 
 def test_legs_that_do_not_meet_are_refused() -> None:

@@ -23,8 +23,8 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
-from ccm_opt.solution import FeedMotion, JointStates, JointTrajectory, SimulatedMotion
-from tests.dynamics_arms import loose_limits, make_arm, smooth_trajectory
+from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
+from tests.dynamics_arms import carried, loose_limits, make_arm, smooth_trajectory
 
 WEIGHT = np.array([0.0, 0.0, -9.81])
 BENDS = 0.4 * np.sin(np.arange(12.0))
@@ -338,18 +338,15 @@ def on_axis(arm: Arm, duration: float = 1.0) -> tuple[Arm, JointTrajectory]:
     """The arm on a feed axis, and a motion of bends and feed together."""
     arm = replace(arm, feed=Feed(0.0, 0.4, 0.4))
     base = smooth_trajectory(np.array([0.3]), duration)
-    feed = FeedMotion(base.bend_angles[:, 0], base.bend_velocities[:, 0], base.bend_accelerations[:, 0])
-    return arm, replace(smooth_trajectory(BENDS[: arm.links], duration), feed=feed)
+    return arm, carried(arm, smooth_trajectory(BENDS[: arm.links], duration), base)
 
 
 def test_the_feed_axis_is_tracked() -> None:
     """Computed torque follows bends and feed of a motion together; without disturbances both errors are small."""
     arm, trajectory = on_axis(make_arm(12))
     motion = run(arm, trajectory, SimulationOptions())
-    assert trajectory.feed is not None
-    assert motion.base_feed is not None
     assert motion.tracking_error < 2e-5
-    assert np.max(np.abs(motion.base_feed - trajectory.feed.positions)) < 1e-6
+    assert np.max(np.abs(motion.base_positions - trajectory.base_positions)) < 1e-6
 
 
 def test_pd_holds_the_feed_axis_against_gravity() -> None:
@@ -357,28 +354,22 @@ def test_pd_holds_the_feed_axis_against_gravity() -> None:
     arm, trajectory = on_axis(replace(make_arm(12), base_heading=1.0), duration=2.0)
     options = SimulationOptions(controller="pd", proportional_gain=10.0, derivative_gain=0.015, bandwidth=20.0)
     motion = run(arm, trajectory, options)
-    assert trajectory.feed is not None
-    assert motion.base_feed is not None
-    assert np.max(np.abs(motion.base_feed - trajectory.feed.positions)) < 0.01
-    still = replace(smooth_trajectory(np.zeros(12), 0.3), feed=FeedMotion(*np.zeros((3, 76))))
+    assert np.max(np.abs(motion.base_positions - trajectory.base_positions)) < 0.01
+    still = carried(arm, smooth_trajectory(np.zeros(12), 0.3), smooth_trajectory(np.zeros(1), 0.3))
     resting = run(arm, still, options)
-    assert resting.base_feed is not None
-    assert np.max(np.abs(resting.base_feed)) < 1e-9
+    assert np.max(np.abs(resting.base_positions)) < 1e-9
 
 
 def test_thrust_never_passes_its_limit() -> None:
     """A feed force too small for the motion is kept and reported as saturation, and the base lags."""
     arm, trajectory = on_axis(make_arm(12), duration=0.4)
     joints = states_of(arm, trajectory)
-    assert joints.feed_forces is not None
     loose = simulate(arm, trajectory, joints, SimulationOptions(), loose_limits(arm))
-    tight = replace(loose_limits(arm), feed_force=0.6 * float(np.max(np.abs(joints.feed_forces))))
+    tight = replace(loose_limits(arm), feed_force=0.6 * float(np.max(np.abs(joints.base_forces))))
     motion = simulate(arm, trajectory, joints, SimulationOptions(), tight)
     assert motion.saturated
     assert not loose.saturated
-    assert motion.base_feed is not None
-    assert trajectory.feed is not None
-    assert np.max(np.abs(motion.base_feed - trajectory.feed.positions)) > 1e-3
+    assert np.max(np.abs(motion.base_positions - trajectory.base_positions)) > 1e-3
 
 
 def test_too_stiff_a_feed_axis_is_refused() -> None:
@@ -414,8 +405,7 @@ def test_thrust_at_its_limit_is_the_same_in_the_virtual_machine(monkeypatch: pyt
     """Compiled and interpreted loops agree where the thrust is at its limit."""
     arm, trajectory = on_axis(make_arm(4), duration=0.3)
     joints = states_of(arm, trajectory)
-    assert joints.feed_forces is not None
-    limits = replace(loose_limits(arm), feed_force=0.7 * float(np.max(np.abs(joints.feed_forces))))
+    limits = replace(loose_limits(arm), feed_force=0.7 * float(np.max(np.abs(joints.base_forces))))
     expected = simulate(arm, trajectory, joints, SimulationOptions(), limits)
     monkeypatch.setenv(COMPILER_VARIABLE, "")
     got = simulate(arm, trajectory, joints, SimulationOptions(), limits)
@@ -444,9 +434,7 @@ def test_the_virtual_machine_runs_the_same_loop(
     monkeypatch.setenv(COMPILER_VARIABLE, "")
     got = run(arm, trajectory, options)
     assert np.allclose(got.angles, expected.angles, rtol=0.0, atol=1e-10)
-    assert got.base_feed is not None
-    assert expected.base_feed is not None
-    assert np.allclose(got.base_feed, expected.base_feed, rtol=0.0, atol=1e-10)
+    assert np.allclose(got.base_positions, expected.base_positions, rtol=0.0, atol=1e-10)
     assert np.allclose(got.torques, expected.torques, rtol=0.0, atol=1e-8)
 
 

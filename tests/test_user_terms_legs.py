@@ -52,8 +52,7 @@ def test_a_constraint_on_the_feed_is_held_against_the_motion() -> None:
     """It is reported when it holds, and there is no plan when it does not: it names the constraint."""
     problem = parse_problem(FED.replace("position = [0.3, 0.1]", "position = [0.5, 0.1]"))
     solution = solve(problem, constraints=[feed_below(0.31)])
-    assert solution.trajectory.feed is not None
-    assert solution.trajectory.feed.positions[-1] > 0.1
+    assert solution.trajectory.base_positions[-1, 0] > 0.1
     assert solution.metrics["residual_short_feed"] == 0.0
     with pytest.raises(MotionNotFound, match="short feed"):
         solve(problem, constraints=[feed_below(0.05)], explain=False)

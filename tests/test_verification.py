@@ -280,7 +280,7 @@ def test_one_sample_moved_into_a_wall_is_refused() -> None:
     assert not failures(verify(problem, trajectory, joints))
     bends = trajectory.bend_angles.copy()
     bends[250, 0] -= 0.5
-    refused = failures(verify(problem, replace(trajectory, bend_angles=bends), joints))
+    refused = failures(verify(problem, replace(trajectory, positions=bends), joints))
     assert {"wall clearance", "velocities against angles", "revolutes against bends", "joint velocity"} <= refused
 
 
@@ -298,8 +298,8 @@ def test_a_self_crossing_is_refused_and_named() -> None:
 @pytest.mark.parametrize(
     ("field", "names"),
     [
-        ("bend_velocities", {"velocities against angles", "revolutes against bends"}),
-        ("bend_accelerations", {"accelerations against velocities", "revolutes against bends"}),
+        ("velocities", {"velocities against angles", "revolutes against bends"}),
+        ("accelerations", {"accelerations against velocities", "revolutes against bends"}),
     ],
 )
 def test_falsified_rates_are_refused(field: str, names: set[str]) -> None:
@@ -317,8 +317,8 @@ def test_a_motion_too_fast_is_refused_even_when_every_report_agrees() -> None:
     problem = replace(problem, limits=slow)
     false = replace(
         trajectory,
-        bend_velocities=0.5 * trajectory.bend_velocities,
-        bend_accelerations=0.5 * trajectory.bend_accelerations,
+        velocities=0.5 * trajectory.velocities,
+        accelerations=0.5 * trajectory.accelerations,
     )
     checks = verify(problem, false, make_states(problem, false))
     assert {"joint velocity", "joint acceleration"} <= failures(checks)
@@ -356,7 +356,7 @@ def test_limits_name_the_joint_and_the_time() -> None:
         (lambda t: replace(t, time=2.0 * t.time), "too far apart"),
         (lambda t: replace(t, time=t.time + 1.0), "starts at"),
         (lambda t: replace(t, time=t.time - 0.004 * (np.arange(len(t.time)) > 9)), "does not increase"),
-        (lambda t: replace(t, bend_velocities=t.bend_velocities * np.nan), "not finite"),
+        (lambda t: replace(t, velocities=t.velocities * np.nan), "not finite"),
     ],
 )
 def test_malformed_samples_are_refused_with_the_reason(

@@ -11,10 +11,10 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
-from ccm_opt.solution import Check, FeedMotion, JointStates, JointTrajectory
+from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification import verify
 from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import feed_forces, joint_torques
+from ccm_opt.verification.newton_euler import base_forces, joint_torques
 from ccm_opt.verification.wall_clearance import check_walls
 
 LINKS = 6
@@ -43,21 +43,18 @@ def make_case(
     """A problem of a whole-arm goal, and a motion that solves it when nothing is in the way."""
     arm = arm or make_arm()
     time, *values = quintic(np.zeros(LINKS + 1), np.append(end, fed))
-    bends, rates, growth = (value[:, :LINKS] for value in values)
-    feed = FeedMotion(*(value[:, LINKS] for value in values))
     one = np.ones(3 * LINKS)
     limits = Limits(2.0 * one, 10.0 * one, 20.0 * one, feed_velocity=0.25, feed_acceleration=0.5, feed_force=20.0)
     problem = Problem("fed", Workspace(ROOM, obstacles), arm, limits, JointPose(np.zeros(LINKS)), JointPose(end, fed))
-    return problem, JointTrajectory(time, bends, rates, growth, feed)
+    return problem, JointTrajectory(time, *values, arm.coordinates)
 
 
 def states(problem: Problem, trajectory: JointTrajectory) -> JointStates:
     """The revolutes' view of a planar motion on a moving base."""
     planar = trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations
-    assert trajectory.feed is not None
-    pushed = trajectory.feed.accelerations
-    torques = joint_torques(problem.arm, problem.simulation.gravity, *planar, pushed)
-    forces = feed_forces(problem.arm, problem.simulation.gravity, *planar, pushed)
+    motion = trajectory.positions, trajectory.velocities, trajectory.accelerations
+    torques = joint_torques(problem.arm, problem.simulation.gravity, *motion)
+    forces = base_forces(problem.arm, problem.simulation.gravity, *motion)[:, None]
     return JointStates(joint_names(problem.arm), *(revolute_angles(problem.arm, v) for v in planar), torques, forces)
 
 
@@ -94,16 +91,16 @@ def test_limits_of_the_axis_are_held(change: dict[str, float], name: str) -> Non
 def test_a_false_report_of_the_axis_is_found() -> None:
     """Rates and forces that do not belong to the positions, and positions beyond the range, are refused."""
     problem, trajectory = make_case(np.full(LINKS, 0.2))
-    feed, joints = trajectory.feed, states(problem, trajectory)
-    assert feed is not None
-    assert joints.feed_forces is not None
-    slow = replace(trajectory, feed=replace(feed, velocities=0.9 * feed.velocities))
+    joints = states(problem, trajectory)
+    on_base = np.append(np.zeros(LINKS), 1.0)
+    slow = replace(trajectory, velocities=trajectory.velocities * (1.0 - 0.1 * on_base))
     assert "feed velocity against positions" in failing(problem, slow, joints)
-    light = replace(joints, feed_forces=0.9 * joints.feed_forces)
+    light = replace(joints, base_forces=0.9 * joints.base_forces)
     assert failing(problem, trajectory, light) == {"feed force against dynamics"}
-    moved = replace(trajectory, feed=replace(feed, positions=feed.positions + 0.15))
+    moved = replace(trajectory, positions=trajectory.positions + 0.15 * on_base)
     assert {"feed range", "start feed", "goal feed"} <= failing(problem, moved, joints)
-    assert failing(problem, replace(trajectory, feed=None), joints) == {"samples"}
+    bends = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
+    assert failing(problem, JointTrajectory(trajectory.time, *bends), joints) == {"samples"}
 
 
 def test_joints_inside_the_guide_stay_straight() -> None:
@@ -132,7 +129,7 @@ def test_a_wall_passed_between_two_samples_is_met() -> None:
     wall = Obstacle("foil", shapely.LineString([(0.75, -0.5), (0.75, 0.5)]))
     arm = make_arm(base_heading=0.0)
     arm = replace(arm, feed=Feed(0.0, 2.0, 0.0))
-    motion = ChainMotion(arm, np.array([0.0, 0.005]), np.zeros((2, LINKS)), np.array([0.0, 2.0]))
+    motion = ChainMotion(arm, np.array([0.0, 0.005]), np.array([[0.0] * LINKS + [0.0], [0.0] * LINKS + [2.0]]))
     assert not check_walls(motion, Workspace(ROOM, (wall,))).passed
 
 
@@ -140,8 +137,7 @@ def test_stops_are_checked_like_goals() -> None:
     """A stop must be near its goal, at rest, and there at all."""
     problem, trajectory = make_case(np.full(LINKS, 0.2))
     arm, k = problem.arm, 250
-    assert trajectory.feed is not None
-    tip = arm.joint_positions(arm.headings(trajectory.bend_angles[k]), trajectory.feed.positions[k])[-1]
+    tip = arm.joint_positions(arm.headings(trajectory.bend_angles[k]), trajectory.base_positions[k, 0])[-1]
     near = replace(problem, stops=(Stop(TipGoal(tip + np.array([0.0, 9e-4])), Tolerances()),))
     far = replace(problem, stops=(Stop(TipGoal(tip + np.array([0.0, 1.1e-3])), Tolerances()),))
     told = replace(trajectory, stops=(k,))
@@ -154,19 +150,13 @@ def test_stops_are_checked_like_goals() -> None:
 def test_the_force_on_the_axis_is_newtons() -> None:
     """Whatever the joints do, the force is the change of the arm's momentum along the axis, less gravity's part."""
     problem, trajectory = make_case(np.linspace(-0.4, 0.6, LINKS))
-    arm, feed = problem.arm, trajectory.feed
-    assert feed is not None
-    points = arm.joint_positions(arm.headings(trajectory.bend_angles), feed.positions)
+    arm = problem.arm
+    points = arm.joint_positions(arm.headings(trajectory.bend_angles), trajectory.base_positions[:, 0])
     centres = 0.5 * (points[:, 1:] + points[:, :-1])
     momentum = np.gradient(np.tensordot(centres, arm.masses, axes=(1, 0)), trajectory.time, axis=0)
     gravity = problem.simulation.gravity[[0, 2]] * arm.masses.sum()
     force = (np.gradient(momentum, trajectory.time, axis=0) - gravity) @ arm.feed_direction
-    own = feed_forces(
-        arm,
-        problem.simulation.gravity,
-        trajectory.bend_angles,
-        trajectory.bend_velocities,
-        trajectory.bend_accelerations,
-        feed.accelerations,
+    own = base_forces(
+        arm, problem.simulation.gravity, trajectory.positions, trajectory.velocities, trajectory.accelerations
     )
     np.testing.assert_allclose(own[3:-3], force[3:-3], atol=2e-3 * np.ptp(force))

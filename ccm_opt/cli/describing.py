@@ -51,11 +51,10 @@ def arm_lines(problem: Problem) -> list[str]:
         f"base at {base}; radius {arm.radius:g} m, length {arm.length:g} m",
         f"mass {np.sum(arm.masses):.6g} kg, payload {arm.payload:g} kg; gravity {gravity.tolist()} m/s²",
     ]
-    if arm.feed is not None:
-        feed = arm.feed
-        lines.append(
-            f"feed axis from {feed.low:g} to {feed.high:g} m along the base heading, guide ends at {feed.hole:g}"
-        )
+    lines += [
+        f"feed axis from {axis.low:g} to {axis.high:g} m along the base heading, guide ends at {axis.hole:g}"
+        for axis in arm.base_axes
+    ]
     return lines
 
 

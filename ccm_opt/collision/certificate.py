@@ -52,8 +52,10 @@ class _Spans:
 
     @classmethod
     def of(cls, arm: Arm, start: FloatArray, end: FloatArray, owner: IntArray) -> "_Spans":
-        sag = np.cumsum(arm.link_length * (end - start) ** 2, axis=1) / 8.0
-        return cls(start, end, owner, arm.joint_positions(start), arm.joint_positions(end), sag)
+        # The base runs straight, so only the turning of the links adds to the sag.
+        turned = end[:, : arm.links] - start[:, : arm.links]
+        sag = np.cumsum(arm.link_length * turned**2, axis=1) / 8.0
+        return cls(start, end, owner, arm.points(start), arm.points(end), sag)
 
 
 @dataclass(frozen=True)
@@ -180,7 +182,7 @@ class Certificate:
     def _touching(self, spans: _Spans, span: IntArray, link: IntArray) -> IntArray:
         """Stretches whose links truly touch a wall half-way, so that no bisection can help."""
         headings = 0.5 * (spans.start + spans.end)
-        places = self.arm.joint_positions(headings)
+        places = self.arm.points(headings)
         held = _Spans(headings, headings, spans.owner, places, places, spans.sag)
         lines = _lines(self._corners(held, span, link)[:, :2])
         limit = np.full(len(lines), self.arm.radius + self.workspace.clearance + self.spare)
@@ -214,7 +216,7 @@ class Certificate:
         """
         if len(span) == 0:
             return (span, i, j), span
-        middle = self.arm.joint_positions(0.5 * (spans.start + spans.end))
+        middle = self.arm.points(0.5 * (spans.start + spans.end))
         _, _, apart = closest_on_segments(middle[span, i], middle[span, i + 1], middle[span, j], middle[span, j + 1])
         distance = np.hypot(apart[:, 0], apart[:, 1])
         direction = apart / np.maximum(distance, 1e-12)[:, None]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from ccm_opt.diagnosis.contact import contact_at_ends
+from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips
 from ccm_opt.diagnosis.holding_torque import strong_enough
 from ccm_opt.diagnosis.passages import wide_and_short_enough
 from ccm_opt.diagnosis.reach import supple_enough, within_joint_limits, within_reach
@@ -13,7 +13,8 @@ Check = Callable[[Problem], Iterator[Finding]]
 AT_ONCE: tuple[Check, ...] = (within_joint_limits, within_reach, supple_enough, strong_enough)
 """Checks that cost next to nothing; the planner makes those of the others itself before it searches."""
 NECESSARY: tuple[Check, ...] = (
-    contact_at_ends,
+    contact_at_poses,
+    contact_at_tips,
     within_joint_limits,
     within_reach,
     wide_and_short_enough,
@@ -21,6 +22,9 @@ NECESSARY: tuple[Check, ...] = (
     strong_enough,
 )
 """All necessary checks, the most elementary first."""
+
+FIXED_BASE: frozenset[Check] = frozenset((contact_at_poses, wide_and_short_enough, supple_enough, strong_enough))
+"""Checks whose proofs hold for a base that stands still."""
 
 
 def failed(problem: Problem, checks: tuple[Check, ...] = NECESSARY) -> tuple[Finding, ...]:
@@ -30,4 +34,5 @@ def failed(problem: Problem, checks: tuple[Check, ...] = NECESSARY) -> tuple[Fin
         problem: what was asked.
         checks: which ones.
     """
-    return tuple(finding for check in checks for finding in check(problem))
+    applicable = [check for check in checks if check not in FIXED_BASE] if problem.arm.base_axes else checks
+    return tuple(finding for check in applicable for finding in check(problem))

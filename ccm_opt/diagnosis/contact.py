@@ -18,14 +18,18 @@ ROUNDING = 1e-9
 """Depths below this are rounding [m]."""
 
 
-def contact_at_ends(problem: Problem) -> Iterator[Finding]:
-    """Every wall that the arm touches at its start or at a goal, and where it touches itself; deepest first.
+def contact_at_poses(problem: Problem) -> Iterator[Finding]:
+    """Every wall that the arm touches in a pose of the problem, deepest first, and where it touches itself.
 
     The guide of a feed axis is no part of the problem, so poses on one are left to the planner.
     """
-    for pose in whole_poses(problem) if problem.arm.feed is None else ():
+    for pose in whole_poses(problem):
         yield from sorted(_walls_touched(problem, pose), key=lambda finding: -(finding.measured or 0.0))
         yield from _self_touched(problem.arm, pose)
+
+
+def contact_at_tips(problem: Problem) -> Iterator[Finding]:
+    """Every wall that the tip touches at a goal of its own; deepest first."""
     for place in tip_places(problem):
         yield from sorted(_tip_blocked(problem, place), key=lambda finding: -(finding.measured or 0.0))
 

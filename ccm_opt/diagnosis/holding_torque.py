@@ -18,7 +18,7 @@ FULL = 1.0
 def strong_enough(problem: Problem) -> Iterator[Finding]:
     """Poses that some joint cannot hold; only for a base that stands still."""
     torque = problem.limits.torque
-    if torque is None or problem.arm.feed is not None:
+    if torque is None:
         return
     model = InverseDynamics(problem.arm, problem.simulation.gravity)
     for pose in whole_poses(problem):

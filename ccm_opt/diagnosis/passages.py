@@ -29,8 +29,6 @@ DETOUR = 1e-3
 
 def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
     """Goals of the tip without a way that is wide and short enough; only for a base that stands still."""
-    if problem.arm.feed is not None:
-        return
     for place in tip_places(problem):
         way = Way(problem, place.goal.position, place.tolerances.position)
         straight = float(np.hypot(*(way.goal - problem.arm.base)))

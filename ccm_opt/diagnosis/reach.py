@@ -59,8 +59,6 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
 
 def supple_enough(problem: Problem) -> Iterator[Finding]:
     """Goals of the tip that the joints cannot turn to; only for a base that stands still."""
-    if problem.arm.feed is not None:
-        return
     for place in tip_places(problem):
         yield from _turned_far_enough(problem.arm, place)
         yield from _curled_enough(problem.arm, place)
@@ -151,8 +149,5 @@ def least_chord(links: int, length: float, bend: float) -> float:
 
 
 def _base_places(arm: Arm) -> shapely.Geometry:
-    """All places of the base: a point, or with a feed axis the stretch that it covers."""
-    if arm.feed is None:
-        return shapely.Point(arm.base)
-    ends = [arm.base + where * arm.feed_direction for where in (arm.feed.low, arm.feed.high)]
-    return shapely.LineString(ends)
+    """All places of the base: the stretch over which it is carried, of no length when it is fixed."""
+    return shapely.LineString([arm.base + where * arm.feed_direction for where in arm.base_range])

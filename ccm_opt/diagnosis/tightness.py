@@ -32,7 +32,7 @@ TOLD = 3
 
 def tight_places(problem: Problem) -> tuple[Finding, ...]:
     """What is likely to stand in the way, the tightest first; nothing for arms on a feed axis."""
-    if problem.arm.feed is not None:
+    if problem.arm.base_axes:
         return ()
     try:
         ends = resolve_ends(problem)

@@ -40,9 +40,9 @@ def simulate_and_check(
 def simulated_figures(problem: Problem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> Mapping[str, float]:
     """Tracking errors, and least clearances of the simulated motion at all times."""
     figures = {"tracking_error_rad": simulated.tracking_error}
-    if trajectory.feed is not None and simulated.base_feed is not None:
-        error = np.abs(simulated.base_feed - trajectory.feed.positions)
-        figures["feed_tracking_error_m"] = float(np.max(error))
+    errors = np.abs(simulated.base_positions - trajectory.base_positions)
+    for name, error in zip(trajectory.coordinates.base_names, errors.T, strict=True):
+        figures[f"{name}_tracking_error_m"] = float(np.max(error))
     names = {"wall clearance": WALLS, "self-collision": ITSELF}
     checks = simulated_checks(problem, trajectory, simulated)
     return figures | {names[check.name]: check.worst for check in checks if check.name in names}
@@ -53,6 +53,7 @@ def simulated_checks(problem: Problem, trajectory: JointTrajectory, simulated: S
     angles = simulated.angles
     if len(angles) < 2 or max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > OUT_OF_PLANE:
         return ()
-    motion = ChainMotion(problem.arm, trajectory.time, bends_from_revolutes(angles), simulated.base_feed)
+    positions = np.column_stack((bends_from_revolutes(angles), simulated.base_positions))
+    motion = ChainMotion(problem.arm, trajectory.time, positions)
     walls = check_walls(motion, problem.workspace)
     return (walls, check_self_collision(motion)) if problem.arm.self_collision else (walls,)

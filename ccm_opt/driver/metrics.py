@@ -22,8 +22,7 @@ def metrics(
     """The figures of merit of a plan, named with their units."""
     arm = problem.arm
     headings = arm.headings(trajectory.bend_angles)
-    feed = 0.0 if trajectory.feed is None else trajectory.feed.positions[-1]
-    tip = arm.joint_positions(headings[-1], feed)[-1]
+    tip = arm.joint_positions_at(trajectory.positions[-1])[-1]
     figures = {
         "duration_s": trajectory.duration,
         "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),
@@ -37,8 +36,8 @@ def metrics(
         if problem.goal.heading is not None:
             turn = wrap(headings[-1, -1] - problem.goal.heading)
             figures["heading_error_rad"] = abs(float(turn))
-    if path.leaders and trajectory.feed is not None:
-        figures.update(leader_figures(deviation(arm, trajectory.bend_angles, trajectory.feed.positions, path.leaders)))
+    if path.leaders:
+        figures.update(leader_figures(deviation(arm, trajectory.positions, path.leaders)))
     figures.update(
         {
             f"least_{check.name.replace(' ', '_')}_m": check.worst

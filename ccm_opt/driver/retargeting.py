@@ -76,15 +76,12 @@ def _check(solution: Solution, time: float) -> None:
 
 
 def _pose(trajectory: JointTrajectory) -> JointPose:
-    feed = 0.0 if trajectory.feed is None else float(trajectory.feed.positions[-1])
-    return JointPose(trajectory.bend_angles[-1].copy(), feed)
+    return JointPose.from_configuration(trajectory.positions[-1].copy(), trajectory.coordinates)
 
 
 def _path(first: JointTrajectory, onward: JointPath, problem: Problem, time: float) -> JointPath:
     """The path of the whole motion; keyframes and curves are those of the way from rest."""
-    values = first.bend_angles
-    if first.feed is not None:
-        values = np.column_stack((values, first.feed.positions))
+    values = first.positions
     if len(values) <= onward.spline.k:
         return onward
     way = np.linspace(0.0, 1.0, len(values))

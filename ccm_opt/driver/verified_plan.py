@@ -168,4 +168,12 @@ def timings_of(leg: Leg, inverse_dynamics: InverseDynamics, retimer: Retimer | N
     revolutes, method = partial(revolute_angles, problem.arm), problem.planner.retiming
     length = problem.arm.link_length
     limits = feed_limits(problem.arm, problem.limits)
-    yield from retiming.timings(path, limits, inverse_dynamics, revolutes=revolutes, method=method, link_length=length)
+    yield from retiming.timings(
+        path,
+        limits,
+        inverse_dynamics,
+        revolutes=revolutes,
+        method=method,
+        link_length=length,
+        coordinates=problem.arm.coordinates,
+    )

@@ -5,7 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
@@ -31,6 +32,10 @@ class Feed:
 @dataclass(frozen=True)
 class Arm:
     """A planar view of the arm plus what its dynamics need; angles in radians, lengths in metres.
+
+    A configuration q is a row of the arm's ``coordinates``: the bends of the joints, then the positions of the axes
+    that carry the base. A pose is what planning handles: the headings of the links, and then how far the base is
+    carried, in link lengths, so that every column moves the tip by about one link length a unit.
 
     Attributes:
         links: number of links, even.
@@ -76,11 +81,31 @@ class Arm:
         return self.links * self.link_length
 
     @property
+    def base_axes(self) -> tuple[Feed, ...]:
+        """The axes that carry the base, in the order of their coordinates; none when it is fixed."""
+        return () if self.feed is None else (self.feed,)
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """What the columns of a configuration are, c of them."""
+        return planar_coordinates(self.links, tuple(FEED for _ in self.base_axes))
+
+    @property
     def bend_limits(self) -> FloatArray:
         """Bound on the absolute bend of each joint, shape (links,) [rad]."""
         limits = np.full(self.links, self.joint_limit)
         limits[0] = self.base_limit
         return limits
+
+    @property
+    def lower_limits(self) -> FloatArray:
+        """Least value of every coordinate, shape (c,) [rad, m]."""
+        return np.concatenate((-self.bend_limits, [axis.low for axis in self.base_axes]))
+
+    @property
+    def upper_limits(self) -> FloatArray:
+        """Greatest value of every coordinate, shape (c,) [rad, m]."""
+        return np.concatenate((self.bend_limits, [axis.high for axis in self.base_axes]))
 
     @property
     def first_self_pair(self) -> int:
@@ -90,6 +115,28 @@ class Arm:
         """
         reach = max(2.0 * self.link_length, np.pi * self.radius)
         return int(np.ceil(reach / self.link_length - 1e-9)) + 1
+
+    @property
+    def base_range(self) -> tuple[float, float]:
+        """How far the base is carried along its heading at least and at most [m]; 0 and 0 when it is fixed."""
+        return sum(axis.low for axis in self.base_axes), sum(axis.high for axis in self.base_axes)
+
+    @property
+    def self_pairs(self) -> tuple[IntArray, IntArray]:
+        """Pairs (i, j), i < j, of links that must keep two radii apart, each of shape (p,); none when they may meet."""
+        if not self.self_collision:
+            none = np.zeros(0, dtype=np.intp)
+            return none, none
+        first, second = np.triu_indices(self.links, self.first_self_pair)
+        return first, second
+
+    @property
+    def mount_end(self) -> tuple[int, float]:
+        """Link on which the mount ends, and where on it as a share in [0, 1]; share 1 of the last is the whole arm."""
+        links = self.mount_length / self.link_length
+        # The small number keeps a mount of whole links from ending on the link before by rounding.
+        link = min(int(links + 1e-9), self.links - 1)
+        return link, float(np.clip(links - link, 0.0, 1.0))
 
     def headings(self, bends: FloatArray) -> FloatArray:
         """Link headings φ from joint bends, shape (..., links) [rad]."""
@@ -104,14 +151,47 @@ class Arm:
 
         Args:
             headings: of the links, shape (..., links) [rad].
-            feed: position of the base on its feed axis, shape (...) [m]; 0 when the base is fixed.
+            feed: how far the base is carried along the base heading, shape (...) [m].
         """
         steps = self.link_length * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
         start = np.zeros((*steps.shape[:-2], 1, 2))
         positions: FloatArray = self.base + np.concatenate((start, np.cumsum(steps, axis=-2)), axis=-2)
-        if self.feed is None:
+        if isinstance(feed, float) and feed == 0.0:  # what the planners' inner loops ask for
             return positions
         return positions + np.asarray(feed)[..., None, None] * self.feed_direction
+
+    def poses(self, q: FloatArray) -> FloatArray:
+        """Poses of configurations: link headings [rad], then the base in link lengths; both of shape (..., c)."""
+        base = q[..., self.links :] / self.link_length
+        return np.concatenate((self.headings(q[..., : self.links]), base), axis=-1)
+
+    def configurations(self, poses: FloatArray) -> FloatArray:
+        """Configurations of poses, the inverse of ``poses``, shape (..., c) [rad, m]."""
+        base = poses[..., self.links :] * self.link_length
+        return np.concatenate((self.bends(poses[..., : self.links]), base), axis=-1)
+
+    def points(self, poses: FloatArray) -> FloatArray:
+        """Positions of the joints and the tip in poses, shape (..., links + 1, 2) [m].
+
+        Args:
+            poses: link headings, and perhaps the base, shape (..., links) or (..., c) [rad, link lengths].
+        """
+        if poses.shape[-1] == self.links:
+            return self.joint_positions(poses)
+        carried = self.link_length * np.sum(poses[..., self.links :], axis=-1)
+        return self.joint_positions(poses[..., : self.links], carried)
+
+    def joint_positions_at(self, q: FloatArray) -> FloatArray:
+        """Positions of the joints and the tip in configurations, shape (..., links + 1, 2) [m].
+
+        Args:
+            q: shape (..., c) [rad, m].
+        """
+        return self.joint_positions(self.headings(q[..., : self.links]), self.coordinates.advance(q))
+
+    def configuration(self, bends: FloatArray, feed: float) -> FloatArray:
+        """The configuration of given bends [rad] and position of the base [m], shape (c,)."""
+        return np.append(bends, [feed for _ in self.base_axes])
 
     @property
     def feed_direction(self) -> FloatArray:
@@ -119,13 +199,16 @@ class Arm:
         return np.array([np.cos(self.base_heading), np.sin(self.base_heading)])
 
     def held(self, feed: FloatArray | float) -> BoolArray:
-        """Which joints the guide of the feed axis still holds straight, shape (..., links), boolean; none without one.
+        """Which joints a guide of the base still holds straight, shape (..., links), boolean; none without one.
 
         Args:
             feed: position of the base on its feed axis, shape (...) [m].
         """
-        if self.feed is None:
-            return np.zeros((*np.shape(feed), self.links), dtype=bool)
         along = np.asarray(feed)[..., None] + self.link_length * np.arange(self.links)
-        held: BoolArray = along < self.feed.hole - HELD_TOLERANCE
+        held: BoolArray = along < self.hole - HELD_TOLERANCE
         return held
+
+    @property
+    def hole(self) -> float:
+        """Distance from ``base`` at which the last guide of the base ends [m]; −∞ when there is none."""
+        return max((axis.hole for axis in self.base_axes), default=-np.inf)

@@ -132,9 +132,7 @@ def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 
     Args:
         arm: the arm.
         angles: revolute angles, shape (..., 3 * links) [rad].
-        feed: position of the base on its feed axis, shape (...) [m].
+        feed: how far the base is carried along its heading, shape (...) [m].
     """
     positions = frame_transforms(arm, angles)[..., ::3, :3, 3]
-    if arm.feed is None:
-        return positions
     return positions + np.asarray(feed)[..., None, None] * base_rotation(arm)[:, 0]

@@ -77,9 +77,8 @@ def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
 def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> FloatArray:
     """Unit directions of the links in the world, shape (..., links, 3); checks base and lengths to a tolerance [m]."""
     off = points[..., 0, :] - base_position(arm)
-    if arm.feed is not None:
-        axis = base_rotation(arm)[:, 0]
-        off = off - np.clip(off @ axis, arm.feed.low, arm.feed.high)[..., None] * axis
+    axis = base_rotation(arm)[:, 0]
+    off = off - np.clip(off @ axis, *arm.base_range)[..., None] * axis  # the base may be carried along its heading
     offset = float(np.max(np.abs(off), initial=0.0))
     if not offset <= tolerance:  # so written, a NaN is refused too
         raise ProblemError(f"the first position lies {offset:.3g} m off the arm's base; it must be the base itself")

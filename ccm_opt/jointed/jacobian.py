@@ -20,7 +20,7 @@ def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
         angles: revolute angles, shape (..., 3 * links) [rad].
 
     Returns:
-        Derivatives by the revolutes, and by the feed in one more first column when there is a feed axis, shape
+        Derivatives by the axes that carry the base, in the first columns, and by the revolutes, shape
         (..., links + 1, 3, columns) [m].
     """
     axes, origins, points = _axes_and_points(arm, angles)
@@ -29,7 +29,7 @@ def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
     beyond = (
         np.arange(arm.links + 1)[:, None] > np.arange(3 * arm.links) // 3
     )  # revolutes of ball k move points k + 1 on
-    return _with_feed(arm, np.swapaxes(np.where(beyond[..., None], turns, 0.0), -1, -2), moved=1.0)
+    return _with_base(arm, np.swapaxes(np.where(beyond[..., None], turns, 0.0), -1, -2), moved=1.0)
 
 
 def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
@@ -44,8 +44,8 @@ def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
     """
     axes, origins, points = _axes_and_points(arm, angles)
     linear = np.cross(axes, points[..., -1:, :] - origins)
-    angular = _with_feed(arm, np.swapaxes(axes, -1, -2), moved=0.0)
-    return np.concatenate((_with_feed(arm, np.swapaxes(linear, -1, -2), moved=1.0), angular), axis=-2)
+    angular = _with_base(arm, np.swapaxes(axes, -1, -2), moved=0.0)
+    return np.concatenate((_with_base(arm, np.swapaxes(linear, -1, -2), moved=1.0), angular), axis=-2)
 
 
 def _axes_and_points(arm: Arm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -54,10 +54,8 @@ def _axes_and_points(arm: Arm, angles: FloatArray) -> tuple[FloatArray, FloatArr
     return frames[..., :-1, :3, 2], frames[..., :-1, :3, 3], frames[..., ::3, :3, 3]
 
 
-def _with_feed(arm: Arm, columns: FloatArray, *, moved: float) -> FloatArray:
-    """The same columns after one for the feed axis, when there is one."""
-    if arm.feed is None:
-        return columns
+def _with_base(arm: Arm, columns: FloatArray, *, moved: float) -> FloatArray:
+    """The same columns after those of the axes that carry the base, if any; all run along the base heading."""
     direction = moved * base_rotation(arm)[:, 0]
-    first = np.broadcast_to(direction[:, None], (*columns.shape[:-1], 1))
+    first = np.broadcast_to(direction[:, None], (*columns.shape[:-1], len(arm.base_axes)))
     return np.concatenate((first, columns), axis=-1)

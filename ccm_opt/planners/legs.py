@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Goal, JointPose, Problem, Start, Tolerances
@@ -41,7 +40,7 @@ def plan_legs(problem: Problem, planner: Planner, *, least_time: float = 0.5) ->
     goals: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
     goals.append((problem.goal, problem.tolerances))
 
-    start = problem.start
+    start: Start = problem.start
     began = time.monotonic()
     legs: list[Leg] = []
     for number, (goal, tolerances) in enumerate(goals, start=1):
@@ -52,7 +51,7 @@ def plan_legs(problem: Problem, planner: Planner, *, least_time: float = 0.5) ->
         leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
         path = _planned(leg, planner, number, len(goals))
         legs.append(Leg(leg, path))
-        start = _pose(path.spline(1.0), problem)
+        start = JointPose.from_configuration(path.spline(1.0), problem.arm.coordinates)
     return tuple(legs)
 
 
@@ -70,11 +69,6 @@ def _planned(leg: Problem, planner: Planner, number: int, count: int) -> JointPa
             evidence={**found.evidence, "goal": number},
         )
         raise type(error)(numbered) from error
-
-
-def _pose(values: FloatArray, problem: Problem) -> Start:
-    links = problem.arm.links
-    return JointPose(values[:links], 0.0 if problem.arm.feed is None else float(values[links]))
 
 
 def whole_path(legs: tuple[Leg, ...]) -> JointPath:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from functools import partial
 
+from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits, RetimingName
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.joining import joined, reversed_trajectory
@@ -21,6 +22,7 @@ def timings(
     revolutes: Revolutes,
     method: RetimingName = "toppra",
     link_length: float | None = None,
+    coordinates: Coordinates | None = None,
 ) -> Iterator[JointTrajectory]:
     """Timed motions along a path, the most wanted first; the first that the verifier accepts is the one to take.
 
@@ -32,13 +34,17 @@ def timings(
         inverse_dynamics: angles, velocities, accelerations to torques, as ``retime`` takes it.
         revolutes: bends to revolute angles.
         method: how to time.
+        coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
         link_length: of the arm [m], by which TOPP-RA's samples are so close that chords between them stay by the path.
 
     Raises:
         RetimingError: from the first motion, or a later one, that cannot be timed within the limits.
     """
     if method == "toppra":
-        yield retime(path, limits, inverse_dynamics, revolutes=revolutes, link_length=link_length)
+        yield retime(
+            path, limits, inverse_dynamics, revolutes=revolutes, link_length=link_length, coordinates=coordinates
+        )
         return
-    turn = partial(retime_paul, path, limits, inverse_dynamics, revolutes=revolutes)
-    yield from (turn(window=window) for window in WINDOWS)
+    turn = partial(retime_paul, path, limits, inverse_dynamics, revolutes=revolutes, coordinates=coordinates)
+    for window in WINDOWS:
+        yield turn(window=window)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
 
 InverseDynamics: TypeAlias = Callable[..., FloatArray]
@@ -39,26 +40,32 @@ class Efforts:
         limits: what is not limited takes no share.
         inverse_dynamics: of the arm.
         revolutes: from bends.
-        columns: of the path.
+        coordinates: what the columns of the path are.
 
     Raises:
-        ProblemError: when the feed force is limited and the dynamics cannot tell it.
+        ProblemError: when the feed force is limited and the dynamics cannot report it.
     """
 
-    def __init__(self, limits: Limits, inverse_dynamics: InverseDynamics, revolutes: Revolutes, columns: int) -> None:
-        self._torque, self._dynamics, self._revolutes = limits.torque, inverse_dynamics, revolutes
-        self._links = len(limits.velocity) // 3
-        self._columns, self._has_feed = columns, columns > self._links
-        self._force = limits.feed_force if self._has_feed else None
-        self._forces: InverseDynamics | None = getattr(inverse_dynamics, "feed_forces", None)
-        if self._force is not None and self._forces is None:
+    def __init__(
+        self, limits: Limits, inverse_dynamics: InverseDynamics, revolutes: Revolutes, coordinates: Coordinates
+    ) -> None:
+        self._dynamics = inverse_dynamics
+        self._revolutes = revolutes
+        self._coordinates = coordinates
+        bounds = limits.of_drives(coordinates).effort
+        self._torque = bounds[: coordinates.revolutes]
+        # Axes of the base whose force is limited; the others get no row.
+        self._force = bounds[coordinates.revolutes :][np.isfinite(bounds[coordinates.revolutes :])]
+        self._torque_limited = bool(np.any(np.isfinite(self._torque)))
+        self._forces: InverseDynamics = getattr(inverse_dynamics, "feed_forces", inverse_dynamics)
+        if len(self._force) and not hasattr(inverse_dynamics, "feed_forces"):
             raise ProblemError("limits.feed_force needs inverse dynamics with a method feed_forces; leave it out")
-        self._friction = self._viscous() if self.limited else np.zeros(3 * self._links)
+        self._friction = self._viscous() if self.limited else np.zeros(coordinates.revolutes)
 
     @property
     def limited(self) -> bool:
         """Whether any effort is."""
-        return self._torque is not None or self._force is not None
+        return self._torque_limited or len(self._force) > 0
 
     @property
     def damped(self) -> bool:
@@ -73,18 +80,18 @@ class Efforts:
             velocity: [rad/s, m/s].
             acceleration: [rad/s², m/s²].
         """
-        motion = [self._revolutes(values[:, : self._links]) for values in (place, velocity, acceleration)]
-        if self._has_feed:
-            motion.append(np.ascontiguousarray(acceleration[:, self._links]))
-        torques = np.zeros_like(motion[0]) if self._torque is None else self._dynamics(*motion) / self._torque
-        if self._force is None or self._forces is None:
-            return torques
-        return np.concatenate((torques, (self._forces(*motion) / self._force)[:, None]), axis=1)
+        bends = self._coordinates.bends
+        motion = [self._revolutes(values[:, bends]) for values in (place, velocity, acceleration)]
+        # One more argument for each axis that carries the base.
+        motion += [np.ascontiguousarray(column) for column in acceleration[:, self._coordinates.base].T]
+        torques = self._dynamics(*motion) / self._torque if self._torque_limited else np.zeros_like(motion[0])
+        forces = [self._forces(*motion) / limit for limit in self._force]
+        return np.column_stack((torques, *forces))
 
     def damping(self, velocity: FloatArray) -> FloatArray:
         """Shares that are proportional to velocity, of the shape of the result of a call."""
-        shares = self._revolutes(velocity[:, : self._links]) * self._friction
-        return shares if self._force is None else np.concatenate((shares, np.zeros((len(shares), 1))), axis=1)
+        shares = self._revolutes(velocity[:, self._coordinates.bends]) * self._friction
+        return np.concatenate((shares, np.zeros((len(shares), len(self._force)))), axis=1)
 
     def parts(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> EffortParts:
         """The shares, apart by how they fall when time is longer."""
@@ -94,10 +101,11 @@ class Efforts:
 
     def _viscous(self) -> FloatArray:
         """Friction of every revolute over its torque limit: the odd part of the torques at unit velocities."""
-        if self._torque is None:
-            return np.zeros(3 * self._links)
-        place, ones = np.zeros((2, 3 * self._links)), np.ones((1, 3 * self._links))
-        motion = [place, np.concatenate((ones, -ones)), place]
-        torques = self._dynamics(*motion, np.zeros(2)) if self._has_feed else self._dynamics(*motion)
+        if not self._torque_limited:
+            return np.zeros(self._coordinates.revolutes)
+        place = np.zeros((2, self._coordinates.revolutes))
+        ones = np.ones((1, self._coordinates.revolutes))
+        base_at_rest = [np.zeros(2) for _ in self._coordinates.base_names]
+        torques = self._dynamics(place, np.concatenate((ones, -ones)), place, *base_at_rest)
         odd = 0.5 * (torques[0] - torques[1])
         return np.asarray(np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0) / self._torque)

@@ -9,8 +9,8 @@ differences by λ, accelerations by λ², jerks by λ³.
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.retiming.axes import Axes
 from ccm_opt.retiming.efforts import Efforts
+from ccm_opt.retiming.path_limits import PathLimits
 from ccm_opt.retiming.profile import slowing
 from ccm_opt.retiming.sampling import Samples
 
@@ -18,7 +18,7 @@ _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 """Share of the greatest value that rounding may add to a first or second difference."""
 
 
-def needed_stretch(samples: Samples, axes: Axes, efforts: Efforts) -> float:
+def needed_stretch(samples: Samples, axes: PathLimits, efforts: Efforts) -> float:
     """Factor on time that brings every sample and every difference within the limits; 1 or less when all are."""
     step = np.diff(samples.time)[:, None]
     mean = np.diff(samples.place, axis=0) / step
@@ -39,7 +39,7 @@ def needed_stretch(samples: Samples, axes: Axes, efforts: Efforts) -> float:
     return max(stretch, slowing(parts.moving, parts.static, 1.0, parts.damping if efforts.damped else None))
 
 
-def _jerk(samples: Samples, axes: Axes, step: FloatArray) -> float:
+def _jerk(samples: Samples, axes: PathLimits, step: FloatArray) -> float:
     """Greatest share of the jerk limits that differences of accelerations, or of mean accelerations, take."""
     if not axes.smooth:
         return 0.0

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
-from ccm_opt.solution import FeedMotion, JointTrajectory
+from ccm_opt.solution import JointTrajectory
 
 SAME_PLACE = 1e-9
 """Difference [rad, m] between the end of a leg and the start of the next that counts as rounding."""
@@ -45,16 +44,14 @@ def joined(
 
 def reversed_trajectory(trajectory: JointTrajectory) -> JointTrajectory:
     """The same motion backward: velocities change their sign, accelerations do not; a retraction."""
-    feed = trajectory.feed
-    return JointTrajectory(
-        trajectory.time[-1] - trajectory.time[::-1],
-        trajectory.bend_angles[::-1].copy(),
-        0.0 - trajectory.bend_velocities[::-1],
-        trajectory.bend_accelerations[::-1].copy(),
-        feed
-        if feed is None
-        else FeedMotion(feed.positions[::-1].copy(), 0.0 - feed.velocities[::-1], feed.accelerations[::-1].copy()),
-        tuple(len(trajectory.time) - 1 - stop for stop in reversed(trajectory.stops)),
+    last = len(trajectory.time) - 1
+    return replace(
+        trajectory,
+        time=trajectory.time[-1] - trajectory.time[::-1],
+        positions=trajectory.positions[::-1].copy(),
+        velocities=0.0 - trajectory.velocities[::-1],  # not -v: what rests keeps +0.0
+        accelerations=trajectory.accelerations[::-1].copy(),
+        stops=tuple(last - stop for stop in reversed(trajectory.stops)),
     )
 
 
@@ -63,44 +60,33 @@ def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTraj
     count = int(np.ceil(pause / step - 1e-9))
     if count == 0:
         return trajectory
-    last = np.repeat(trajectory.bend_angles[-1:], count, axis=0)
-    rest = np.zeros_like(last)
-    place, still = np.full(count, 0.0 if trajectory.feed is None else trajectory.feed.positions[-1]), np.zeros(count)
-    feed = None if trajectory.feed is None else FeedMotion(place, still, still)
     time = np.linspace(0.0, pause, count + 1)[1:]
-    return _chained(trajectory, JointTrajectory(time, last, rest, rest, feed))
+    held = np.repeat(trajectory.positions[-1:], count, axis=0)
+    rest = np.zeros_like(held)
+    return _chained(trajectory, JointTrajectory(time, held, rest, rest, trajectory.coordinates))
 
 
 def _after(first: JointTrajectory, leg: JointTrajectory, stop: int) -> JointTrajectory:
     """Two motions in a row; the first sample of the second is the last of the first."""
-    feed = None if leg.feed is None else FeedMotion(*(values[1:] for values in vars(leg.feed).values()))
-    tail = JointTrajectory(leg.time[1:], leg.bend_angles[1:], leg.bend_velocities[1:], leg.bend_accelerations[1:], feed)
     later = tuple(len(first.time) - 1 + number for number in leg.stops)
-    return replace(_chained(first, tail), stops=(*first.stops, stop, *later))
+    return replace(_chained(first, leg.part(slice(1, None))), stops=(*first.stops, stop, *later))
 
 
 def _chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory:
     """The samples of both, the time of the second counted from the end of the first."""
-
-    def both(name: str) -> FloatArray:
-        return np.concatenate((getattr(first, name), getattr(second, name)))
-
-    feed = None
-    if first.feed is not None and second.feed is not None:
-        pairs = zip(vars(first.feed).values(), vars(second.feed).values(), strict=True)
-        feed = FeedMotion(*(np.concatenate(pair) for pair in pairs))
-    time = np.concatenate((first.time, first.time[-1] + second.time))
-    q, qd, qdd = (both(name) for name in ("bend_angles", "bend_velocities", "bend_accelerations"))
-    return JointTrajectory(time, q, qd, qdd, feed, first.stops)
+    return replace(
+        first,
+        time=np.concatenate((first.time, first.time[-1] + second.time)),
+        positions=np.concatenate((first.positions, second.positions)),
+        velocities=np.concatenate((first.velocities, second.velocities)),
+        accelerations=np.concatenate((first.accelerations, second.accelerations)),
+    )
 
 
 def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> None:
-    gaps = [np.max(np.abs(leg.bend_angles[0] - first.bend_angles[-1]))]
-    if (first.feed is None) != (leg.feed is None):
-        gaps.append(np.inf)
-    elif first.feed is not None and leg.feed is not None:
-        gaps.append(np.abs(leg.feed.positions[0] - first.feed.positions[-1]))
-    gap = float(max(gaps))
+    gap = np.inf
+    if first.coordinates == leg.coordinates:
+        gap = float(np.max(np.abs(leg.positions[0] - first.positions[-1])))
     if gap <= SAME_PLACE:
         return
     raise RetimingError(

@@ -13,9 +13,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
-from ccm_opt.retiming.axes import Axes
 from ccm_opt.retiming.efforts import Efforts, InverseDynamics, Revolutes
+from ccm_opt.retiming.path_limits import PathLimits
 
 _NO_ROW = 1e-12
 """An effort row whose entries are all below this share of its limit is left out (joints that turn out of the plane)."""
@@ -70,24 +71,29 @@ class PathRows:
 
 
 def path_rows(
-    spline: BSpline, s: FloatArray, limits: Limits, inverse_dynamics: InverseDynamics, revolutes: Revolutes
+    spline: BSpline,
+    s: FloatArray,
+    limits: Limits,
+    inverse_dynamics: InverseDynamics,
+    revolutes: Revolutes,
+    coordinates: Coordinates,
 ) -> PathRows:
     """Write the limits down at given points of the path."""
     poses = tuple(np.asarray(spline(s, nu)) for nu in range(3))
     columns = poses[0].shape[1]
-    axes = Axes.of(limits, columns)
+    axes = PathLimits.from_limits(limits, coordinates, columns)
     share = np.abs(poses[1]) / axes.velocity
     fastest = np.argmax(share, axis=1)
     speed = np.maximum(share[np.arange(len(s)), fastest], _jerk_speed(spline, s, axes))
     accelerations = (poses[1] / axes.acceleration, poses[2] / axes.acceleration, np.zeros_like(poses[0]))
-    efforts = Efforts(limits, inverse_dynamics, revolutes, columns)
+    efforts = Efforts(limits, inverse_dynamics, revolutes, coordinates)
     (*rows, d), numbers = _effort_rows(poses, efforts)
     a, b, c = (np.concatenate(pair, axis=1) for pair in zip(accelerations, rows, strict=True))
     damping = np.concatenate((np.zeros_like(poses[0]), d), axis=1) if efforts.damped else None
     return PathRows(s, speed, a, b, c, damping, np.concatenate((axes.number, numbers)), axes.number[fastest], columns)
 
 
-def _jerk_speed(spline: BSpline, s: FloatArray, axes: Axes) -> FloatArray | float:
+def _jerk_speed(spline: BSpline, s: FloatArray, axes: PathLimits) -> FloatArray | float:
     """Bound from the jerk limits: 1/ṡ at which q''' ṡ³, due to the path's shape, takes its share of them."""
     if not axes.smooth:
         return 0.0

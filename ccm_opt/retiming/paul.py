@@ -6,19 +6,21 @@ shortened where they leave room. Transitions leave the polygon of keyframes, by 
 may take of a leg; whoever calls this must verify the motion.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
+from ccm_opt.retiming.path_limits import PathLimits, likely_coordinates
 from ccm_opt.retiming.path_rows import path_rows
 from ccm_opt.retiming.static_load import check_static_load
 from ccm_opt.retiming.transitions import Legs
-from ccm_opt.solution import FeedMotion, JointPath, JointTrajectory
+from ccm_opt.solution import JointPath, JointTrajectory
 
 WINDOWS = (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)
 """Largest half transition as a share of the shorter leg beside it, in the order in which they are worth a try."""
@@ -42,29 +44,6 @@ NO_LEG = 1e-9
 """Legs shorter than this in joint space [rad] are left out."""
 
 
-@dataclass(frozen=True)
-class Axes:
-    """Limits on the axes of a path: the bends and, when there is one, the feed axis.
-
-    Attributes:
-        velocity: shape (n,) [rad/s, m/s].
-        acceleration: shape (n,) [rad/s², m/s²].
-    """
-
-    velocity: FloatArray
-    acceleration: FloatArray
-
-    @classmethod
-    def of(cls, limits: Limits, axes: int) -> "Axes":
-        """The limits of so many axes; the one after the bends is the feed axis."""
-        links = len(limits.velocity) // 3
-        bends = 3 * np.arange(links) + 1
-        if axes == links:
-            return cls(limits.velocity[bends], limits.acceleration[bends])
-        feed = (limits.feed_velocity or np.inf, limits.feed_acceleration or np.inf)
-        return cls(np.append(limits.velocity[bends], feed[0]), np.append(limits.acceleration[bends], feed[1]))
-
-
 def retime_paul(
     path: JointPath,
     limits: Limits,
@@ -73,6 +52,7 @@ def retime_paul(
     revolutes: Revolutes,
     window: float = WINDOWS[0],
     step: float = 4e-3,
+    coordinates: Coordinates | None = None,
 ) -> JointTrajectory:
     """A motion along the keyframes of a path by Paul's transitions, from rest to rest, within the limits.
 
@@ -83,6 +63,7 @@ def retime_paul(
         revolutes: bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too.
         window: largest half transition as a share of the shorter leg beside it, at most ½.
         step: largest time between two samples [s].
+        coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
 
     Returns:
         Samples at equal times, the first and last at rest at the path's ends. The motion leaves the polygon of
@@ -92,18 +73,21 @@ def retime_paul(
         RetimingError: a joint cannot even hold the arm at some point of the polygon, or no slower motion keeps the
             torque limits.
     """
-    vias, dynamics = _distinct(path.keyframes), (limits, inverse_dynamics, revolutes)
+    vias = _distinct(path.keyframes)
+    columns = coordinates or likely_coordinates(limits, vias.shape[1])
+    dynamics = (limits, inverse_dynamics, revolutes, columns)
     polygon = _polygon(vias)
     if limits.torque is not None:
-        check_static_load(path_rows(polygon, np.linspace(0.0, 1.0, STATIC_POINTS), *dynamics), limits)
+        check_static_load(path_rows(polygon, np.linspace(0.0, 1.0, STATIC_POINTS), *dynamics), limits, columns)
     if len(vias) < 2:
-        return _sampled(_standing(path.keyframes, step), limits, step)
-    axes, least = Axes.of(limits, vias.shape[1]), LEAST_SAMPLES * step
+        return _sampled(_standing(path.keyframes, step), columns, step)
+    axes = PathLimits.from_limits(limits, columns, vias.shape[1])
+    least = LEAST_SAMPLES * step
     legs = fastest_legs(vias, axes, window, least)
     for attempt in range(TORQUE_ROUNDS):
         stretch = _torque_stretch(legs, *dynamics, step)
         if np.max(stretch) <= 1.0:
-            return _sampled(legs, limits, step)
+            return _sampled(legs, columns, step)
         if 2 * attempt < TORQUE_ROUNDS:
             legs = lengthened(vias, legs.times * np.maximum(stretch, 1.0), axes, window, least)
         else:
@@ -111,7 +95,7 @@ def retime_paul(
     raise _no_speed(limits)
 
 
-def fastest_legs(vias: FloatArray, axes: Axes, window: float, least: float) -> Legs:
+def fastest_legs(vias: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
     """Legs as short as the limits on speed and acceleration let them be, nearly.
 
     Legs are lengthened until the limits hold, then shortened by turns wherever they still do.
@@ -130,7 +114,7 @@ def fastest_legs(vias: FloatArray, axes: Axes, window: float, least: float) -> L
     return legs
 
 
-def lengthened(vias: FloatArray, times: FloatArray, axes: Axes, window: float, least: float) -> Legs:
+def lengthened(vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
     """Legs of at least the given times, lengthened where a limit on speed or acceleration is passed."""
     legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least)
     for _ in range(ROUNDS):
@@ -141,7 +125,7 @@ def lengthened(vias: FloatArray, times: FloatArray, axes: Axes, window: float, l
     return legs.slowed(max(1.0, float(np.max(needed(legs, axes)))))
 
 
-def with_transitions(vias: FloatArray, times: FloatArray, axes: Axes, window: float, least: float) -> Legs:
+def with_transitions(vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
     """Give legs their transitions: as short as acceleration lets them be, but within the window."""
     most = window * np.minimum(np.append(times, np.inf), np.append(np.inf, times))
     legs = Legs(vias, times, most)
@@ -150,7 +134,7 @@ def with_transitions(vias: FloatArray, times: FloatArray, axes: Axes, window: fl
     return replace(legs, halves=np.minimum(np.maximum(wanted, least), most))
 
 
-def needed(legs: Legs, axes: Axes) -> FloatArray:
+def needed(legs: Legs, axes: PathLimits) -> FloatArray:
     """Factor on the time of each leg that its speed and the transitions at its ends need, shape (K − 1,)."""
     speed = np.max(np.abs(legs.speeds[1:-1]) / (SHARE * axes.velocity), axis=1)
     change = np.abs(np.diff(legs.speeds, axis=0))
@@ -159,7 +143,7 @@ def needed(legs: Legs, axes: Axes) -> FloatArray:
     return np.asarray(np.maximum(speed, np.maximum(turn[:-1], turn[1:])))
 
 
-def _shortened(legs: Legs, axes: Axes, window: float, least: float, factor: float, colour: int) -> Legs:
+def _shortened(legs: Legs, axes: PathLimits, window: float, least: float, factor: float, colour: int) -> Legs:
     """Shorten every second leg where it and its neighbours still keep the limits; they share no via point."""
     times = legs.times.copy()
     times[colour::2] = np.maximum(factor * times[colour::2], least / window)
@@ -170,7 +154,12 @@ def _shortened(legs: Legs, axes: Axes, window: float, least: float, factor: floa
 
 
 def _torque_stretch(
-    legs: Legs, limits: Limits, inverse_dynamics: InverseDynamics, revolutes: Revolutes, step: float
+    legs: Legs,
+    limits: Limits,
+    inverse_dynamics: InverseDynamics,
+    revolutes: Revolutes,
+    coordinates: Coordinates,
+    step: float,
 ) -> FloatArray:
     """Factor on the time of each leg that brings the torques of its samples within their limits, shape (K − 1,)."""
     stretch = np.zeros(len(legs.times))
@@ -179,7 +168,7 @@ def _torque_stretch(
     if legs.duration > LONGEST * step:
         raise _no_speed(limits)
     time = _sample_times(legs, step)
-    q, qd, qdd = (revolutes(values[:, : len(limits.velocity) // 3]) for values in legs.at(time))
+    q, qd, qdd = (revolutes(values[:, coordinates.bends]) for values in legs.at(time))
     static = inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q)) / limits.torque
     moving = inverse_dynamics(q, qd, qdd) / limits.torque - static
     via, turning = legs.piece(time)
@@ -192,15 +181,11 @@ def _torque_stretch(
     return stretch
 
 
-def _sampled(legs: Legs, limits: Limits, step: float) -> JointTrajectory:
+def _sampled(legs: Legs, coordinates: Coordinates, step: float) -> JointTrajectory:
     time = _sample_times(legs, step)
     q, qd, qdd = legs.at(time)
     q[[0, -1]], qd[[0, -1]], qdd[[0, -1]] = legs.vias[[0, -1]], 0.0, 0.0
-    links = len(limits.velocity) // 3
-    if q.shape[1] == links:
-        return JointTrajectory(time, q, qd, qdd)
-    feed = FeedMotion(q[:, links], qd[:, links], qdd[:, links])
-    return JointTrajectory(time, q[:, :links], qd[:, :links], qdd[:, :links], feed)
+    return JointTrajectory(time, q, qd, qdd, coordinates)
 
 
 def _sample_times(legs: Legs, step: float) -> FloatArray:

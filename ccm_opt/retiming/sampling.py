@@ -15,7 +15,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.solution import FeedMotion, JointPath, JointTrajectory
+from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.solution import JointPath, JointTrajectory
 
 logger = logging.getLogger(__name__)
 
@@ -85,55 +86,56 @@ class Samples:
         """The same samples with all times longer by a factor."""
         return Samples(self.s, self.time * factor, self.place, self.velocity / factor, self.acceleration / factor**2)
 
-    def trajectory(self, links: int) -> JointTrajectory:
-        """As a trajectory of the arm; a column after the bends is the feed axis."""
-        motion = (self.place, self.velocity, self.acceleration)
-        q, qd, qdd = (np.ascontiguousarray(values[:, :links]) for values in motion)
-        feed = FeedMotion(*(values[:, links].copy() for values in motion)) if self.place.shape[1] > links else None
-        return JointTrajectory(self.time, q, qd, qdd, feed)
+    def trajectory(self, coordinates: Coordinates) -> JointTrajectory:
+        """As a trajectory of the arm whose coordinates the columns are."""
+        return JointTrajectory(self.time, self.place, self.velocity, self.acceleration, coordinates)
 
 
-def sample_motion(spline: BSpline, profile: Profile, step: float, chords: Chords | None, links: int) -> Samples:
+def sample_motion(
+    spline: BSpline, profile: Profile, step: float, chords: Chords | None, coordinates: Coordinates
+) -> Samples:
     """Sample a path travelled at a speed profile: q̇ = q' ṡ, q̈ = q' s̈ + q'' ṡ²."""
     count = max(int(np.ceil(profile.duration / step - 1e-9)), LEAST_SAMPLES)
     time = np.linspace(0.0, profile.duration, count + 1)
     if chords is not None:
-        time = near_the_path(spline, profile, time, chords, links)
+        time = near_the_path(spline, profile, time, chords, coordinates)
     s, speed, growth = (values[:, None] for values in profile.at(time))
     s[[0, -1], 0], speed[[0, -1], 0] = (0.0, 1.0), 0.0
     poses = [np.asarray(spline(s[:, 0], nu)) for nu in range(3)]
     return Samples(s[:, 0], time, poses[0], poses[1] * speed, poses[1] * growth + poses[2] * speed**2)
 
 
-def near_the_path(spline: BSpline, profile: Profile, time: FloatArray, chords: Chords, links: int) -> FloatArray:
+def near_the_path(
+    spline: BSpline, profile: Profile, time: FloatArray, chords: Chords, coordinates: Coordinates
+) -> FloatArray:
     """Sample times with more between them where chords would leave the path; no step is cut beyond ``MOST_PIECES``."""
     shortest = np.min(np.diff(time)) / MOST_PIECES
     for _ in range(_ROUNDS):
-        share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_length, links) / chords.sag)
+        share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_length, coordinates) / chords.sag)
         pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
         if np.all(pieces <= 1):
             break
         time = _cut(time, np.maximum(pieces, 1))
-    _tell(sag(spline, profile.at(time)[0], chords.link_length, links), chords, len(time))
+    _tell(sag(spline, profile.at(time)[0], chords.link_length, coordinates), chords, len(time))
     return time
 
 
-def sag(spline: BSpline, s: FloatArray, link_length: float, links: int) -> FloatArray:
+def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordinates) -> FloatArray:
     """How far any point of the arm may leave its way on the chords between points of the path.
 
     Args:
-        spline: bends, and perhaps the feed.
+        spline: of the arm's coordinates.
         s: path parameters, not decreasing, shape (T,).
         link_length: [m].
-        links: number of them.
+        coordinates: what the columns of the spline are.
 
     Returns:
         Bounds, shape (T − 1,) [m].
     """
     places = np.union1d(s, np.clip(spline.t, 0.0, 1.0))
     second = np.asarray(spline(places, 2))
-    weight = link_length * np.abs(np.cumsum(second[:, :links], axis=1)).sum(axis=1)
-    weight += np.abs(second[:, links:]).sum(axis=1)
+    weight = link_length * np.abs(np.cumsum(second[:, coordinates.bends], axis=1)).sum(axis=1)
+    weight += np.abs(second[:, coordinates.base]).sum(axis=1)
     at = np.searchsorted(places, s)
     inside = np.maximum.reduceat(weight, at)[:-1]
     return np.asarray(0.125 * np.diff(s) ** 2 * np.maximum(inside, weight[at[1:]]))

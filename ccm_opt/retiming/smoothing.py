@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import BSpline, PPoly
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.retiming.axes import Axes
+from ccm_opt.retiming.path_limits import PathLimits
 from ccm_opt.retiming.path_rows import BESIDE
 from ccm_opt.retiming.profile import SpeedProfile
 
@@ -84,7 +84,7 @@ def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
     return SmoothProfile(PPoly(position.c / position(corners[-1]), corners))
 
 
-def jerk_limited(spline: BSpline, profile: SpeedProfile, axes: Axes) -> SmoothProfile:
+def jerk_limited(spline: BSpline, profile: SpeedProfile, axes: PathLimits) -> SmoothProfile:
     """The smoothed motion, over the best of some windows, slowed down until velocity, acceleration and jerk hold.
 
     Args:
@@ -105,7 +105,7 @@ def jerk_limited(spline: BSpline, profile: SpeedProfile, axes: Axes) -> SmoothPr
     return min([*motions, *(tried(best * share) for share in BETWEEN)], key=duration)
 
 
-def _needed(spline: BSpline, motion: SmoothProfile, axes: Axes) -> float:
+def _needed(spline: BSpline, motion: SmoothProfile, axes: PathLimits) -> float:
     """Factor on time that brings velocity, acceleration and jerk within their limits at many times."""
     time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, LOOKS))
     s, v, growth = (values[:, None] for values in motion.at(time))

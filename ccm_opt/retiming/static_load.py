@@ -3,6 +3,7 @@
 import numpy as np
 
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.path_rows import PathRows
 
@@ -14,12 +15,13 @@ def revolute_name(number: int) -> str:
     return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
 
 
-def axis_name(number: int, limits: Limits) -> str:
-    """A revolute in words, or the feed axis, whose number is the next after theirs."""
-    return "the feed axis" if number == len(limits.velocity) else revolute_name(number)
+def drive_name(number: int, coordinates: Coordinates) -> str:
+    """A revolute in words, or an axis that carries the base; these are counted after the revolutes."""
+    names = [f"the {name} axis" for name in coordinates.base_names]
+    return revolute_name(number) if number < coordinates.revolutes else names[number - coordinates.revolutes]
 
 
-def check_static_load(rows: PathRows, limits: Limits) -> None:
+def check_static_load(rows: PathRows, limits: Limits, coordinates: Coordinates) -> None:
     """Check that every drive can hold the arm everywhere on the path; then some slow motion keeps all limits.
 
     Raises:
@@ -33,27 +35,26 @@ def check_static_load(rows: PathRows, limits: Limits) -> None:
     point, row = np.unravel_index(np.argmax(load), load.shape)
     if load[point, row] >= 1.0:
         number = int(rows.axis[rows.effort_rows + row])
-        raise too_weak(number, float(load[point, row]), float(rows.s[point]), limits)
+        raise too_weak(number, float(load[point, row]), float(rows.s[point]), limits, coordinates)
 
 
-def too_weak(number: int, share: float, place: float, limits: Limits) -> RetimingError:
+def too_weak(number: int, share: float, place: float, limits: Limits, coordinates: Coordinates) -> RetimingError:
     """The error for a drive that cannot hold the arm still.
 
     Args:
-        number: of the revolute, or of the feed axis.
+        number: of the drive.
         share: of its limit that it needs.
         place: path parameter.
         limits: of the problem.
+        coordinates: of the arm.
     """
-    feed = number == len(limits.velocity)
-    kind, unit, part = ("force", "N", "axis") if feed else ("torque", "N m", "joint")
-    limit = float(np.inf if limits.torque is None else limits.torque[min(number, len(limits.torque) - 1)])
-    limit = float(limits.feed_force or np.inf) if feed else limit
+    kind, unit, part = ("torque", "N m", "joint") if number < coordinates.revolutes else ("force", "N", "axis")
+    limit = float(limits.of_drives(coordinates).effort[number])
     load = share * limit
     return RetimingError(
         Diagnosis(
-            reason=f"{axis_name(number, limits)} needs {load:.4g} {unit} to hold the arm still at {place:.1%} of the "
-            f"path, but its {kind} limit is {limit:.4g} {unit}",
+            reason=f"{drive_name(number, coordinates)} needs {load:.4g} {unit} to hold the arm still at {place:.1%} "
+            f"of the path, but its {kind} limit is {limit:.4g} {unit}",
             stage="retiming",
             advice=(
                 f"raise the {kind} limit of this {part} above {load:.4g} {unit}",

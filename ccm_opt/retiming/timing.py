@@ -8,11 +8,12 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
-from ccm_opt.retiming.axes import Axes
 from ccm_opt.retiming.efforts import Efforts, InverseDynamics, Revolutes
 from ccm_opt.retiming.finite_differences import needed_stretch
 from ccm_opt.retiming.grid import SUBSTEPS, path_grid, refine, span_lengths
+from ccm_opt.retiming.path_limits import PathLimits, likely_coordinates
 from ccm_opt.retiming.path_rows import PathRows, path_rows
 from ccm_opt.retiming.profile import SpeedProfile, check_profile
 from ccm_opt.retiming.sampling import Chords, Samples, sample_motion
@@ -50,13 +51,14 @@ def retime(
     grid: int = 200,
     step: float = 4e-3,
     link_length: float | None = None,
+    coordinates: Coordinates | None = None,
 ) -> JointTrajectory:
     """The fastest motion along a path from rest to rest, within the limits.
 
     A motion exists whenever every drive can hold the arm still all along the path; if in doubt it is a slow one.
 
     Args:
-        path: spline of the bends, and of the feed when there is a feed axis, over u in [0, 1].
+        path: spline of the arm's coordinates over u in [0, 1].
         limits: of every revolute; ball i's bend is revolute 3 i + 1; and of the feed axis.
         inverse_dynamics: (angles, velocities, accelerations), each (N, 3 * links), to torques of that shape [N m]. With
             a feed axis it takes its accelerations (N,) as well, and has the method ``feed_forces``.
@@ -65,6 +67,7 @@ def retime(
         step: largest time between two samples [s].
         link_length: of the arm [m]; by it, steps are cut where chords between samples would leave the path by more
             than half the gap that the path is certified to spare. None leaves the steps as they are.
+        coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
 
     Returns:
         Samples, the first and last at rest at the path's ends; angles, velocities and accelerations are those of one
@@ -73,14 +76,15 @@ def retime(
     Raises:
         RetimingError: a drive cannot even hold the arm still at some point of the path.
     """
-    task = _Task(path.spline, limits, inverse_dynamics, revolutes)
+    columns = coordinates or likely_coordinates(limits, path.spline.c.shape[1])
+    task = _Task(path.spline, limits, inverse_dynamics, revolutes, columns)
     if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < NO_MOTION:
         task.rows(np.linspace(0.0, 1.0, 2))
-        return _standing(path.spline, step).trajectory(task.links)
+        return _standing(path.spline, step).trajectory(columns)
     fastest = _speed_profile(task.rows(refine(path_grid(path.spline, grid), SUBSTEPS)))
     profile = task.smooth(fastest) if task.axes.smooth else fastest
     chords = None if link_length is None else Chords.beside(path, link_length)
-    return task.sampled(profile, step, chords).trajectory(task.links)
+    return task.sampled(profile, step, chords).trajectory(columns)
 
 
 @dataclass(frozen=True)
@@ -91,38 +95,34 @@ class _Task:
     limits: Limits
     inverse_dynamics: InverseDynamics
     revolutes: Revolutes
-
-    @property
-    def links(self) -> int:
-        """Number of bends; a further column of the path is the feed."""
-        return len(self.limits.velocity) // 3
+    coordinates: Coordinates
 
     @cached_property
-    def axes(self) -> Axes:
+    def axes(self) -> PathLimits:
         """Limits on the columns of the path."""
-        return Axes.of(self.limits, self.spline.c.shape[1])
+        return PathLimits.from_limits(self.limits, self.coordinates, self.spline.c.shape[1])
 
     @cached_property
     def efforts(self) -> Efforts:
         """Shares of torques and force that motions take."""
-        return Efforts(self.limits, self.inverse_dynamics, self.revolutes, self.spline.c.shape[1])
+        return Efforts(self.limits, self.inverse_dynamics, self.revolutes, self.coordinates)
 
     def rows(self, s: FloatArray) -> PathRows:
         """The limits at points of the path, at which every drive can hold the arm still, or it is an error."""
-        rows = path_rows(self.spline, s, self.limits, self.inverse_dynamics, self.revolutes)
-        check_static_load(rows, self.limits)
+        rows = path_rows(self.spline, s, self.limits, self.inverse_dynamics, self.revolutes, self.coordinates)
+        check_static_load(rows, self.limits, self.coordinates)
         return rows
 
     def smooth(self, fastest: SpeedProfile) -> SmoothProfile:
         """The motion with bounded jerk, slowed down until all limits hold at every look."""
         profile = jerk_limited(self.spline, fastest, self.axes)
-        looks = sample_motion(self.spline, profile, LOOK, None, self.links)
+        looks = sample_motion(self.spline, profile, LOOK, None, self.coordinates)
         return profile.slowed(max(needed_stretch(looks, self.axes, self.efforts) / DENSE_SHARE, 1.0))
 
     def sampled(self, profile: SpeedProfile | SmoothProfile, step: float, chords: Chords | None) -> Samples:
         """Samples that keep the limits, of the motion or one a little slower."""
         for _ in range(RESAMPLINGS):
-            samples = sample_motion(self.spline, profile, step / SMALL_STRETCH, chords, self.links)
+            samples = sample_motion(self.spline, profile, step / SMALL_STRETCH, chords, self.coordinates)
             stretch = needed_stretch(samples, self.axes, self.efforts)
             if stretch <= SMALL_STRETCH:
                 return samples.slowed(max(stretch, 1.0))

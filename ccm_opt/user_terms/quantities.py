@@ -52,7 +52,7 @@ class Quantities:
     def joint_positions(self) -> Any:
         """Positions of the base, the other joints and the tip, shape (2, links + 1) [m]."""
         base = ca.SX(ca.DM(self.arm.base))
-        if self.arm.feed is not None:
+        for _ in self.arm.base_axes:
             base += self.base_feed * ca.DM(self.arm.feed_direction)
         steps = self.arm.link_length * ca.horzcat(ca.cos(self.link_headings), ca.sin(self.link_headings)).T
         points = [base]

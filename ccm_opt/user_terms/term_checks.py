@@ -87,13 +87,10 @@ def poses_at_rate(
 ) -> CheckedPoses:
     """The written samples and those at 1 kHz between them."""
     time = _times_at_rate(trajectory.time, settings.rate)
-    bends = _hermite(
-        trajectory.time, trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations, time
-    )
-    feed = np.zeros(len(time))
-    if trajectory.feed is not None:
-        axis = trajectory.feed
-        feed = _hermite(trajectory.time, axis.positions, axis.velocities, axis.accelerations, time)
+    known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    positions = _hermite(trajectory.time, *known, time)
+    bends = positions[:, arm.coordinates.bends]
+    feed = arm.coordinates.advance(positions)
     # Path parameters cost a search along the path, so they are found only where a term depends on them.
     u = nearest_path_parameters(path, bends, settings) if terms.parametric else np.linspace(0.0, 1.0, len(time))
     return CheckedPoses(time, arm.headings(bends), u, feed)
@@ -101,8 +98,8 @@ def poses_at_rate(
 
 def poses_at_keyframes(arm: Arm, path: JointPath, settings: TermCheckSettings = TERM_CHECKS) -> CheckedPoses:
     """The planner's keyframes; their time is unknown."""
-    bends = path.keyframes[:, : arm.links]
-    feed = path.keyframes[:, arm.links] if path.keyframes.shape[1] > arm.links else np.zeros(len(bends))
+    bends = path.keyframes[:, arm.coordinates.bends]
+    feed = arm.coordinates.advance(path.keyframes)
     unknown = np.full(len(bends), np.nan)
     return CheckedPoses(unknown, arm.headings(bends), nearest_path_parameters(path, bends, settings), feed)
 

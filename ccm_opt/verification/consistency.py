@@ -88,10 +88,9 @@ def _torques(problem: Problem, trajectory: JointTrajectory, joints: JointStates)
     own = joint_torques(
         problem.arm,
         problem.simulation.gravity,
-        trajectory.bend_angles,
-        trajectory.bend_velocities,
-        trajectory.bend_accelerations,
-        None if trajectory.feed is None else trajectory.feed.accelerations,
+        trajectory.positions,
+        trajectory.velocities,
+        trajectory.accelerations,
     )
     error = np.abs(own - joints.torques)
     k, j = np.unravel_index(np.argmax(error), error.shape)

@@ -18,7 +18,6 @@ def check_form(problem: Problem, trajectory: JointTrajectory, joints: JointState
     )
     defect = (
         _shape_defect(problem.arm, trajectory, joints)
-        or _feed_defect(problem.arm, trajectory, joints)
         or _number_defect(trajectory, joints)
         or _time_defect(trajectory, steps)
         or _stop_defect(problem, trajectory)
@@ -31,26 +30,20 @@ def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) ->
     count = np.size(trajectory.time)
     if np.ndim(trajectory.time) != 1 or count < 2:
         return f"time has shape {np.shape(trajectory.time)}, expected at least two samples"
-    for name in ("bend_angles", "bend_velocities", "bend_accelerations"):
-        if np.shape(getattr(trajectory, name)) != (count, arm.links):
-            return f"{name} has shape {np.shape(getattr(trajectory, name))}, expected {(count, arm.links)}"
+    layout = arm.coordinates
+    if trajectory.coordinates != layout:
+        return f"the motion is of {len(trajectory.coordinates)} coordinates, not of the arm's {len(layout)}"
+    for name in ("positions", "velocities", "accelerations"):
+        shape = np.shape(getattr(trajectory, name))
+        if shape != (count, len(layout)):
+            return f"{name} have shape {shape}, expected {(count, len(layout))}"
     for name in ("angles", "velocities", "accelerations", "torques"):
-        if np.shape(getattr(joints, name)) != (count, 3 * arm.links):
-            return f"joint {name} have shape {np.shape(getattr(joints, name))}, expected {(count, 3 * arm.links)}"
-    return ""
-
-
-def _feed_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> str:
-    feed, forces = trajectory.feed, joints.feed_forces
-    if arm.feed is None:
-        return "" if feed is None and forces is None else "there is a feed motion, but the arm has no feed axis"
-    if feed is None or forces is None:
-        return "the arm has a feed axis, but there is no motion or force of it"
-    wanted = (np.size(trajectory.time),)
-    named = {f"feed {name}": getattr(feed, name) for name in ("positions", "velocities", "accelerations")}
-    for name, values in (named | {"feed forces": forces}).items():
-        if np.shape(values) != wanted:
-            return f"{name} have shape {np.shape(values)}, expected {wanted}"
+        shape = np.shape(getattr(joints, name))
+        if shape != (count, layout.revolutes):
+            return f"joint {name} have shape {shape}, expected {(count, layout.revolutes)}"
+    wanted = (count, len(layout.base_names))
+    if np.shape(joints.base_forces) != wanted:
+        return f"forces on the base have shape {np.shape(joints.base_forces)}, expected {wanted}"
     return ""
 
 
@@ -65,15 +58,15 @@ def _stop_defect(problem: Problem, trajectory: JointTrajectory) -> str:
 def _number_defect(trajectory: JointTrajectory, joints: JointStates) -> str:
     fields = {
         "time": trajectory.time,
-        "bend_angles": trajectory.bend_angles,
-        "bend_velocities": trajectory.bend_velocities,
+        "positions": trajectory.positions,
+        "velocities": trajectory.velocities,
+        "accelerations": trajectory.accelerations,
+        "joint angles": joints.angles,
+        "joint velocities": joints.velocities,
+        "joint accelerations": joints.accelerations,
+        "joint torques": joints.torques,
+        "forces on the base": joints.base_forces,
     }
-    fields |= {"bend_accelerations": trajectory.bend_accelerations, "joint angles": joints.angles}
-    fields |= {"joint velocities": joints.velocities, "joint accelerations": joints.accelerations}
-    fields |= {"joint torques": joints.torques}
-    if trajectory.feed is not None and joints.feed_forces is not None:
-        fields |= {f"feed {name}": values for name, values in vars(trajectory.feed).items()}
-        fields |= {"feed forces": joints.feed_forces}
     for name, values in fields.items():
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):

@@ -9,22 +9,33 @@ from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 
 
-def link_headings(arm: Arm, bends: FloatArray) -> FloatArray:
+def link_headings(arm: Arm, positions: FloatArray) -> FloatArray:
     """Headings of the links, the running sum of the bends from the base heading, shape (..., links) [rad]."""
-    return arm.base_heading + np.cumsum(bends, axis=-1)
+    return arm.base_heading + np.cumsum(positions[..., : arm.links], axis=-1)
 
 
-def chain_points(arm: Arm, headings: FloatArray) -> FloatArray:
-    """Base, joints and tip, shape (..., links + 1, 2) [m]."""
+def advance(arm: Arm, positions: FloatArray) -> FloatArray:
+    """How far the base is carried along its heading, shape (...) [m]; linear, so it serves rates too."""
+    return np.asarray(np.sum(positions[..., arm.links :], axis=-1))
+
+
+def chain_points(arm: Arm, headings: FloatArray, carried: FloatArray) -> FloatArray:
+    """Base, joints and tip, shape (..., links + 1, 2) [m].
+
+    Args:
+        arm: the arm.
+        headings: of the links, shape (..., links) [rad].
+        carried: how far the base is carried along its heading, shape (...) [m].
+    """
     points = np.empty((*headings.shape[:-1], arm.links + 1, 2))
     points[..., 0, :] = arm.base
     points[..., 1:, 0] = arm.base[0] + arm.link_length * np.cumsum(np.cos(headings), axis=-1)
     points[..., 1:, 1] = arm.base[1] + arm.link_length * np.cumsum(np.sin(headings), axis=-1)
-    return points
+    return points + carried[..., None, None] * axis_direction(arm)
 
 
 def axis_direction(arm: Arm) -> FloatArray:
-    """Unit vector along which a feed axis carries the base, shape (2,)."""
+    """Unit vector along which the base is carried, shape (2,)."""
     return np.array([np.cos(arm.base_heading), np.sin(arm.base_heading)])
 
 
@@ -58,23 +69,30 @@ class Nodes:
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """The arm between samples, its bends and its feed linear in time there.
+    """The arm between samples, its coordinates linear in time there.
 
     Attributes:
         arm: the arm.
         time: sample times, shape (T,) [s].
-        bends: bends at the samples, shape (T, links) [rad].
-        feed: position of the base on its axis at the samples, shape (T,) [m], or None when it is fixed.
+        positions: bends at the samples, and positions of the axes that carry the base, shape (T, c) [rad, m].
     """
 
     arm: Arm
     time: FloatArray
-    bends: FloatArray
-    feed: FloatArray | None = None
+    positions: FloatArray
+
+    @property
+    def bends(self) -> FloatArray:
+        """Bends at the samples, shape (T, links) [rad]."""
+        return self.positions[:, : self.arm.links]
 
     @cached_property
     def _headings(self) -> FloatArray:
-        return link_headings(self.arm, self.bends)
+        return link_headings(self.arm, self.positions)
+
+    @cached_property
+    def _carried(self) -> FloatArray:
+        return advance(self.arm, self.positions)
 
     @cached_property
     def _heading_steps(self) -> FloatArray:
@@ -84,10 +102,10 @@ class ChainMotion:
     def turned(self) -> FloatArray:
         """Sum of |heading change| of links 1 to i in each interval, shape (T − 1, links + 1) [rad].
 
-        The first entry, and with it all, holds what the feed moves the base, in link lengths; 0 when it is fixed.
+        The first entry, and with it all, holds how far the base is carried, in link lengths; 0 when it is fixed.
         """
         turned = _running_sum(np.abs(self._heading_steps))
-        return turned if self.feed is None else turned + np.abs(np.diff(self.feed))[:, None] / self.arm.link_length
+        return turned + np.abs(np.diff(self._carried))[:, None] / self.arm.link_length
 
     @cached_property
     def bent(self) -> FloatArray:
@@ -108,11 +126,8 @@ class ChainMotion:
     def poses(self, nodes: Nodes) -> FloatArray:
         """Joint and tip positions at the middle of each stretch, shape (N, links + 1, 2) [m]."""
         headings = self._headings[nodes.interval] + nodes.centre[:, None] * self._heading_steps[nodes.interval]
-        points = chain_points(self.arm, headings)
-        if self.feed is None:
-            return points
-        feed = self.feed[nodes.interval] + nodes.centre * np.diff(self.feed)[nodes.interval]
-        return points + feed[:, None, None] * axis_direction(self.arm)
+        carried = self._carried[nodes.interval] + nodes.centre * np.diff(self._carried)[nodes.interval]
+        return chain_points(self.arm, headings, carried)
 
     def when(self, nodes: Nodes, index: int) -> float:
         """Time of the middle of one stretch [s]."""

@@ -9,43 +9,47 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.verification.link_motion import axis_direction, link_headings
+from ccm_opt.verification.link_motion import advance, axis_direction, link_headings
 
 _OUT = np.array([0.0, 1.0, 0.0])
 
 
 def joint_torques(
-    arm: Arm,
-    gravity: FloatArray,
-    bends: FloatArray,
-    velocities: FloatArray,
-    accelerations: FloatArray,
-    feed_accelerations: FloatArray | None = None,
+    arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> FloatArray:
     """Torques of all revolutes along a planar motion.
 
     Args:
         arm: the arm; masses and inertia are used, payload and drives too.
         gravity: shape (3,) [m/s²].
-        bends: shape (T, links) [rad].
-        velocities: of the bends, shape (T, links) [rad/s].
-        accelerations: of the bends, shape (T, links) [rad/s²].
-        feed_accelerations: of the base along its axis, shape (T,) [m/s²], or None when it is fixed.
+        positions: bends, and positions of the axes that carry the base, shape (T, c) [rad, m].
+        velocities: of the same, shape (T, c) [rad/s, m/s].
+        accelerations: of the same, shape (T, c) [rad/s², m/s²].
 
     Returns:
         Shape (T, 3 * links) [N m]: yaw, bend, roll (``zyx``) or the paper's three (``zyz``) of each ball in turn.
     """
-    headings = link_headings(arm, bends)
+    headings = link_headings(arm, positions)
     along, across = _directions(headings)
-    rate, growth = np.cumsum(velocities, axis=1), np.cumsum(accelerations, axis=1)
-    own, carried = _forces(arm, gravity, along, across, rate, growth, feed_accelerations)
-    moments = _joint_moments(arm, along, own, carried, growth)
+    growth = np.cumsum(accelerations[:, : arm.links], axis=1)
+    needed, carried = _forces(arm, gravity, headings, velocities, accelerations)
+    moments = _joint_moments(arm, along, needed, carried, growth)
     before = np.concatenate((np.full((len(headings), 1), arm.base_heading), headings[:, :-1]), axis=1)
     last = along if arm.axes == "zyx" else across
     projected = (np.sum(moments * _directions(before)[1], axis=2), moments @ _OUT, np.sum(moments * last, axis=2))
-    torques = np.stack(projected, axis=2).reshape(len(bends), 3 * arm.links)
-    torques[:, 1::3] -= _of_bends(arm, arm.rotor_inertia) * accelerations + _of_bends(arm, arm.friction) * velocities
+    torques = np.stack(projected, axis=2).reshape(len(positions), 3 * arm.links)
+    geared = _of_bends(arm, arm.rotor_inertia) * accelerations[:, : arm.links]
+    rubbed = _of_bends(arm, arm.friction) * velocities[:, : arm.links]
+    torques[:, 1::3] -= geared + rubbed
     return torques
+
+
+def base_forces(
+    arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
+) -> FloatArray:
+    """Force along the base heading that moves and carries the whole arm, shape (T,) [N]; arguments as above."""
+    needed, carried = _forces(arm, gravity, link_headings(arm, positions), velocities, accelerations)
+    return np.asarray((np.sum(needed, axis=1) + carried[:, 0]) @ _axis(arm))
 
 
 def _of_bends(arm: Arm, drives: FloatArray | float) -> FloatArray:
@@ -59,53 +63,36 @@ def _directions(headings: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.stack((cosine, zero, sine), axis=2), np.stack((-sine, zero, cosine), axis=2)
 
 
-def feed_forces(
-    arm: Arm,
-    gravity: FloatArray,
-    bends: FloatArray,
-    velocities: FloatArray,
-    accelerations: FloatArray,
-    feed_accelerations: FloatArray,
-) -> FloatArray:
-    """Force along the feed axis that moves and carries the whole arm, shape (T,) [N]; arguments as above."""
-    along, across = _directions(link_headings(arm, bends))
-    rate, growth = np.cumsum(velocities, axis=1), np.cumsum(accelerations, axis=1)
-    own, carried = _forces(arm, gravity, along, across, rate, growth, feed_accelerations)
-    return np.asarray((np.sum(own, axis=1) + carried[:, 0]) @ _axis(arm))
-
-
 def _axis(arm: Arm) -> FloatArray:
     x, z = axis_direction(arm)
     return np.array([x, 0.0, z])
 
 
 def _forces(
-    arm: Arm,
-    gravity: FloatArray,
-    along: FloatArray,
-    across: FloatArray,
-    rate: FloatArray,
-    growth: FloatArray,
-    feed_accelerations: FloatArray | None,
+    arm: Arm, gravity: FloatArray, headings: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Forces that the links' masses, (T, links, 3), and the payload at the tip, (T, 1, 3), need to move so [N]."""
+    along, across = _directions(headings)
+    rate = np.cumsum(velocities[:, : arm.links], axis=1)
+    growth = np.cumsum(accelerations[:, : arm.links], axis=1)
     step = arm.link_length * (growth[..., None] * across - (rate**2)[..., None] * along)
-    ends = np.cumsum(step, axis=1)
-    if feed_accelerations is not None:
-        ends += feed_accelerations[:, None, None] * _axis(arm)
-    own = arm.masses[:, None] * (ends - 0.5 * step - gravity)
-    return own, np.asarray(arm.payload * (ends[:, -1:] - gravity))
+    base = advance(arm, accelerations)[:, None, None] * _axis(arm)
+    ends = np.cumsum(step, axis=1) + base
+    needed = arm.masses[:, None] * (ends - 0.5 * step - gravity)
+    return needed, np.asarray(arm.payload * (ends[:, -1:] - gravity))
 
 
-def _joint_moments(arm: Arm, along: FloatArray, own: FloatArray, carried: FloatArray, growth: FloatArray) -> FloatArray:
+def _joint_moments(
+    arm: Arm, along: FloatArray, needed: FloatArray, carried: FloatArray, growth: FloatArray
+) -> FloatArray:
     """Moment each joint exerts on the links beyond it, about itself, shape (T, links, 3) [N m].
 
     N_i = N_{i+1} + l e_i × F_{i+1} + ½ l e_i × f_i + dL_i/dt, with f_i the force that link i's mass needs.
     """
     l = arm.link_length
-    beyond = _sum_from_tip(own) - own + carried
+    beyond = _sum_from_tip(needed) - needed + carried
     spin = -(arm.inertia_transverse * growth)[..., None] * _OUT
-    return _sum_from_tip(np.cross(l * along, beyond + 0.5 * own) + spin)
+    return _sum_from_tip(np.cross(l * along, beyond + 0.5 * needed) + spin)
 
 
 def _sum_from_tip(values: FloatArray) -> FloatArray:

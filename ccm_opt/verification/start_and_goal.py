@@ -6,7 +6,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.solution import Check, JointTrajectory
-from ccm_opt.verification.link_motion import axis_direction, chain_points, link_headings
+from ccm_opt.verification.link_motion import advance, chain_points, link_headings
 
 START_TOLERANCE = 1e-6
 """Largest error of a joint at the start [rad]."""
@@ -34,7 +34,7 @@ def check_ends(problem: Problem, trajectory: JointTrajectory) -> list[Check]:
 
 def _start(problem: Problem, trajectory: JointTrajectory) -> list[Check]:
     start, bends = problem.start, trajectory.bend_angles[0]
-    checks = _feed_place("start ", start, trajectory, 0, CURVE_TIP_TOLERANCE)
+    checks = _base_place("start ", start, trajectory, 0, CURVE_TIP_TOLERANCE)
     if isinstance(start, JointPose):
         return [_same_joints("start joints", bends, start.bends, START_TOLERANCE), *checks]
     return [*_on_curve("start ", problem.arm, bends, start, CURVE_TIP_TOLERANCE), *checks]
@@ -49,10 +49,10 @@ def _rest(problem: Problem, trajectory: JointTrajectory) -> list[Check]:
     speed = float(np.abs(trajectory.bend_velocities[places[k], j]))
     bound = float(REST_SHARE * problem.limits.velocity[3 * j + 1])
     checks = [Check("rest", speed, bound, "rad/s", where, passed=bool(share[k, j] <= REST_SHARE))]
-    if trajectory.feed is not None:
-        worst = float(np.max(np.abs(trajectory.feed.velocities[places])))
-        bound = REST_SHARE * (problem.limits.feed_velocity or 0.0)
-        checks.append(Check("feed at rest", worst, bound, "m/s", "at the ends and stops", passed=worst <= bound))
+    bound = REST_SHARE * (problem.limits.feed_velocity or 0.0)
+    for name, speeds in zip(trajectory.coordinates.base_names, trajectory.base_velocities[places].T, strict=True):
+        worst = float(np.max(np.abs(speeds)))
+        checks.append(Check(f"{name} at rest", worst, bound, "m/s", "at the ends and stops", passed=worst <= bound))
     return checks
 
 
@@ -60,29 +60,30 @@ def _goal(arm: Arm, trajectory: JointTrajectory, k: int, name: str, goal: Goal, 
     bends = trajectory.bend_angles[k]
     if isinstance(goal, TipGoal):
         return _tip_checks(arm, trajectory, k, name, goal, tolerances)
-    checks = _feed_place(name, goal, trajectory, k, tolerances.position)
+    checks = _base_place(name, goal, trajectory, k, tolerances.position)
     if isinstance(goal, JointPose):
         return [_same_joints(f"{name}joints", bends, goal.bends, tolerances.heading), *checks]
     return [*_on_curve(name, arm, bends, goal, tolerances.position), *checks]
 
 
-def _feed_place(
+def _base_place(
     name: str, pose: JointPose | CurvePose, trajectory: JointTrajectory, k: int, tolerance: float
 ) -> list[Check]:
-    """Whether the base stands where a whole-arm pose wants it."""
-    if trajectory.feed is None:
-        return []
-    error = abs(float(trajectory.feed.positions[k]) - pose.feed)
-    return [Check(f"{name}feed", error, tolerance, "m", "base", passed=error <= tolerance + _ROUNDING)]
+    """Whether the base stands where a whole-arm pose wants it; nothing to check when it is fixed."""
+    checks = []
+    for axis, place in zip(trajectory.coordinates.base_names, trajectory.base_positions[k], strict=True):
+        error = abs(float(place) - pose.feed)
+        passed = error <= tolerance + _ROUNDING
+        checks.append(Check(f"{name}{axis}", error, tolerance, "m", "base", passed=passed))
+    return checks
 
 
 def _tip_checks(
     arm: Arm, trajectory: JointTrajectory, k: int, name: str, goal: TipGoal, tolerances: Tolerances
 ) -> list[Check]:
-    headings = link_headings(arm, trajectory.bend_angles[k])
-    tip = chain_points(arm, headings)[-1]
-    if trajectory.feed is not None:
-        tip = tip + trajectory.feed.positions[k] * axis_direction(arm)
+    place = trajectory.positions[k]
+    headings = link_headings(arm, place)
+    tip = chain_points(arm, headings, advance(arm, place))[-1]
     error, where = float(np.linalg.norm(tip - goal.position)), f"at t = {trajectory.time[k]:.4f} s"
     bound = tolerances.position
     checks = [Check(f"{name}position", error, bound, "m", f"tip {where}", passed=error <= bound + _ROUNDING)]
@@ -110,7 +111,7 @@ def _on_curve(name: str, arm: Arm, bends: FloatArray, pose: CurvePose, tip_toler
     farther off than the worst error of the paper's own.
     """
     curve = pose.configuration
-    points = chain_points(arm, link_headings(arm, bends))
+    points = chain_points(arm, link_headings(arm, bends), np.zeros(()))  # the curve lies as when the feed is at 0
     arc = np.linspace(0.0, curve.length, 40 * arm.links + 1)
     trace = curve.positions_at(arc)
     off = np.array([np.min(np.linalg.norm(trace - point, axis=1)) for point in points])

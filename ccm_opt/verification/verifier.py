@@ -3,8 +3,8 @@
 from ccm_opt.jointed.frames import joint_names
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.consistency import check_consistency
-from ccm_opt.verification.feed import check_feed
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.limits import check_limits
 from ccm_opt.verification.link_motion import ChainMotion
@@ -16,7 +16,7 @@ from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 def verify(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> tuple[Check, ...]:
     """Check a timed motion against everything its problem asks.
 
-    Between samples the bends and the feed are taken as linear in time; walls, self-collision and bend limits hold for
+    Between samples all coordinates are taken as linear in time; walls, self-collision and bend limits hold for
     that motion at *all* times, not at samples. A gap may fall short by at most ``bisection.CONTACT_TOLERANCE``.
 
     Args:
@@ -31,14 +31,13 @@ def verify(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -
     names = _check_names(problem, joints)
     if not (form.passed and names.passed):
         return form, names
-    feed = None if trajectory.feed is None else trajectory.feed.positions
-    motion = ChainMotion(problem.arm, trajectory.time, trajectory.bend_angles, feed)
+    motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     checks = [form, names, check_free_side(motion, problem.workspace), check_walls(motion, problem.workspace)]
     if problem.arm.self_collision:
         checks.append(check_self_collision(motion))
     checks += check_limits(problem.arm, problem.limits, trajectory, joints)
     checks += check_consistency(problem, trajectory, joints)
-    checks += check_feed(problem, trajectory, joints)
+    checks += check_base_axes(problem, trajectory, joints)
     checks += check_ends(problem, trajectory)
     return tuple(checks)
 

@@ -154,7 +154,9 @@ def measure(arm: Arm, dynamics: InverseDynamics, path: JointPath, limits: Limits
 
 def shares(arm: Arm, limits: Limits, path: JointPath, profile: Profile) -> FloatArray:
     """Greatest shares of the limits at looks every millisecond."""
-    motion: JointTrajectory = sample_motion(path.spline, profile, LOOK, None, arm.links).trajectory(arm.links)
+    motion: JointTrajectory = sample_motion(path.spline, profile, LOOK, None, arm.coordinates).trajectory(
+        arm.coordinates
+    )
     bends = slice(1, None, 3)
     torques = joint_torques(arm, GRAVITY, motion.bend_angles, motion.bend_velocities, motion.bend_accelerations)
     jerks = np.diff(motion.bend_accelerations, axis=0) / np.diff(motion.time)[:, None]

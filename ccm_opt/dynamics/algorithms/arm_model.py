@@ -67,7 +67,7 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
 
     # The recursions start in the base frame, so gravity is turned into it once.
     local_gravity = base_rotation(arm).T @ np.asarray(gravity, dtype=np.float64)
-    slides = float(arm.feed is not None)
+    slides = float(len(arm.base_axes))
     world = np.array([*local_gravity, arm.payload, slides])
     return ArmModel(arm_structure(arm), bodies, drives, world)
 

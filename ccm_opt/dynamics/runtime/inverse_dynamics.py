@@ -1,5 +1,7 @@
 """Joint torques of a motion (section 5.4)."""
 
+import numpy as np
+
 from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
@@ -68,11 +70,12 @@ class InverseDynamics:
 
 
 def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
-    """A planar trajectory as motion and torques of all revolutes, and forces on the feed axis when there is one."""
+    """A planar trajectory as motion and efforts of all drives: the revolutes, and the axes that carry the base."""
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)
-    feed = None if trajectory.feed is None else trajectory.feed.accelerations
-    motion = (angles, velocities, accelerations)
-    torques, forces = inverse_dynamics.efforts(*motion, feed)
-    return JointStates(joint_names(arm), *motion, torques, None if feed is None else forces)
+    carried = trajectory.coordinates.advance(trajectory.accelerations)
+    torques, force = inverse_dynamics.efforts(angles, velocities, accelerations, carried)
+    # All axes of the base run along the base heading, so each bears the whole force; a fixed base has no column.
+    forces = np.repeat(force[:, None], len(trajectory.coordinates.base_names), axis=1)
+    return JointStates(joint_names(arm), angles, velocities, accelerations, torques, forces)

@@ -17,11 +17,9 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.problem import Limits
-from ccm_opt.solution import FeedMotion, JointTrajectory
+from ccm_opt.problem import DriveLimits, Limits
+from ccm_opt.solution import JointTrajectory
 
-Sample = tuple[float, FloatArray, FloatArray, FloatArray]
-"""Time, positions, velocities, accelerations."""
 STEP = 2e-3
 """Largest time between two samples while braking [s]."""
 SHARES = (0.97, 0.93, 0.87, 0.8)
@@ -53,48 +51,49 @@ def braked(
     Raises:
         RetimingError: the arm cannot be braked within its limits.
     """
-    axes = _Axes.along(trajectory, arm, limits, inverse_dynamics)
+    planned = _PlannedMotion.from_trajectory(trajectory, arm, limits, inverse_dynamics)
     kept = int(np.searchsorted(trajectory.time, time - 1e-9))
-    if kept >= len(trajectory.time) - 1 or not np.any(axes.at(time)[1]):
-        return _first(trajectory, min(kept + 1, len(trajectory.time)))
+    if kept >= len(trajectory.time) - 1 or not np.any(planned.at(time)[1]):
+        return trajectory.part(slice(min(kept + 1, len(trajectory.time))))
     step = min(STEP, float(np.min(np.diff(trajectory.time))))
     for share in SHARES:
-        tail = _fall(replace(axes, share=share), float(trajectory.time[kept]), step)
-        if axes.keep(tail):
+        tail = _fall(replace(planned, share=share), float(trajectory.time[kept]), step)
+        if planned.keeps_limits(tail):
             break
-    if trajectory.time[kept] + tail[-1][0] >= trajectory.duration:
+    if trajectory.time[kept] + tail.duration >= trajectory.duration:
         return trajectory  # it rests at its end sooner
-    return _joined(trajectory, kept, tail, arm.links)
+    return _joined(trajectory, kept, tail)
 
 
 @dataclass(frozen=True)
-class _Axes:
-    """The planned motion of all axes over its own time, and what bounds it."""
+class _PlannedMotion:
+    """The planned motion of all coordinates over its own time, and what bounds it."""
 
     spline: CubicHermiteSpline
     arm: Arm
-    limits: Limits
+    limits: DriveLimits
     dynamics: InverseDynamics
     share: float = 1.0
 
     @classmethod
-    def along(cls, trajectory: JointTrajectory, arm: Arm, limits: Limits, dynamics: InverseDynamics) -> "_Axes":
-        x, v = trajectory.bend_angles, trajectory.bend_velocities
-        if trajectory.feed is not None:
-            x, v = np.column_stack((x, trajectory.feed.positions)), np.column_stack((v, trajectory.feed.velocities))
-        return cls(CubicHermiteSpline(trajectory.time, x, v), arm, limits, dynamics)
+    def from_trajectory(
+        cls, trajectory: JointTrajectory, arm: Arm, limits: Limits, dynamics: InverseDynamics
+    ) -> "_PlannedMotion":
+        spline = CubicHermiteSpline(trajectory.time, trajectory.positions, trajectory.velocities)
+        return cls(spline, arm, limits.of_drives(arm.coordinates), dynamics)
 
     def at(self, sigma: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and their first two derivatives."""
         return self.spline(sigma), self.spline(sigma, 1), self.spline(sigma, 2)
 
-    def keep(self, samples: list[Sample]) -> bool:
+    def keeps_limits(self, samples: JointTrajectory) -> bool:
         """Whether accelerations, their means between samples, and efforts keep the limits at all samples."""
-        _, x, v, a = (np.array(values) for values in zip(*samples, strict=True))
-        mean = np.diff(v, axis=0) / np.diff([sample[0] for sample in samples])[:, None]
-        loads = [self._efforts(*state) for state in zip(x, v, a, strict=True)]
-        fits = all(np.all(np.abs(efforts) <= bounds) for efforts, bounds in loads)
-        return fits and bool(np.all(np.abs(np.concatenate((a, mean))) <= self._accelerations()))
+        mean = np.diff(samples.velocities, axis=0) / np.diff(samples.time)[:, None]
+        accelerations = np.concatenate((samples.accelerations, mean))
+        if np.any(np.abs(accelerations) > self._most_acceleration):
+            return False
+        states = zip(samples.positions, samples.velocities, samples.accelerations, strict=True)
+        return all(np.all(np.abs(self._efforts(*state)) <= self.limits.effort) for state in states)
 
     def least_change(self, sigma: float, rate: float, step: float) -> float:
         """Least α = ẇ within the limits over a step from a place of the motion on [1/s]; it is never above 0."""
@@ -103,51 +102,56 @@ class _Axes:
 
     def _least_change(self, sigma: float, rate: float) -> float:
         x, first, second = self.at(sigma)
-        forced, bound = self._efforts(x, first * rate, second * rate**2)
-        per_change = self._efforts(x, first * rate, second * rate**2 + first)[0] - forced
-        offsets = np.concatenate((second * rate**2, forced))
-        slopes, bounds = np.concatenate((first, per_change)), np.concatenate((self._accelerations(), bound))
+        velocity = first * rate
+        unbraked = second * rate**2
+        forced = self._efforts(x, velocity, unbraked)
+        per_change = self._efforts(x, velocity, unbraked + first) - forced
+        # Every limit reads |offset + slope α| ≤ bound.
+        offsets = np.concatenate((unbraked, forced))
+        slopes = np.concatenate((first, per_change))
+        bounds = np.concatenate((self._most_acceleration, self.limits.effort))
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = (self.share * bounds - np.sign(-slopes) * offsets) / -np.abs(slopes)
         return float(min(np.max(ends[np.isfinite(ends)], initial=-1.0 / LEAST), 0.0))
 
-    def _accelerations(self) -> FloatArray:
-        """Bounds on the accelerations of the axes."""
-        bends = self.limits.acceleration[1::3]
-        return bends if self.arm.feed is None else np.append(bends, self.limits.feed_acceleration or np.inf)
+    @property
+    def _most_acceleration(self) -> FloatArray:
+        """Bounds on the accelerations of the coordinates."""
+        return self.limits.acceleration[self.arm.coordinates.drive_numbers]
 
-    def _efforts(self, x: FloatArray, v: FloatArray, a: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Efforts of all drives that are limited, and their bounds."""
-        links, torque, thrust = self.arm.links, self.limits.torque, self.limits.feed_force
-        q, qd, qdd = (revolute_angles(self.arm, values[:links]) for values in (x, v, a))
-        feed = None if self.arm.feed is None else float(a[links])
-        efforts, bounds = [np.zeros(0)], [np.zeros(0)]
-        if torque is not None:
-            efforts.append(self.dynamics(q, qd, qdd, feed))
-            bounds.append(torque)
-        if thrust is not None and feed is not None:
-            efforts.append(np.atleast_1d(self.dynamics.feed_forces(q, qd, qdd, feed)))
-            bounds.append(np.array([thrust]))
-        return np.concatenate(efforts), np.concatenate(bounds)
+    def _efforts(self, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        """Efforts of all drives, shape (drives,) [N m, N]."""
+        coordinates = self.arm.coordinates
+        q, qd, qdd = (revolute_angles(self.arm, values[coordinates.bends]) for values in (x, v, a))
+        torques, force = self.dynamics.efforts(q, qd, qdd, coordinates.advance(a))
+        return np.append(torques, [force for _ in coordinates.base_names])
 
 
-def _fall(axes: _Axes, sigma: float, step: float) -> list[Sample]:
-    """Samples (time since braking began, positions, velocities, accelerations) from a moment of the motion to rest."""
-    samples, rate, since = [], 1.0, 0.0
+def _fall(planned: _PlannedMotion, sigma: float, step: float) -> JointTrajectory:
+    """The motion from a moment of the planned one to rest, its time counted from when braking begins."""
+    samples: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
+    rate = 1.0
+    since = 0.0
     while rate > 0.0:
-        change = axes.least_change(sigma, rate, step)
+        change = planned.least_change(sigma, rate, step)
         if since > LONGEST:
             raise _cannot(sigma)
-        x, first, second = axes.at(sigma)
+        x, first, second = planned.at(sigma)
         samples.append((since, x, first * rate, second * rate**2 + first * change))
+
+        # A last step that would be very short is made part of the one before.
         left = rate / -change if change < 0.0 else np.inf
         last = left < 1.5 * step
         span = left if last else step
-        sigma, rate, since = sigma + (rate + 0.5 * change * span) * span, rate + change * span, since + span
+        sigma += (rate + 0.5 * change * span) * span
+        rate += change * span
+        since += span
         if last:
             break
-    x, first, _ = axes.at(sigma)
-    return [*samples, (since, x, np.zeros_like(x), first * change)]
+    x, first, _ = planned.at(sigma)
+    samples.append((since, x, np.zeros_like(x), first * change))
+    time, positions, velocities, accelerations = (np.array(values) for values in zip(*samples, strict=True))
+    return JointTrajectory(time, positions, velocities, accelerations, planned.arm.coordinates)
 
 
 def _cannot(sigma: float) -> RetimingError:
@@ -155,30 +159,13 @@ def _cannot(sigma: float) -> RetimingError:
     return RetimingError(Diagnosis(reason, "retargeting", ("larger limits.torque", "another time")))
 
 
-def _joined(trajectory: JointTrajectory, kept: int, tail: list[Sample], links: int) -> JointTrajectory:
+def _joined(trajectory: JointTrajectory, kept: int, tail: JointTrajectory) -> JointTrajectory:
     """The first samples of a motion and what follows them; braking begins ``kept`` samples on."""
-    first = _first(trajectory, kept)
-    since, *columns = (np.array(values) for values in zip(*tail, strict=True))
-    time = np.concatenate((first.time, trajectory.time[kept] + since))
-    feed = None
-    if first.feed is not None:
-        known = (first.feed.positions, first.feed.velocities, first.feed.accelerations)
-        feed = FeedMotion(*(np.append(a, b[:, links]) for a, b in zip(known, columns, strict=True)))
-    known = (first.bend_angles, first.bend_velocities, first.bend_accelerations)
-    q, qd, qdd = (np.concatenate((a, b[:, :links])) for a, b in zip(known, columns, strict=True))
-    return JointTrajectory(time, q, qd, qdd, feed, first.stops)
-
-
-def _first(trajectory: JointTrajectory, count: int) -> JointTrajectory:
-    """The first samples of a motion."""
-    feed = trajectory.feed
-    part = None if feed is None else FeedMotion(*(values[:count] for values in vars(feed).values()))
+    first = trajectory.part(slice(kept))
     return replace(
-        trajectory,
-        time=trajectory.time[:count],
-        bend_angles=trajectory.bend_angles[:count],
-        bend_velocities=trajectory.bend_velocities[:count],
-        bend_accelerations=trajectory.bend_accelerations[:count],
-        feed=part,
-        stops=tuple(stop for stop in trajectory.stops if stop < count),
+        first,
+        time=np.concatenate((first.time, trajectory.time[kept] + tail.time)),
+        positions=np.concatenate((first.positions, tail.positions)),
+        velocities=np.concatenate((first.velocities, tail.velocities)),
+        accelerations=np.concatenate((first.accelerations, tail.accelerations)),
     )

@@ -19,6 +19,7 @@ from ccm_opt.dynamics.simulation.disturbances import Noise, disturbed_arm
 from ccm_opt.dynamics.simulation.reference import StepReference, hermite, step_reference
 from ccm_opt.errors import Diagnosis, ProblemError, SimulationError
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 
@@ -45,15 +46,20 @@ def simulate(
         SimulationError: when the axes are singular on the motion, the gains are unstable at this step, or a joint
             angle stops being finite.
     """
-    feed = None if trajectory.feed is None else trajectory.feed.positions
     if trajectory.duration <= 0.0:
-        return SimulatedMotion(joints.angles, joints.torques, tracking_error=0.0, saturated=False, base_feed=feed)
+        return SimulatedMotion(
+            joints.angles,
+            joints.torques,
+            tracking_error=0.0,
+            saturated=False,
+            base_positions=trajectory.base_positions,
+        )
     run, state = _prepared(arm, trajectory, joints, options, limits)
     record = _Record.empty(trajectory.time, _coordinates(trajectory, joints)[0], options.step)
     for chunk in run.chunks(state, options):
         _check_finite(chunk, joints.names, options.step)
         record.add(chunk)
-    return record.motion(limits, base_moves=feed is not None)
+    return record.motion(limits, arm.coordinates)
 
 
 def simulated_states(
@@ -101,11 +107,11 @@ def _prepared(
 
 
 def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[FloatArray, FloatArray]:
-    """Positions and velocities of all revolutes and of the feed axis, which comes last, shape (T, 3 * links + 1)."""
-    feed = trajectory.feed
-    rest = np.zeros(len(trajectory.time))
-    base = (rest, rest) if feed is None else (feed.positions, feed.velocities)
-    return np.column_stack((joints.angles, base[0])), np.column_stack((joints.velocities, base[1]))
+    """Positions and velocities of all revolutes and, last, of the base along its heading, shape (T, 3 * links + 1)."""
+    advance = trajectory.coordinates.advance
+    positions = np.column_stack((joints.angles, advance(trajectory.positions)))
+    velocities = np.column_stack((joints.velocities, advance(trajectory.velocities)))
+    return positions, velocities
 
 
 def closed_loop(plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits) -> ClosedLoop:
@@ -191,13 +197,15 @@ class _Record:
         self.tracking_error = max(self.tracking_error, error)
         self.largest = np.maximum(self.largest, np.max(np.abs(chunk.efforts), axis=0))
 
-    def motion(self, limits: Limits, *, base_moves: bool) -> SimulatedMotion:
-        largest = np.asarray(self.largest)
-        saturated = limits.torque is not None and bool(np.any(largest[:-1] >= limits.torque))
-        saturated |= base_moves and limits.feed_force is not None and bool(largest[-1] >= limits.feed_force)
-        base = self.positions[:, -1].copy() if base_moves else None
+    def motion(self, limits: Limits, coordinates: Coordinates) -> SimulatedMotion:
+        drives = coordinates.drive_count  # a fixed base has a column in the loop, but no drive
+        largest = np.asarray(self.largest)[:drives]
         return SimulatedMotion(
-            self.positions[:, :-1].copy(), self.efforts[:, :-1].copy(), self.tracking_error, saturated, base
+            angles=self.positions[:, : coordinates.revolutes].copy(),
+            torques=self.efforts[:, : coordinates.revolutes].copy(),
+            tracking_error=self.tracking_error,
+            saturated=bool(np.any(largest >= limits.of_drives(coordinates).effort)),
+            base_positions=self.positions[:, coordinates.revolutes : drives].copy(),
         )
 
 

@@ -31,18 +31,17 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
 
 def _feed_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
     """What the feed axis does; nothing for a fixed base."""
-    feed, simulated = solution.trajectory.feed, solution.simulation.base_feed
-    if feed is None:
+    if solution.problem.arm.feed is None:
         return {}
-    arrays = {
-        "base_feed": feed.positions,
-        "feed_velocities": feed.velocities,
-        "feed_accelerations": feed.accelerations,
-        "feed_forces": solution.joints.feed_forces,
+    trajectory = solution.trajectory
+    return {
+        "base_feed": trajectory.base_positions[:, 0],
+        "feed_velocities": trajectory.base_velocities[:, 0],
+        "feed_accelerations": trajectory.base_accelerations[:, 0],
+        "feed_forces": solution.joints.base_forces[:, 0],
         "keyframe_feeds": solution.path.keyframes[:, -1],
-        "simulated_feed": simulated,
+        "simulated_feed": solution.simulation.base_positions[:, 0],
     }
-    return {name: values for name, values in arrays.items() if values is not None}
 
 
 def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]]) -> bytes:

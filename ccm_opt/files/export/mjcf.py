@@ -29,8 +29,8 @@ def mjcf_text(arm: Arm, name: str, gravity: FloatArray) -> str:
     actuators = ET.SubElement(model, "actuator")
     for ball, group in groupby(revolutes(arm), key=lambda revolute: revolute.ball):
         parent = _add_body(parent, arm, ball)
-        if ball == 1 and arm.feed is not None:
-            span = numbers((arm.feed.low, arm.feed.high))
+        for axis in arm.base_axes if ball == 1 else ():
+            span = numbers((axis.low, axis.high))
             ET.SubElement(parent, "joint", name=FEED, type="slide", axis="1 0 0", range=span)
             ET.SubElement(actuators, "motor", name=f"{FEED}_motor", joint=FEED)
         for revolute in group:

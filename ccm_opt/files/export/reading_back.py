@@ -3,7 +3,7 @@
 import json
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from ccm_opt.files.export.folder import ARRAYS, RECORD
 from ccm_opt.files.export.solution_json import SCHEMA
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import bends_from_revolutes, joint_names
-from ccm_opt.solution import FeedMotion, JointStates, JointTrajectory
+from ccm_opt.solution import JointStates, JointTrajectory
 
 POSITION_TOLERANCE = 1e-9
 """Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
@@ -104,7 +104,8 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     path = folder / ARRAYS
     arrays = _read_arrays(path)
     arrays.setdefault("stops", np.zeros(0, dtype=np.int64))
-    shapes = SHAPES if arm.feed is None else {**SHAPES, **FEED_SHAPES}
+    of_base = {} if arm.feed is None else FEED_SHAPES
+    shapes = {**SHAPES, **of_base}
     _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())
     if names != joint_names(arm):
@@ -116,14 +117,26 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         numbers["joint_velocities"],
         numbers["joint_accelerations"],
         numbers["joint_torques"],
-        numbers.get("feed_forces"),
+        base_forces=_columns(numbers, of_base, "feed_forces"),
     )
-    feed = None if arm.feed is None else FeedMotion(*(numbers[name] for name in list(FEED_SHAPES)[:3]))
-    stops = tuple(int(k) for k in numbers["stops"])
-    rates = (bends_from_revolutes(joints.velocities), bends_from_revolutes(joints.accelerations))
-    motion = SavedMotion(JointTrajectory(numbers["time"], numbers["bend_angles"], *rates, feed, stops), joints)
+    base = [_columns(numbers, of_base, name) for name in ("base_feed", "feed_velocities", "feed_accelerations")]
+    trajectory = JointTrajectory(
+        numbers["time"],
+        np.column_stack((numbers["bend_angles"], base[0])),
+        np.column_stack((bends_from_revolutes(joints.velocities), base[1])),
+        np.column_stack((bends_from_revolutes(joints.accelerations), base[2])),
+        arm.coordinates,
+        tuple(int(k) for k in numbers["stops"]),
+    )
+    motion = SavedMotion(trajectory, joints)
     _check_positions(motion, numbers["joint_positions"], arm, path)
     return motion
+
+
+def _columns(numbers: Mapping[str, FloatArray], names: Iterable[str], wanted: str) -> FloatArray:
+    """One array among some as a column, shape (T, 1); (T, 0) when it is not among them."""
+    columns = [numbers[name] for name in names if name == wanted]
+    return np.column_stack([np.zeros((len(numbers["time"]), 0)), *columns])
 
 
 def _read_record(path: Path) -> Mapping[str, object]:
@@ -180,9 +193,7 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
 
 def _check_positions(motion: SavedMotion, positions: FloatArray, arm: Arm, path: Path) -> None:
     """The stored positions must be those of the stored bends."""
-    feed = motion.trajectory.feed
-    headings = arm.headings(motion.trajectory.bend_angles)
-    expected = arm.joint_positions(headings, 0.0 if feed is None else feed.positions)
+    expected = arm.joint_positions_at(motion.trajectory.positions)
     error = float(np.abs(positions - expected).max())
     if not error <= POSITION_TOLERANCE * max(1.0, arm.length):
         raise ProblemError(

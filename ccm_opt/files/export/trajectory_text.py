@@ -37,12 +37,14 @@ def trajectory_texts(trajectory: JointTrajectory, joints: JointStates) -> tuple[
 def _tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
     """Names of the joints, and their positions, velocities, accelerations and efforts; the feed axis is the first."""
     tables = [joints.angles, joints.velocities, joints.accelerations, joints.torques]
-    feed = trajectory.feed
-    if feed is None:
-        return joints.names, tables
-    forces = np.zeros_like(feed.positions) if joints.feed_forces is None else joints.feed_forces
-    base = (feed.positions, feed.velocities, feed.accelerations, forces)
-    return (FEED, *joints.names), [np.column_stack(pair) for pair in zip(base, tables, strict=True)]
+    base = [
+        trajectory.base_positions,
+        trajectory.base_velocities,
+        trajectory.base_accelerations,
+        joints.base_forces,
+    ]
+    names = (*trajectory.coordinates.base_names, *joints.names)
+    return names, [np.column_stack(pair) for pair in zip(base, tables, strict=True)]
 
 
 def _rows(table: FloatArray) -> list[str]:

@@ -42,18 +42,17 @@ def urdf_text(arm: Arm, name: str, limits: Limits) -> str:
 
 def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
     """What is between the world and the first ball; returns the link that carries it."""
-    first = "base" if arm.feed is None else "mount"
+    first = "mount" if arm.base_axes else "base"
     ET.SubElement(robot, "link", name=first)
     mount = ET.SubElement(robot, "joint", name="base_mount", type="fixed")
     _place(mount, "world", first, base_position(arm), (0.0, -arm.base_heading, 0.0))
-    if arm.feed is None:
-        return first
-    ET.SubElement(robot, "link", name="base")
-    slide = ET.SubElement(robot, "joint", name=FEED, type="prismatic")
-    _place(slide, first, "base", (0.0, 0.0, 0.0))
-    ET.SubElement(slide, "axis", xyz=numbers((1.0, 0.0, 0.0)))
-    effort = UNLIMITED_EFFORT if limits.feed_force is None else limits.feed_force
-    _add_limit(slide, (arm.feed.low, arm.feed.high), limits.feed_velocity or UNLIMITED_VELOCITY, effort)
+    for axis in arm.base_axes:
+        ET.SubElement(robot, "link", name="base")
+        slide = ET.SubElement(robot, "joint", name=FEED, type="prismatic")
+        _place(slide, first, "base", (0.0, 0.0, 0.0))
+        ET.SubElement(slide, "axis", xyz=numbers((1.0, 0.0, 0.0)))
+        effort = UNLIMITED_EFFORT if limits.feed_force is None else limits.feed_force
+        _add_limit(slide, (axis.low, axis.high), limits.feed_velocity or UNLIMITED_VELOCITY, effort)
     return "base"
 
 

@@ -54,7 +54,7 @@ class ArmView:
     def _frame(self, arm: Arm) -> None:
         """Limits, equal on all axes, and the labels."""
         x, z = arm.base
-        reach = arm.length + (0.0 if arm.feed is None else max(abs(arm.feed.low), abs(arm.feed.high)))
+        reach = arm.length + float(np.max(np.abs(arm.base_range)))
         self._axes.set(xlim=(x - reach, x + reach), ylim=(-reach, reach), zlim=(z - reach, z + reach))
         self._axes.set(xlabel="x [m]", ylabel="out of the plane [m]", zlabel="z [m]")
         self._axes.set_box_aspect((1.0, 1.0, 1.0))

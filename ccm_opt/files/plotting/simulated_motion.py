@@ -51,10 +51,10 @@ def simulation_png(
 def _draw_scene(axes: Axes, problem: Problem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> None:
     """Planned end, simulated poses and end, seen in the plane."""
     draw_workspace(axes, problem.workspace)
-    arm, feed = problem.arm, 0.0 if simulated.base_feed is None else simulated.base_feed
-    points = joint_positions_3d(arm, simulated.angles, feed)[..., [0, 2]]
-    planned = 0.0 if trajectory.feed is None else trajectory.feed.positions[-1:]
-    end = arm.joint_positions(arm.headings(trajectory.bend_angles[-1:]), planned)[0]
+    arm = problem.arm
+    carried = np.sum(simulated.base_positions, axis=1)
+    points = joint_positions_3d(arm, simulated.angles, carried)[..., [0, 2]]
+    end = arm.joint_positions_at(trajectory.positions[-1])
     draw_body(axes, end, arm.radius, style.START, style.START_EDGE, label="planned end", zorder=3)
     for label, pose in zip(("simulated, on the way", "", ""), _on_the_way(trajectory.time, points), strict=True):
         axes.plot(pose[:, 0], pose[:, 1], color=style.TIP_PATH, linewidth=1.0, label=label, zorder=4)
@@ -71,9 +71,9 @@ def _draw_errors(axes: Axes, trajectory: JointTrajectory, joints: JointStates, s
     """Largest joint error over time, on a logarithmic scale."""
     errors = np.max(np.abs(simulated.angles - joints.angles), axis=1)
     axes.semilogy(trajectory.time, np.maximum(errors, FLOOR), color=style.GOAL_ARM, label="joints [rad]")
-    if simulated.base_feed is not None and trajectory.feed is not None:
-        away = np.abs(simulated.base_feed - trajectory.feed.positions)
-        axes.semilogy(trajectory.time, np.maximum(away, FLOOR), color=style.TIP_PATH, label="feed [m]")
+    away = np.abs(simulated.base_positions - trajectory.base_positions)
+    for name, error in zip(trajectory.coordinates.base_names, away.T, strict=True):
+        axes.semilogy(trajectory.time, np.maximum(error, FLOOR), color=style.TIP_PATH, label=f"{name} [m]")
     axes.set(title="largest error", xlabel="time [s]", ylabel="difference from the plan")
     axes.legend(frameon=False)
     axes.grid(visible=True, linewidth=0.4, color=style.WALL)

@@ -172,9 +172,7 @@ def build_pose(table: PoseTable, arm: Arm) -> Start:
 
 def feed_of(table: PoseTable, arm: Arm) -> float:
     """Where the base is on its feed axis in a pose: as given, else at the least position of the range [m]."""
-    if arm.feed is None:
-        return 0.0
-    return arm.feed.low if table.feed is None else table.feed
+    return arm.base_range[0] if table.feed is None else table.feed
 
 
 def build_goal(table: GoalTable, arm: Arm) -> Goal:

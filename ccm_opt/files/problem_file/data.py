@@ -119,8 +119,8 @@ def _arm(arm: Arm) -> Table:
     for key in ("payload", "rotor_inertia", "friction"):
         if np.any(value := np.asarray(getattr(arm, key), dtype=np.float64)):
             table[key] = _list(value) if value.ndim else float(value)
-    if arm.feed is not None:
-        table["feed"] = {"range": [float(arm.feed.low), float(arm.feed.high)], "hole": float(arm.feed.hole)}
+    for name, axis in zip(arm.coordinates.base_names, arm.base_axes, strict=True):
+        table[name] = {"range": [float(axis.low), float(axis.high)], "hole": float(axis.hole)}
     return table
 
 
@@ -153,7 +153,7 @@ def _goal(goal: Goal, arm: Arm) -> Table:
 
 
 def _pose(pose: Start, arm: Arm) -> Table:
-    feed: Table = {} if arm.feed is None else {"feed": float(pose.feed)}
+    feed: Table = {axis: float(pose.feed) for axis in arm.coordinates.base_names}
     if isinstance(pose, JointPose):
         return {"joints_deg": _list(np.rad2deg(pose.bends))} | feed
     return _curve(pose.configuration, arm) | feed

@@ -180,7 +180,7 @@ def _check_places(draft: _Draft, units: str, issues: Issues) -> None:
     workspace = build_workspace(draft.workspace, whole)
     if draft.start is not None and _lists_fit(draft.arm):
         arm = build_arm(draft.arm)
-        base = arm.base if arm.feed is None else arm.base + feed_of(draft.start, arm) * arm.feed_direction
+        base = arm.base + feed_of(draft.start, arm) * arm.feed_direction
         check_base(workspace, base.tolist(), units, issues)
 
 

@@ -26,8 +26,9 @@ def charts(solution: Solution, frames: IntArray) -> list[Chart]:
     if limits.torque is None:
         peak = np.max(np.abs(joints.torques[frames]), axis=1)
         found.append(_chart(f"greatest joint torque [N m], at most {peak.max():.3g}", peak[None]))
-    if solution.trajectory.feed is not None:
-        found.append(_chart("feed [m]", solution.trajectory.feed.positions[frames][None]))
+    trajectory = solution.trajectory
+    for name, places in zip(trajectory.coordinates.base_names, trajectory.base_positions[frames].T, strict=True):
+        found.append(_chart(f"{name} [m]", places[None]))
     return found
 
 

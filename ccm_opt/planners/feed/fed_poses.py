@@ -1,11 +1,8 @@
 """Poses of an arm on its feed axis: from the problem to bends and feed, and refused when the arm cannot have them."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import TOUCH, allowed_contact
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.geometry.angles import unit_vector
@@ -22,28 +19,10 @@ OVER_LIMIT = 1e-9
 """Bend beyond a joint limit that is rounding [rad]."""
 
 
-@dataclass(frozen=True)
-class FedPose:
-    """A pose of the arm on its feed axis.
-
-    Attributes:
-        bends: shape (links,) [rad]; exactly 0 where the guide holds the joint.
-        feed: [m].
-    """
-
-    bends: FloatArray
-    feed: float
-
-    @property
-    def row(self) -> FloatArray:
-        """Bends and feed, shape (links + 1,)."""
-        return np.append(self.bends, self.feed)
-
-
 def fed_pose(
     problem: Problem, pose: JointPose | CurvePose, which: str, settings: FeedPlannerSettings = DEFAULT_FEED
-) -> FedPose:
-    """A pose of a problem; ``which`` names it in messages.
+) -> JointPose:
+    """A pose of a problem, its bends exactly 0 where the guide holds a joint; ``which`` names it in messages.
 
     Raises:
         UnreachableGoal: a joint that the guide holds is bent.
@@ -64,24 +43,25 @@ def fed_pose(
         reason = f"the {which} bends joint {joint + 1} by {np.rad2deg(bends[joint]):.3g}° inside the guide"
         advice = (f"straighten the {which} inside the guide", f"raise {which}.feed")
         raise UnreachableGoal(Diagnosis(reason, which, advice))
-    return FedPose(np.where(held, 0.0, bends), pose.feed)
+    return JointPose(np.where(held, 0.0, bends), pose.feed)
 
 
-def refuse_bad_pose(motions: FeedMotions, pose: FedPose, which: str) -> float:
+def refuse_bad_pose(motions: FeedMotions, pose: JointPose, which: str) -> float:
     """The least gap of a pose [m].
 
     Raises:
         UnreachableGoal: the pose breaks a joint limit or touches something; names joint or link and obstacle.
     """
     arm = motions.arm
+    q = pose.configuration(arm)
     over = np.abs(pose.bends) - arm.bend_limits
     if over.max() > OVER_LIMIT:
         raise UnreachableGoal(_over_limit(arm, pose, which, int(np.argmax(over))))
-    contacts, finder, crosses = motions.contacts(pose.bends, pose.feed)
+    contacts, finder, crosses = motions.contacts(q)
     least = -ROUNDING if allowed_contact(arm, motions.workspace) > 0.0 else TOUCH
     touches = bool(np.any(contacts.gap < least)) or crosses
     # A pose that stands still is a motion too: its certificate sees links inside obstacles, far from any wall.
-    if touches or not motions.touching_nothing(np.stack((pose.row, pose.row))):
+    if touches or not motions.touching_nothing(np.stack((q, q))):
         what = finder.describe(contacts) if touches else "a link lies inside an obstacle"
         advice = (f"change the {which}", "use a smaller arm.radius or workspace.clearance")
         raise UnreachableGoal(Diagnosis(f"the {which} touches something: {what}", which, advice))
@@ -105,7 +85,7 @@ def refuse_bad_tip(problem: Problem, goal: TipGoal) -> float:
     return min(distances) - need
 
 
-def _over_limit(arm: Arm, pose: FedPose, which: str, joint: int) -> Diagnosis:
+def _over_limit(arm: Arm, pose: JointPose, which: str, joint: int) -> Diagnosis:
     angle = np.rad2deg(pose.bends[joint])
     limit = np.rad2deg(arm.bend_limits[joint])
     reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, its limit is {limit:.2f}°"

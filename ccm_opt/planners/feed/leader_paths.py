@@ -212,7 +212,7 @@ class LeaderPaths:
         spacing = arm.link_length / self.settings.following.samples_per_link
         on_curve = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length / spacing))) + 1)
 
-        first = min(arm.feed.low if arm.feed is not None else 0.0, 0.0) - arm.link_length
+        first = min(arm.base_range[0], 0.0) - arm.link_length
         on_axis = np.arange(first, straight - 0.5 * spacing, arm.link_length)
 
         points = [arm.base + on_axis[:, None] * arm.feed_direction, curve.positions_at(on_curve)]

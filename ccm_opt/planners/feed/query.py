@@ -5,14 +5,14 @@ from functools import cached_property
 
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
-from ccm_opt.planners.feed.fed_poses import FedPose, fed_pose, refuse_bad_pose, refuse_bad_tip
+from ccm_opt.planners.feed.fed_poses import fed_pose, refuse_bad_pose, refuse_bad_tip
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.following.feed_path import FeedMotions
 from ccm_opt.planners.following.gating import travel_between_samples
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.planners.following.path_of_shape import path_of_pose
 from ccm_opt.planners.following.slide import feed_step
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem import JointPose, Problem, TipGoal
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class FeedQuery:
 
     problem: Problem
     feed: Feed
-    start: FedPose
-    goal: FedPose | None
+    start: JointPose
+    goal: JointPose | None
     motions: FeedMotions
     deadline: Deadline
     settings: FeedPlannerSettings = DEFAULT_FEED
@@ -61,7 +61,7 @@ class FeedQuery:
         motions = replace(motions, gap=min(gap, gap_at_goal))
         return cls(problem, feed, start, goal, motions, deadline, settings)
 
-    def between(self, start: FedPose, goal: FedPose | None) -> "FeedQuery":
+    def between(self, start: JointPose, goal: JointPose | None) -> "FeedQuery":
         """The same with other ends."""
         return replace(self, start=start, goal=goal)
 
@@ -96,7 +96,7 @@ class FeedQuery:
         """The path that leads to a goal of the whole arm, or None."""
         return None if self.goal is None else self.path_of(self.goal)
 
-    def path_of(self, pose: FedPose) -> LeaderPath | None:
+    def path_of(self, pose: JointPose) -> LeaderPath | None:
         """The path that the arm lies on in a pose; None when it bends too near to the hole to have come by one."""
         return path_of_pose(self.arm, pose.bends, pose.feed, self.least_straight, self.settings.following)
 

@@ -12,7 +12,6 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.planners.curve import CurvePlanner
-from ccm_opt.planners.feed.fed_poses import FedPose
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 
@@ -34,7 +33,7 @@ class Reshaping:
     deadline: Deadline
     settings: FeedPlannerSettings = DEFAULT_FEED
 
-    def keyframes(self, start: FedPose, goal: FloatArray | TipGoal, outside: float) -> FloatArray | None:
+    def keyframes(self, start: JointPose, goal: FloatArray | TipGoal, outside: float) -> FloatArray | None:
         """Keyframes from a pose to other bends, or to a goal of the tip, at the feed of the pose.
 
         Args:
@@ -64,12 +63,12 @@ class Reshaping:
             return None
         return self._whole(start, part.arm.bends(motion.headings), clamped=clamped)
 
-    def _first_joint(self, start: FedPose, outside: float) -> int:
+    def _first_joint(self, start: JointPose, outside: float) -> int:
         """The first joint that is beyond an arc length [m]."""
         joints = start.feed + self.problem.arm.link_length * np.arange(self.problem.arm.links)
         return int(np.searchsorted(joints, outside - _ROUNDING))
 
-    def _part(self, start: FedPose, goal: FloatArray | TipGoal, first: int) -> Problem:
+    def _part(self, start: JointPose, goal: FloatArray | TipGoal, first: int) -> Problem:
         """The problem of the arm from a joint on, what is before it an obstacle."""
         problem = self.problem
         part = part_of(problem.arm, first, start.feed)
@@ -85,7 +84,7 @@ class Reshaping:
             planner=replace(problem.planner, mapping="least-squares"),
         )
 
-    def _with_held_links(self, start: FedPose, first: int) -> Workspace:
+    def _with_held_links(self, start: JointPose, first: int) -> Workspace:
         """The workspace with those links in the guide that the arm from a joint on might meet."""
         problem = self.problem
         arm = problem.arm
@@ -97,7 +96,7 @@ class Reshaping:
         body = Obstacle("the arm in its guide", shapely.LineString(ends), rounding)
         return replace(problem.workspace, obstacles=(*problem.workspace.obstacles, body))
 
-    def _whole(self, start: FedPose, bends: FloatArray, *, clamped: bool) -> FloatArray:
+    def _whole(self, start: JointPose, bends: FloatArray, *, clamped: bool) -> FloatArray:
         """Keyframes of the whole arm, the part before straight."""
         links = self.problem.arm.links
         first = links - bends.shape[1]

@@ -8,12 +8,11 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.continuation import Deadline
-from ccm_opt.planners.feed.fed_poses import FedPose
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.reshaping import Reshaping
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.planners.following.slide import joined, pose_on, slide
-from ccm_opt.problem import TipGoal
+from ccm_opt.problem import JointPose, TipGoal
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class StraightenedEnd:
     """
 
     keyframes: FloatArray
-    pose: FedPose
+    pose: JointPose
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def following(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         yield ProposedMotion(_pinned(query, joined(out, in_again)), (start_path.points, path.points), name)
 
 
-def straightened(query: FeedQuery, end: FedPose, path: LeaderPath | None) -> Iterator[StraightenedEnd]:
+def straightened(query: FeedQuery, end: JointPose, path: LeaderPath | None) -> Iterator[StraightenedEnd]:
     """Poses near an end from which the arm can be drawn back; the end itself when it can.
 
     Args:
@@ -95,19 +94,19 @@ def straightened(query: FeedQuery, end: FedPose, path: LeaderPath | None) -> Ite
         path: along which the end lies, or None when it bends too near to the hole.
     """
     if path is not None:
-        yield StraightenedEnd(end.row[None], end)
+        yield StraightenedEnd(end.configuration(query.arm)[None], end)
         return
     for bends in (_bent_further_out(query, end), np.zeros(query.arm.links)):
-        pose = FedPose(bends, end.feed)
+        pose = JointPose(bends, end.feed)
         if query.path_of(pose) is None:
             continue
         keyframes = _reshaper(query).keyframes(end, bends, query.feed.hole)
         if keyframes is not None:
-            rest = np.tile(pose.row, (1 + query.settings.separation, 1))
+            rest = np.tile(pose.configuration(query.arm), (1 + query.settings.separation, 1))
             yield StraightenedEnd(np.concatenate((keyframes[:-1], rest)), pose)
 
 
-def _bent_further_out(query: FeedQuery, end: FedPose) -> FloatArray:
+def _bent_further_out(query: FeedQuery, end: JointPose) -> FloatArray:
     """Bends of a pose, those too near to the hole moved on to the next joints that may bend, shape (links,) [rad]."""
     arm = query.arm
     settings = query.settings
@@ -150,7 +149,7 @@ def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         there = _to_feed(query, feed)
         if there is None:
             continue
-        before = FedPose(there[-1, :-1], feed)
+        before = JointPose(there[-1, :-1], feed)
         # Where the feed does not move before the change, joints may bend right up to the hole.
         outside = query.feed.hole if len(there) == 1 else query.outside
         changed = _reshaper(query).keyframes(before, pose_on(arm, path, feed), outside)
@@ -172,7 +171,7 @@ def _feeds_to_reshape_at(query: FeedQuery, end: float) -> list[float]:
 def _to_feed(query: FeedQuery, feed: float) -> FloatArray | None:
     """Keyframes along the start's own shape to a feed, or None when the shape bends too near to the hole."""
     if feed == query.start.feed:
-        return query.start.row[None]
+        return query.start.configuration(query.arm)[None]
     if query.start_path is None:
         return None
     return slide(query.arm, query.start_path, query.start.feed, feed, query.settings.following)
@@ -187,7 +186,7 @@ def _reshaper(query: FeedQuery) -> Reshaping:
 def _pinned(query: FeedQuery, keyframes: FloatArray) -> FloatArray:
     """Keyframes whose ends are the start, and the goal of the whole arm when there is one, without rounding."""
     pinned = keyframes.copy()
-    pinned[0] = query.start.row
+    pinned[0] = query.start.configuration(query.arm)
     if query.goal is not None:
-        pinned[-1] = query.goal.row
+        pinned[-1] = query.goal.configuration(query.arm)
     return pinned

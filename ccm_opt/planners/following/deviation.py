@@ -34,25 +34,23 @@ class Deviation:
 
 def deviation(
     arm: Arm,
-    bends: FloatArray,
-    feeds: FloatArray,
+    positions: FloatArray,
     leaders: Sequence[FloatArray],
     settings: DeviationSettings = DEFAULT_DEVIATION,
 ) -> Deviation:
     """The deviation of a motion from its leader's paths.
 
     Args:
-        arm: with a feed axis.
-        bends: at samples of the motion, shape (T, links) [rad].
-        feeds: shape (T,) [m].
+        arm: the arm.
+        positions: configurations at samples of the motion, shape (T, c) [rad, m].
         leaders: finely sampled polylines, each of shape (m, 2) [m]; of several the nearest counts, since an arm that is
             drawn back along one before it follows the next lies on either.
         settings: how finely to look.
     """
-    poses = np.linspace(0, len(feeds) - 1, min(settings.poses, len(feeds)))
-    chosen = np.unique(poses.astype(int))
-    feeds = feeds[chosen]
-    joints = arm.joint_positions(arm.headings(bends[chosen]), feeds)
+    numbers = np.linspace(0, len(positions) - 1, min(settings.poses, len(positions)))
+    poses = positions[np.unique(numbers.astype(int))]
+    joints = arm.joint_positions_at(poses)
+    feeds = arm.coordinates.advance(poses)
 
     # Places on the links, shape (poses, links, places, 2), of which those in the guide follow no leader.
     shares = (np.arange(settings.places_per_link) + 0.5) / settings.places_per_link
@@ -76,8 +74,8 @@ def deviation(
 
 def _beyond_hole(arm: Arm, feeds: FloatArray, shares: FloatArray) -> BoolArray:
     """Which places on which links are beyond the hole, shape (T, links, places)."""
-    hole = arm.feed.hole if arm.feed is not None else -np.inf
-    beyond: BoolArray = feeds[:, None, None] + arm.link_length * np.add.outer(np.arange(arm.links), shares) > hole
+    along = feeds[:, None, None] + arm.link_length * np.add.outer(np.arange(arm.links), shares)
+    beyond: BoolArray = along > arm.hole
     return beyond
 
 

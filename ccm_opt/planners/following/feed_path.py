@@ -14,7 +14,6 @@ from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.motion_task import SPARE
 from ccm_opt.motion.spline_path import certified_spline, spare_kept
-from ccm_opt.planners.following.carried_arm import CarriedArm
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.gating import straight_while_held
 
@@ -39,40 +38,31 @@ class FeedMotions:
     settings: FollowingSettings = DEFAULT_FOLLOWING
 
     @cached_property
-    def carried(self) -> CarriedArm:
-        """The arm with the feed in its poses."""
-        return CarriedArm.of(self.arm)
-
-    @cached_property
     def certificate(self) -> Certificate:
         """The certificate that motions must pass."""
         contact = allowed_contact(self.arm, self.workspace)
         spare = np.clip(self.settings.end_gap_share * self.gap - contact, -contact, SPARE * self.arm.length)
-        return Certificate(self.carried, self.workspace, float(spare))
+        return Certificate(self.arm, self.workspace, float(spare))
 
-    def contacts(self, bends: FloatArray, feed: float) -> tuple[Contacts, ContactFinder, bool]:
-        """Near pairs of a pose, what describes them, and whether links cross something."""
-        points = self.carried.joint_positions(self.carried.poses(np.append(bends, feed)))
+    def contacts(self, q: FloatArray) -> tuple[Contacts, ContactFinder, bool]:
+        """Near pairs of a configuration, what describes them, and whether links cross something."""
+        points = self.arm.joint_positions_at(q)
         reach = self.settings.contact_reach * self.arm.length
         finder = ContactFinder(self.arm, Walls.of(self.workspace), self.workspace.clearance, 0.0, reach)
         return finder.find(points), finder, finder.crosses(points)
 
     def within_limits(self, keyframes: FloatArray) -> bool:
         """Whether keyframes keep joint limits and the range of the feed."""
-        feed = self.arm.feed
-        bends = keyframes[:, :-1]
-        feeds = keyframes[:, -1]
-        in_range = feed is not None and bool(np.all((feeds >= feed.low) & (feeds <= feed.high)))
-        return in_range and bool(np.all(np.abs(bends) <= self.arm.bend_limits))
+        return bool(np.all((keyframes >= self.arm.lower_limits) & (keyframes <= self.arm.upper_limits)))
 
     def touching_nothing(self, keyframes: FloatArray) -> bool:
         """Whether keyframes of bends and feed, linear between them, do no more than touch."""
-        certificate = Certificate.of_contact(self.carried, self.workspace)
-        return len(certificate.failures(self.carried.poses(keyframes))) == 0
+        certificate = Certificate.of_contact(self.arm, self.workspace)
+        return len(certificate.failures(self.arm.poses(keyframes))) == 0
 
     def certified(self, keyframes: FloatArray) -> bool:
         """Whether keyframes of bends and feed, linear between them, are clear of everything."""
-        return len(self.certificate.failures(self.carried.poses(keyframes))) == 0
+        return len(self.certificate.failures(self.arm.poses(keyframes))) == 0
 
     def path(self, keyframes: FloatArray) -> tuple[BSpline, float] | None:
         """The smooth path of bends and feed near keyframes, and the gap that it spares [m].
@@ -85,12 +75,10 @@ class FeedMotions:
         """
         if not self.within_limits(keyframes):
             return None
-        spline = certified_spline(self.carried.poses(keyframes), self.certificate)
+        spline = certified_spline(self.arm.poses(keyframes), self.certificate)
         if spline is None:
             return None
-        poses = np.asarray(spline.c)
-        control = np.column_stack((self.arm.bends(poses[:, :-1]), poses[:, -1] * self.arm.link_length))
-        path = BSpline(spline.t, control, spline.k)
+        path = BSpline(spline.t, self.arm.configurations(np.asarray(spline.c)), spline.k)
         if not straight_while_held(self.arm, path, self.travel, self.settings):
             return None
         return path, spare_kept(spline, self.certificate)

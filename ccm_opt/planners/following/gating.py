@@ -22,7 +22,7 @@ def feed_limits(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_
     Joints may bend only once they are out of the guide by what the base can travel from one sample to the next, so a
     base that is allowed to be very fast is held back rather than its joints.
     """
-    if arm.feed is None or limits.feed_velocity is None:
+    if limits.feed_velocity is None:
         return limits
     fastest = settings.links_per_sample * arm.link_length / settings.sample_period
     return replace(limits, feed_velocity=min(limits.feed_velocity, fastest))
@@ -42,9 +42,6 @@ def straight_while_held(
         travel: of the base, around a joint's bending, in which the joint must be outside the guide too [m].
         settings: of following.
     """
-    feed = arm.feed
-    if feed is None:
-        return True
     per_span = settings.samples_per_span
     samples = np.asarray(spline(np.linspace(0.0, 1.0, per_span * _spans(spline) + 1)))[:, -1]
     travelled = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(samples)))))
@@ -62,7 +59,7 @@ def straight_while_held(
         last = np.minimum(last, rests[np.searchsorted(rests, end, side="left")])
 
         least_feed = min(float(samples[a : b + 1].min()) for a, b in zip(first, last, strict=True))
-        if least_feed + joint * arm.link_length < feed.hole - 0.5 * HELD_TOLERANCE:
+        if least_feed + joint * arm.link_length < arm.hole - 0.5 * HELD_TOLERANCE:
             return False
     return True
 

@@ -37,7 +37,7 @@ def path_of_pose(
         The path, or None when a joint bends so near to the hole that no such path exists.
     """
     l = arm.link_length
-    joints = arm.joint_positions(arm.headings(bends), feed)
+    joints = arm.joint_positions_at(arm.configuration(bends, feed))
     bent = np.flatnonzero(bends)
     first_bent = int(bent[0]) if len(bent) else arm.links
     leaves = max(straight, feed + first_bent * l)
@@ -121,6 +121,6 @@ def _with_axis(
 
 def _on_axis(arm: Arm, leaves: float) -> FloatArray:
     """Arc lengths of samples of the feed axis before the path leaves it, a link length behind the base's range on."""
-    low = arm.feed.low if arm.feed is not None else 0.0
+    low, _ = arm.base_range
     arc = np.arange(min(low, leaves) - arm.link_length, leaves, arm.link_length)
     return arc[arc < leaves - _ON_AXIS * arm.link_length]

@@ -1,0 +1,93 @@
+"""The coordinates of an arm: what each column of a path, a trajectory or a limit is, in which order.
+
+A configuration q of an arm is one row of numbers: first the coordinates that bend its joints, then those that carry
+its base. What plans, times, simulates and verifies handles the rows as they come and asks this layout, or the arm, for
+what they mean. An arm whose base is fixed has no coordinates of the second kind; the arrays of them are then of shape
+(…, 0), so that sums over them are zero and loops over them do nothing.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray, IntArray
+
+FEED = "feed"
+"""Name of the coordinate of a feed axis."""
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """The layout of an arm's coordinates.
+
+    Attributes:
+        names: of every coordinate, for messages.
+        units: of every coordinate, "rad" or "m".
+        joints: how many of them, the first, bend joints; those that follow carry the base.
+        drives: number of the drive that moves each coordinate. The revolutes are counted first, ball by ball, and the
+            axes that carry the base after them.
+        revolutes: number of revolutes.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    joints: int
+    drives: tuple[int, ...]
+    revolutes: int
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def bends(self) -> slice:
+        """Where the coordinates stand that bend joints."""
+        return slice(0, self.joints)
+
+    @property
+    def base(self) -> slice:
+        """Where the coordinates stand that carry the base."""
+        return slice(self.joints, len(self.names))
+
+    @property
+    def base_names(self) -> tuple[str, ...]:
+        """Names of the coordinates that carry the base; none when it is fixed."""
+        return self.names[self.base]
+
+    @property
+    def drive_numbers(self) -> IntArray:
+        """Number of the drive of every coordinate, shape (c,)."""
+        return np.array(self.drives, dtype=np.intp)
+
+    @property
+    def drive_count(self) -> int:
+        """Number of drives: of all revolutes, and of the axes that carry the base."""
+        return self.revolutes + len(self.base_names)
+
+    def advance(self, q: FloatArray) -> FloatArray:
+        """How far the base is carried along the base heading, shape (...) [m]; 0 when it is fixed.
+
+        The map is linear, so it serves velocities and accelerations too.
+
+        Args:
+            q: configurations, shape (..., c).
+        """
+        return np.asarray(np.sum(q[..., self.base], axis=-1))
+
+
+@lru_cache(maxsize=64)
+def planar_coordinates(links: int, axes: tuple[str, ...] = ()) -> Coordinates:
+    """The coordinates of an arm that bends in its plane: one bend a joint, then the axes that carry its base.
+
+    Args:
+        links: number of links; the bend of ball i is its second revolute, 3 i + 1 in the order of ``joint_names``.
+        axes: names of the axes that carry the base along the base heading.
+    """
+    revolutes = 3 * links
+    return Coordinates(
+        names=(*(f"joint {number}" for number in range(1, links + 1)), *axes),
+        units=("rad",) * links + ("m",) * len(axes),
+        joints=links,
+        drives=(*range(1, revolutes, 3), *range(revolutes, revolutes + len(axes))),
+        revolutes=revolutes,
+    )

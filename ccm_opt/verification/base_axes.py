@@ -1,0 +1,149 @@
+"""The axes that carry the base: their ranges and limits, the joints a guide holds, and that figures tell one story."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.newton_euler import base_forces
+
+RANGE_TOLERANCE = 1e-9
+"""Feed beyond its range [m], and bend of a held joint [rad], that count as rounding."""
+RELATIVE_TOLERANCE = 1e-6
+"""Share by which velocity, acceleration and force may pass their limits."""
+FORCE_SHARE, FORCE_FLOOR = 1e-6, 1e-9
+"""Forces may differ from the verifier's own by this share of the peak, plus this [N]."""
+PASSING_TOLERANCE = 1e-6
+"""Bend that a joint may have, by linear interpolation between two samples, when it passes the hole [rad]."""
+_INSIDE = 1e-8
+"""A joint is held when it is farther than this inside the guide [m]."""
+
+
+@dataclass(frozen=True)
+class _AxisMotion:
+    """One axis that carries the base: what it is, and what it does at the samples, each array of shape (T,)."""
+
+    name: str
+    axis: Feed
+    time: FloatArray
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+    forces: FloatArray
+
+
+def check_base_axes(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> list[Check]:
+    """Check everything about the axes that carry the base; nothing for an arm whose base is fixed."""
+    checks: list[Check] = []
+    for number, axis in enumerate(problem.arm.base_axes):
+        motion = _AxisMotion(
+            trajectory.coordinates.base_names[number],
+            axis,
+            trajectory.time,
+            trajectory.base_positions[:, number],
+            trajectory.base_velocities[:, number],
+            trajectory.base_accelerations[:, number],
+            joints.base_forces[:, number],
+        )
+        checks += [_range(motion), _held(problem.arm, motion, trajectory)]
+        checks += _limits(problem, motion)
+        checks += [_rates(problem, motion), _forces(problem, trajectory, motion)]
+    return checks
+
+
+def _range(motion: _AxisMotion) -> Check:
+    low, high = motion.axis.low, motion.axis.high
+    beyond = np.maximum(low - motion.positions, motion.positions - high)
+    k = int(np.argmax(beyond))
+    worst = float(motion.positions[k])
+    bound = high if worst > 0.5 * (low + high) else low
+    passed = bool(beyond[k] <= RANGE_TOLERANCE)
+    return Check(f"{motion.name} range", worst, bound, "m", f"t = {motion.time[k]:.4f} s", passed=passed)
+
+
+def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory) -> Check:
+    """What the guide holds is straight; within an interval, too, up to the moment the joint passes the hole.
+
+    Feed and bend are linear between samples, so the bend a joint has when it passes is found by proportion.
+    """
+    depth = motion.axis.hole - motion.positions[:, None] - arm.link_length * np.arange(arm.links)
+    bends = np.abs(trajectory.bend_angles)
+    bent = np.where(depth > _INSIDE, bends, 0.0) / RANGE_TOLERANCE
+
+    inside = np.maximum(depth[:-1], depth[1:])
+    outside = np.minimum(depth[:-1], depth[1:])
+    passing = (inside > _INSIDE) & (outside < -_INSIDE)
+    share = np.where(passing, inside / np.maximum(inside - outside, _INSIDE), 0.0)
+    further = np.maximum(bends[:-1], bends[1:])
+    bent[:-1] = np.maximum(bent[:-1], share * further / PASSING_TOLERANCE)
+
+    k, j = np.unravel_index(np.argmax(bent), bent.shape)
+    where = f"joint {j + 1} at t = {trajectory.time[k]:.4f} s"
+    worst = float(bent[k, j])
+    return Check("joints inside the guide", worst, 1.0, "tolerances", where, passed=worst <= 1.0)
+
+
+def _limits(problem: Problem, motion: _AxisMotion) -> list[Check]:
+    """Velocity, acceleration, jerk and force; jerk and force where they are limited."""
+    limits, time, name = problem.limits, motion.time, motion.name
+    speeds = _slopes(motion.positions, time)
+    gains = _slopes(motion.velocities, time)
+    checks = [
+        _limit(f"{name} velocity", "m/s", limits.feed_velocity, time, motion.velocities, speeds),
+        _limit(f"{name} acceleration", "m/s²", limits.feed_acceleration, time, motion.accelerations, gains),
+    ]
+    if limits.feed_jerk is not None:
+        # The base rests before the motion and after it.
+        around = np.concatenate(([2.0 * time[0] - time[1]], time, [2.0 * time[-1] - time[-2]]))
+        jerks = _slopes(np.concatenate(([0.0], motion.accelerations, [0.0])), around)
+        checks.append(_limit(f"{name} jerk", "m/s³", limits.feed_jerk, np.append(time, time[-1]), jerks))
+    if limits.feed_force is not None:
+        checks.append(_limit(f"{name} force", "N", limits.feed_force, time, motion.forces))
+    return checks
+
+
+def _slopes(values: FloatArray, time: FloatArray) -> FloatArray:
+    """Difference quotients, drawn towards zero by what rounding can have added to them."""
+    step = np.diff(time)
+    noise = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(values))) / step
+    quotient = np.diff(values) / step
+    return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
+
+
+def _limit(name: str, unit: str, limit: float | None, time: FloatArray, *sources: FloatArray) -> Check:
+    bound = np.inf if limit is None else limit
+    values = np.concatenate(sources)
+    k = int(np.argmax(np.abs(values)))
+    worst = float(np.abs(values[k]))
+    where = f"t = {time[k % len(time)]:.4f} s"
+    return Check(name, worst, float(bound), unit, where, passed=worst <= bound * (1.0 + RELATIVE_TOLERANCE))
+
+
+def _rates(problem: Problem, motion: _AxisMotion) -> Check:
+    """|Δf/h − (v₀ + v₁)/2| ≤ h a/4 for any acceleration within ± a."""
+    step = np.diff(motion.time)
+    mean = 0.5 * (motion.velocities[1:] + motion.velocities[:-1])
+    gap = np.abs(np.diff(motion.positions) / step - mean)
+    rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(motion.positions))) / step
+    allowed = 0.25 * step * (problem.limits.feed_acceleration or 0.0) + rounding
+    k = int(np.argmax(gap / allowed))
+    name, where = f"{motion.name} velocity against positions", f"t = {motion.time[k]:.4f} s"
+    return Check(name, float(gap[k]), float(allowed[k]), "m/s", where, passed=bool(np.all(gap <= allowed)))
+
+
+def _forces(problem: Problem, trajectory: JointTrajectory, motion: _AxisMotion) -> Check:
+    expected = base_forces(
+        problem.arm,
+        problem.simulation.gravity,
+        trajectory.positions,
+        trajectory.velocities,
+        trajectory.accelerations,
+    )
+    error = np.abs(expected - motion.forces)
+    k = int(np.argmax(error))
+    allowed = FORCE_SHARE * float(np.max(np.abs(expected))) + FORCE_FLOOR
+    name, where = f"{motion.name} force against dynamics", f"t = {trajectory.time[k]:.4f} s"
+    return Check(name, float(error[k]), allowed, "N", where, passed=bool(error[k] <= allowed))
