@@ -116,7 +116,7 @@ def hairpin_scene() -> HairpinScene:
     finder = ContactFinder(problem.arm, Walls.of(problem.workspace), problem.workspace.clearance, margin, reach)
     stepper = Stepper(space, finder)
     start = stepper.pose(v)
-    guide = next(pulled_over(stepper, start, None, tip_paths[0], (5.0,))).guide()
+    guide = next(pulled_over(stepper, start, None, tip_paths[0], (5.0,))).make_guide()
     recorder = Recorder(guide)
     poses = follow(stepper, recorder, start, Deadline(time.monotonic() + 60.0))
     moments = []

@@ -17,9 +17,9 @@ from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
 from ccm_opt.motion.guides.hairpin import fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
-from ccm_opt.motion.guides.track import Track
+from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.portfolio import Candidate, first_candidates
+from ccm_opt.motion.portfolio import GuideCandidate, first_candidates
 from ccm_opt.motion.spline_path import certified_spline, clamped_spline
 from ccm_opt.motion.step import LIMIT_SHARE, Pose, Stepper
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, round_base
@@ -61,9 +61,9 @@ def walled_off() -> Scene:
     return Scene(make_arm(), Workspace(room, (wall,)), np.full(24, 0.3), np.full(24, 1.3))
 
 
-def followed(stepper: Stepper, start: Pose, candidate: Candidate) -> tuple[list[Pose], bool]:
+def followed(stepper: Stepper, start: Pose, candidate: GuideCandidate) -> tuple[list[Pose], bool]:
     """The poses to which a candidate leads, and whether it came to its end."""
-    guide = candidate.guide()
+    guide = candidate.make_guide()
     try:
         poses = follow(stepper, guide, start, later())
     except Stalled as stalled:
@@ -133,7 +133,7 @@ def test_the_tip_is_led_along_the_track() -> None:
     scene = Scene(make_arm(), open_scene(0).workspace, np.linspace(0.0, 1.5, 24), np.zeros(24))
     stepper, start = make_stepper(scene)
     way = np.vstack((start.points[-1], [[0.5, 0.3], [0.6, -0.3]]))
-    track = Track.along(way, 0.08, float(start.headings[-1]))
+    track = TipTrack.along(way, 0.08, float(start.headings[-1]))
     poses = follow(stepper, TipLed(stepper.space, track), start, later())
     tips = np.array([pose.points[-1] for pose in poses])
     line = shapely.LineString(way)
@@ -234,7 +234,7 @@ def test_a_track_is_measured_by_arc_length(seed: int) -> None:
     """Places on a track are shapely's at the same length, repeated points or not; beyond its ends it stands still."""
     rng = np.random.default_rng(seed)
     points = np.repeat(rng.uniform(-1.0, 1.0, (6, 2)), rng.integers(1, 3, 6), axis=0)
-    track, line = Track.along(points, 0.1), shapely.LineString(points)
+    track, line = TipTrack.along(points, 0.1), shapely.LineString(points)
     assert track.length == pytest.approx(line.length)
     for arc in rng.uniform(0.0, line.length, 5):
         place = shapely.get_coordinates(line.interpolate(arc))[0]
@@ -250,7 +250,7 @@ def test_a_tracks_heading_is_its_tangent_unwrapped(seed: int, first: float) -> N
     rng = np.random.default_rng(seed)
     turns = np.cumsum(np.append(rng.uniform(-3.0, 3.0), rng.uniform(-2.5, 2.5, 4)))
     points = np.vstack((np.zeros(2), np.cumsum(np.stack((np.cos(turns), np.sin(turns)), axis=1), axis=0)))
-    track = Track.along(points, 0.2, first)
+    track = TipTrack.along(points, 0.2, first)
     headings = track.heading(np.arange(5) + 0.5)
     np.testing.assert_allclose(np.diff(headings), np.diff(turns), atol=1e-9)
     assert np.cos(headings[0] - turns[0]) == pytest.approx(1.0)

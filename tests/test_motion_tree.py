@@ -18,8 +18,9 @@ from ccm_opt.motion.goal import POLISH_TOLERANCE
 from ccm_opt.motion.link_space import FINENESS
 from ccm_opt.motion.motion_task import MotionTask, Remembered
 from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.tree.growth import DISPERSION, TREES, Growth, Question, search_by_trees
-from ccm_opt.motion.tree.nodes import Tree
+from ccm_opt.motion.tree.pose_tree import PoseTree
+from ccm_opt.motion.tree.tree_search import TREES, TreeSearch, TreeTask, search_by_trees
+from ccm_opt.motion.tree.tree_settings import DEFAULT_TREES
 from ccm_opt.problem import JointPose, TipGoal
 
 from .scenes import ROOM, Scene, clutter, later, make_arm, make_stepper, motion_task, open_scene
@@ -45,10 +46,10 @@ def no_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "SEARCHES", search.SEARCHES[1:])
 
 
-def question(task: MotionTask) -> Question:
-    """What the search asks the trees."""
+def tree_task(task: MotionTask) -> TreeTask:
+    """What the search grows its trees for."""
     attempts = [search._Attempt.of(task, margin, FINENESS) for margin in search.TREE_MARGINS]
-    return attempts[-1].question(tuple(attempt.stepper for attempt in attempts))
+    return attempts[-1].tree_task(tuple(attempt.stepper for attempt in attempts))
 
 
 def is_certified(scene: Scene, headings: FloatArray) -> bool:
@@ -83,7 +84,7 @@ def test_the_trees_meet_whole_arm_goals() -> None:
 def test_a_single_tree_settles_on_the_goal() -> None:
     """Without any pose at the goal the tree from the start finds one."""
     scene = open_scene(2)
-    asked = question(motion_task(scene.problem(TipGoal(scene.goal_tip.position))))
+    asked = tree_task(motion_task(scene.problem(TipGoal(scene.goal_tip.position))))
     poses = search_by_trees(replace(asked, goal_poses=iter(())))
     assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < EXACT
     assert is_certified(scene, np.array([pose.headings for pose in poses]))
@@ -94,9 +95,9 @@ def test_the_seed_decides() -> None:
     task = motion_task(clutter(5, 40).problem(), guessing=True)
 
     def grown(seed: int) -> FloatArray:
-        growth = Growth.of(question(replace(task, seed=seed, deadline=CountedDeadline(250))))
-        growth.run()
-        return np.concatenate([pose.headings for tree in growth.trees for pose in tree.poses])
+        both = TreeSearch.from_task(tree_task(replace(task, seed=seed, deadline=CountedDeadline(250))))
+        both.run()
+        return np.concatenate([pose.headings for tree in both.trees for pose in tree.poses])
 
     np.testing.assert_array_equal(grown(1), grown(1))
     assert not np.array_equal(grown(1), grown(2))
@@ -106,24 +107,24 @@ def test_every_edge_is_certified_and_every_node_new() -> None:
     """Parent and edge of every node pass the certificate, and no two nodes of a tree are nearer than the dispersion."""
     scene = clutter(5, 40)
     task = motion_task(scene.problem(), guessing=True)
-    growth = Growth.of(question(replace(task, deadline=CountedDeadline(1000))))
-    growth.run()
-    for tree in growth.trees:
+    both = TreeSearch.from_task(tree_task(replace(task, deadline=CountedDeadline(1000))))
+    both.run()
+    for tree in both.trees:
         assert len(tree) > 10
         for node in range(len(tree)):
             parent = [tree.poses[tree.parents[node]]] if tree.parents[node] >= 0 else []
             way = np.array([pose.headings for pose in parent + tree.edges[node]])
             assert len(task.certificate.failures(way)) == 0
             others = np.delete(tree.distances(tree.poses[node]), node)
-            assert others.min() > DISPERSION
+            assert others.min() > DEFAULT_TREES.dispersion
 
 
-def test_a_deadline_ends_the_growth_within_a_step() -> None:
+def test_a_deadline_ends_the_search_within_a_step() -> None:
     """Once the deadline has passed nothing but the running loops ask for it again."""
     deadline = CountedDeadline(400)
     task = replace(motion_task(clutter(5, 40).problem()), deadline=deadline)
     with pytest.raises(Stalled, match="until the time limit"):
-        search_by_trees(question(task))
+        search_by_trees(tree_task(task))
     assert len(deadline.asked) < 410
 
 
@@ -162,19 +163,19 @@ def test_the_way_to_a_node_leads_through_its_ancestors() -> None:
     stepper, root = make_stepper(open_scene(1))
     bend = np.eye(len(root.v))[5]
     poses = [root, *(stepper.pose(root.v + 0.1 * k * bend) for k in range(1, 6))]
-    tree = Tree(1.0)
+    tree = PoseTree(1.0)
     tree.add_root(root)
     middle = tree.add(0, poses[1:3])
     tree.add(0, poses[5:])
     last = tree.add(middle, poses[3:5])
-    assert tree.way_to(last) == poses[:5]
+    assert tree.poses_to(last) == poses[:5]
     assert tree.nearest(poses[4]) == last
 
 
 def test_least_used_nodes_are_drawn_first() -> None:
     """Of a choice of nodes the one that was drawn least often comes next."""
     stepper, root = make_stepper(open_scene(1))
-    tree = Tree(1.0)
+    tree = PoseTree(1.0)
     for k in range(3):
         tree.add_root(stepper.pose(root.v + 0.1 * k))
     assert sorted(tree.least_used(np.arange(3)) for _ in range(3)) == [0, 1, 2]

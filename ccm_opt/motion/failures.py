@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.motion.motion_task import MotionTask
-from ccm_opt.motion.tree.growth import TREES
+from ccm_opt.motion.tree.tree_search import TREES
 
 
 @dataclass(frozen=True)

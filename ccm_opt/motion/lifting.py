@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.motion.goal import POLISH_TOLERANCE, polish
@@ -10,10 +10,8 @@ from ccm_opt.motion.link_space import LinkSpace, mean_heading_matrix
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.step import Stepper, Term, pose_in
 
-REPAIRS = 6
-MARGIN = 1.5e-3
-"""Planning margin of a repair, as a share of the arm's length."""
-REACH = 0.02
+_MISSED = 10.0 * POLISH_TOLERANCE
+"""A polished keyframe that misses its goal by more has not converged [m], [rad]."""
 
 
 def lift(motion: Motion, task: MotionTask) -> Motion | None:
@@ -26,16 +24,19 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     coordinates = motion.coordinates.copy()
     if task.goal_headings is None:
         coordinates[-1] = polish(space, task.goal, coordinates[-1])
-        if max(task.goal.errors(pose_in(space, coordinates[-1]))) > 10.0 * POLISH_TOLERANCE:
+        if max(task.goal.errors(pose_in(space, coordinates[-1]))) > _MISSED:
             return None
+
     certificate = task.certificate
-    failing = certificate.failures(space.headings(coordinates))
     stepper = _repair_stepper(space, task)
-    for _ in range(REPAIRS):
+    failing = certificate.failures(space.headings(coordinates))
+    for _ in range(task.settings.lifting.repairs):
         if len(failing) == 0:
             break
-        coordinates = _mended(stepper, coordinates, np.unique(np.concatenate((failing, failing + 1))))
+        at_both_ends = np.unique(np.concatenate((failing, failing + 1)))
+        coordinates = _pushed_clear(stepper, coordinates, at_both_ends)
         failing = certificate.failures(space.headings(coordinates))
+
     headings = space.headings(coordinates)
     within = np.all(np.abs(task.arm.bends(headings)) <= task.arm.bend_limits)
     if len(failing) or not within:
@@ -51,44 +52,56 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     """
     matrix = mean_heading_matrix(task.arm.links, task.arm.length)
     p = matrix.shape[1]
-    first, last = motion.coordinates[0], motion.coordinates[-1]
-    offset = task.start - matrix @ first[:p]
+    first = motion.coordinates[0]
+    last = motion.coordinates[-1]
+    at_start = task.start - matrix @ first[:p]  # the offset that the first keyframe needs
+
     if task.goal_headings is not None:
-        one, other, end = first, last, task.goal_headings
-        if first[p] > last[p]:  # planned backwards
-            one, other, end = last, first, task.start
-            offset = task.goal_headings - matrix @ one[:p]
-        matrix = np.column_stack((matrix, end - offset - matrix @ other[:p]))
-    elif len(first) > p:
-        blended = offset
+        planned_backwards = first[p] > last[p]
+        if planned_backwards:
+            offset = task.goal_headings - matrix @ last[:p]
+            blended = task.start - matrix @ first[:p]
+        else:
+            offset = at_start
+            blended = task.goal_headings - matrix @ last[:p]
+        return LinkSpace(task.arm, np.column_stack((matrix, blended - offset)), offset)
+
+    if len(first) > p:
         offset = _resampled(motion.space.offset, task.arm.links)
-        matrix = np.column_stack((matrix, blended - offset))
-    return LinkSpace(task.arm, matrix, offset)
+        return LinkSpace(task.arm, np.column_stack((matrix, at_start - offset)), offset)
+
+    return LinkSpace(task.arm, matrix, at_start)
 
 
 def _resampled(offset: FloatArray, links: int) -> FloatArray:
     """An offset of link headings at another number of links, shape (links,) [rad]."""
-    middles, wanted = ((np.arange(count) + 0.5) / count for count in (len(offset), links))
+    middles = (np.arange(len(offset)) + 0.5) / len(offset)
+    wanted = (np.arange(links) + 0.5) / links
     return np.interp(wanted, middles, offset)
 
 
 def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
+    """The stepper of repairs, which keeps a smaller margin than the search does."""
     length = task.arm.length
-    finder = ContactFinder(
-        task.arm, Walls.of(task.workspace), task.workspace.clearance, MARGIN * length, REACH * length
-    )
+    lifting = task.settings.lifting
+    walls = Walls.of(task.workspace)
+    margin = lifting.margin * length
+    finder = ContactFinder(task.arm, walls, task.workspace.clearance, margin, lifting.reach * length)
     return Stepper(space, finder, settings=task.settings)
 
 
-def _mended(stepper: Stepper, coordinates: FloatArray, keyframes: FloatArray) -> FloatArray:
-    """Coordinates with some inner keyframes pushed clear."""
+def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:
+    """Coordinates with some inner keyframes moved by a step that asks for nothing but the planning margin."""
+    space = stepper.space
+    last = len(coordinates) - 1
     mended = coordinates.copy()
     for k in keyframes:
-        if 0 < k < len(coordinates) - 1:
-            pose = stepper.pose(coordinates[k])
-            still = [
-                Term(stepper.space.matrix, np.zeros(stepper.space.arm.links), stepper.space.share),
-                Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), 1e-4),
-            ]
-            mended[k] = stepper.step(pose, stepper.space.jacobians(pose.headings), still).v
+        if k in {0, last}:
+            continue
+        pose = stepper.pose(coordinates[k])
+        stay = [
+            Term(space.matrix, np.zeros(space.arm.links), space.share),
+            Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), stepper.settings.lifting.coordinate_weight),
+        ]
+        mended[k] = stepper.step(pose, space.jacobians(pose.headings), stay).v
     return mended

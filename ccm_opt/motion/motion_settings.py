@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from ccm_opt.motion.guides.guide_settings import GuideSettings
+from ccm_opt.motion.lifting_settings import LiftingSettings
 from ccm_opt.motion.tree.tree_settings import TreeSettings
 
 
@@ -30,8 +31,10 @@ class MotionSettings:
         step: of a single step.
         guides: of the guides and candidates.
         tree: of the trees of poses.
+        lifting: of taking a motion over to an arm of many links.
     """
 
     step: StepSettings = field(default_factory=StepSettings)
     guides: GuideSettings = field(default_factory=GuideSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
+    lifting: LiftingSettings = field(default_factory=LiftingSettings)

@@ -5,65 +5,67 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.walls import Walls
+from ccm_opt.geometry.polygons import cross
 from ccm_opt.geometry.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
+from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES
 from ccm_opt.motion.link_space import FINENESS
 from ccm_opt.motion.motion_task import MotionTask
 
-NARROW = 2.5
-"""Passages less wide than this many units ask for a shorter unit, so that ..."""
-ROOM = 3.2
-"""... they are this many units wide: a fold in a passage is about a third of its width high."""
-HALF = 0.5
-"""Where no planning margin fits, this share of the room that there is serves as one."""
-LEAST_MARGIN = 0.004
-"""Least planning margin, in units."""
-SAMPLES = 96
-"""Places along a path at which its passage is measured."""
 
+def nominal_links_asked(task: MotionTask) -> float:
+    """Nominal links to the arm's length that the first tip path asks for: more than usual where passages are narrow.
 
-def fineness_asked(task: MotionTask) -> float:
-    """Units to the arm's length that the first tip path asks for: more than usual where its passages are narrow.
-
-    A unit shorter than a link is of no use, so arms of few links are always planned with the usual one.
+    A nominal link shorter than a link is of no use, so arms of few links are always planned with the usual ones.
     """
     if not task.tip_paths or task.arm.links <= FINENESS:
         return FINENESS
-    widths = passage_widths(Walls.of(task.workspace), task.tip_paths[0].taut, task.arm.length)
-    share = float(widths.min()) / task.arm.length
-    if share * FINENESS >= NARROW:
+    settings = task.settings.guides.passages
+    walls = Walls.of(task.workspace)
+    widths = passage_widths(walls, task.tip_paths[0].taut, task.arm.length, settings.samples)
+    narrowest = float(widths.min()) / task.arm.length
+    if narrowest * FINENESS >= settings.narrow:
         return FINENESS
-    return min(ROOM / max(share, 1e-9), float(task.arm.links))
+    return min(settings.roomy / max(narrowest, 1e-9), float(task.arm.links))
 
 
-def fitting_margins(task: MotionTask, margins: tuple[float, ...], fineness: float) -> tuple[float, ...]:
-    """The planning margins, in units, that leave a way to the goal; a smaller one first when none does.
+def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links: float) -> tuple[float, ...]:
+    """The planning margins, in nominal links, that leave a way to the goal; a smaller one first when none does.
 
     A wide margin closes passages that hardly pass the arm, and goals that hardly hold the tip: trying it costs time.
     """
-    spare = room_to_spare(task) * fineness / task.arm.length
-    if spare <= 0.0:
+    settings = task.settings.guides.passages
+    room = room_beside_arm(task) * nominal_links / task.arm.length
+    if room <= 0.0:
         return margins
-    fitting = tuple(margin for margin in margins if margin <= spare)
-    return fitting or (max(LEAST_MARGIN, HALF * spare), margins[-1])
+    fitting = tuple(margin for margin in margins if margin <= room)
+    if fitting:
+        return fitting
+    return max(settings.least_margin, settings.margin_share * room), margins[-1]
 
 
-def room_to_spare(task: MotionTask) -> float:
+def room_beside_arm(task: MotionTask) -> float:
     """Gap that the arm has on either side in the narrowest passage of the widest tip path, and the tip at its goal [m].
 
     Not positive when there is no tip path, or the paths are too narrow to be told apart from walls.
     """
-    walls, arm = Walls.of(task.workspace), task.arm
-    need = arm.radius + task.workspace.clearance
-    ways = [path.taut for path in task.tip_paths if path.length > 0.0]
-    passages = [0.5 * float(passage_widths(walls, taut, arm.length).min()) for taut in ways]
-    if not passages:
+    arm = task.arm
+    walls = Walls.of(task.workspace)
+    samples = task.settings.guides.passages.samples
+    half_widths = [
+        0.5 * float(passage_widths(walls, path.taut, arm.length, samples).min())
+        for path in task.tip_paths
+        if path.length > 0.0
+    ]
+    if not half_widths:
         return 0.0
     tip = shapely.Point(task.goal.position)
     at_goal = min(float(shapely.distance(tip, wall.core)) - wall.rounding for wall in task.workspace.walls)
-    return min(max(passages), at_goal) - need
+    return min(max(half_widths), at_goal) - (arm.radius + task.workspace.clearance)
 
 
-def passage_widths(walls: Walls, path: FloatArray, widest: float, samples: int = SAMPLES) -> FloatArray:
+def passage_widths(
+    walls: Walls, path: FloatArray, widest: float, samples: int = DEFAULT_GUIDES.passages.samples
+) -> FloatArray:
     """Width of the passage at places evenly spread along a path, shape (samples,) [m].
 
     Across the path, to the first wall on the left and on the right; a side without a wall counts ``widest``.
@@ -90,16 +92,14 @@ def passage_widths(walls: Walls, path: FloatArray, widest: float, samples: int =
 
 def _crossings(walls: Walls, places: FloatArray, directions: FloatArray) -> FloatArray:
     """Signed distance along lines through places to every edge less its rounding, inf when missed, shape (m, E) [m]."""
-    a, b = (walls.edges[None, :, k] - places[:, None] for k in (0, 1))
-    side_a, side_b = (_cross(directions[:, None], p) for p in (a, b))
-    hit = side_a * side_b <= 0.0
-    share = side_a / np.where(np.abs(side_a - side_b) > 0.0, side_a - side_b, 1.0)
+    a = walls.edges[None, :, 0] - places[:, None]
+    b = walls.edges[None, :, 1] - places[:, None]
+    side_a = cross(directions[:, None], a)
+    side_b = cross(directions[:, None], b)
+    hit = side_a * side_b <= 0.0  # the ends lie on different sides of the line
+    apart = side_a - side_b
+    share = side_a / np.where(np.abs(apart) > 0.0, apart, 1.0)
     along = np.einsum("med,md->me", a + share[..., None] * (b - a), directions)
     rounding = walls.rounding[walls.edge_wall]
     nearer = np.sign(along) * np.maximum(np.abs(along) - rounding, 0.0)
     return np.where(hit, nearer, np.inf)
-
-
-def _cross(u: FloatArray, v: FloatArray) -> FloatArray:
-    product: FloatArray = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    return product

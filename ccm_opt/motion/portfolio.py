@@ -9,40 +9,28 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polyline import leg_headings, path_length, without_repeats
 from ccm_opt.motion.continuation import Guide
+from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES, GuideSettings
 from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
-from ccm_opt.motion.guides.track import Track
+from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.passage_widths import passage_widths
 from ccm_opt.motion.step import Pose, Stepper
 from ccm_opt.motion.tip_paths import TipPath
 
-FOLD_LINKS = (5.0, 7.0, 4.0, 9.0)
-"""Lengths of the hairpin that are tried, in nominal links (24 to the arm)."""
-FOLD_SHARE = 1.18
-"""Length of the hairpin that fits a passage, as a share of its width."""
-LONGEST_SHAPE = 1.1
-"""A taut way from the base may be this share of the arm's length; it cuts no corner, so the arm itself may fit."""
-STRAIGHT = 0.02
-"""Turn that makes a corner of a path [rad]."""
-FEW_CORNERS = 2
-"""A route with more corners bends the arm so that straight interpolation seldom works."""
-HEADING_WINDOW = 2.0
-"""Length over which a track's heading is smoothed, in nominal links."""
-
 
 @dataclass(frozen=True)
-class Candidate:
-    """One way to try.
+class GuideCandidate:
+    """A guide to try.
 
     Attributes:
         name: for messages.
-        guide: makes the guide to follow.
+        make_guide: makes the guide to follow.
         resume: makes the guide that takes over where the first ended or stalled, from that guide and the pose; or None.
     """
 
     name: str
-    guide: Callable[[], Guide]
+    make_guide: Callable[[], Guide]
     resume: Callable[[Guide, Pose], Guide] | None = None
 
 
@@ -52,7 +40,7 @@ def first_candidates(
     goal_coordinates: Iterable[FloatArray],
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
-) -> Iterator[Candidate]:
+) -> Iterator[GuideCandidate]:
     """The candidates that solve most problems, most promising first.
 
     Args:
@@ -63,72 +51,105 @@ def first_candidates(
         tip_paths: shortest first.
         whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
     """
-    interpolated = (
-        Candidate(f"interpolation {k + 1}", partial(Interpolation, stepper.space, start.v, goal))
-        for k, goal in enumerate(goal_coordinates)
-    )
-    if whole_arm is not None or goes_straight(tip_paths):
+    interpolated = _interpolations(stepper, start, goal_coordinates)
+    if whole_arm is not None or goes_straight(tip_paths, stepper.settings.guides):
         yield from interpolated
+
     for path in tip_paths:
         if whole_arm is not None:
-            yield from pulled_over(stepper, start, whole_arm, path, fitting_folds(stepper, path)[:1])
-        yield tip_led(stepper, start, path)
-        if whole_arm is None:
-            yield from pulled_over(stepper, start, whole_arm, path, FOLD_LINKS[:1])
-            yield from interpolated  # after the first path: a pose at the goal has to be found for it
+            fitting = fitting_folds(stepper, path)
+            yield from pulled_over(stepper, start, whole_arm, path, fitting[:1])
+            yield tip_led(stepper, start, path)
+        else:
+            first_length = stepper.settings.guides.hairpin.lengths[:1]
+            yield tip_led(stepper, start, path)
+            yield from pulled_over(stepper, start, whole_arm, path, first_length)
+            # Only now, for a pose at the goal has to be found for it; after the first path there are none left.
+            yield from interpolated
+
     yield from interpolated
 
 
-def goes_straight(tip_paths: tuple[TipPath, ...]) -> bool:
+def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[FloatArray]) -> Iterator[GuideCandidate]:
+    """Straight to one pose at the goal after the other; each is made when it is asked for."""
+    settings = stepper.settings.guides.interpolation
+    for k, goal in enumerate(goal_coordinates, start=1):
+        make_guide = partial(Interpolation, stepper.space, start.v, goal, settings=settings)
+        yield GuideCandidate(f"interpolation {k}", make_guide)
+
+
+def goes_straight(tip_paths: tuple[TipPath, ...], settings: GuideSettings = DEFAULT_GUIDES) -> bool:
     """Whether the tip's first path is straight and its route has few corners, so that interpolation probably works."""
-    return bool(tip_paths) and _corners(tip_paths[0].taut) == 0 and _corners(tip_paths[0].route) <= FEW_CORNERS
+    if not tip_paths:
+        return False
+    first = tip_paths[0]
+    straight = _corners(first.taut, settings.corner) == 0
+    return straight and _corners(first.route, settings.corner) <= settings.few_corners
 
 
-def _corners(path: FloatArray) -> int:
-    """Number of places where a path (k, 2) turns."""
+def _corners(path: FloatArray, least_turn: float) -> int:
+    """Number of places where a path (k, 2) turns by more than ``least_turn`` [rad]."""
     turns = np.diff(leg_headings(without_repeats(path, 0.0)))
-    return int(np.count_nonzero(np.abs(turns) > STRAIGHT))
+    return int(np.count_nonzero(np.abs(turns) > least_turn))
 
 
 def further_candidates(
     stepper: Stepper, start: Pose, tip_paths: tuple[TipPath, ...], whole_arm: FloatArray | None = None
-) -> Iterator[Candidate]:
+) -> Iterator[GuideCandidate]:
     """Hairpins of other lengths; arguments as for ``first_candidates``."""
     for path in tip_paths:
-        folds = FOLD_LINKS if whole_arm is None else fitting_folds(stepper, path)
-        yield from pulled_over(stepper, start, whole_arm, path, folds[1:])
+        lengths = stepper.settings.guides.hairpin.lengths
+        if whole_arm is not None:
+            lengths = fitting_folds(stepper, path)
+        yield from pulled_over(stepper, start, whole_arm, path, lengths[1:])
 
 
-def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> Candidate:
+def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> GuideCandidate:
     """The tip drawn along the taut path."""
-    unit = stepper.space.unit
-    track = Track.along(path.taut, HEADING_WINDOW * unit, float(start.headings[-1]))
-    return Candidate(f"tip-led, {_side(path)}", partial(TipLed, stepper.space, track))
+    settings = stepper.settings.guides
+    track = TipTrack.along(path.taut, _heading_window(stepper), float(start.headings[-1]))
+    make_guide = partial(TipLed, stepper.space, track, settings=settings.tip_led)
+    return GuideCandidate(f"tip-led, {_side(path)}", make_guide)
+
+
+def _heading_window(stepper: Stepper) -> float:
+    """Length over which a track's heading is smoothed [m]."""
+    return stepper.settings.guides.heading_window * stepper.space.unit
 
 
 def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
-    """Lengths of the hairpin, the one that fits the passage first: a turn in width w takes ``FOLD_SHARE`` w."""
-    finder, unit = stepper.finder, stepper.space.unit
-    widths = passage_widths(finder.walls, path.taut, stepper.space.arm.length)
-    width = float(np.quantile(widths, 0.25)) - 2.0 * stepper.space.arm.radius
-    fitting = float(np.clip(FOLD_SHARE * width / unit, min(FOLD_LINKS), max(FOLD_LINKS)))
-    return fitting, *(links for links in FOLD_LINKS if abs(links - fitting) > 0.5)
+    """Lengths of the hairpin in nominal links, the one that fits the passage first: width times ``passage_share``."""
+    arm = stepper.space.arm
+    settings = stepper.settings.guides
+    hairpin = settings.hairpin
+    widths = passage_widths(stepper.finder.walls, path.taut, arm.length, settings.passages.samples)
+    width = float(np.quantile(widths, hairpin.passage_quantile)) - 2.0 * arm.radius
+    wanted = hairpin.passage_share * width / stepper.space.unit
+    fitting = float(np.clip(wanted, min(hairpin.lengths), max(hairpin.lengths)))
+    others = [length for length in hairpin.lengths if abs(length - fitting) > hairpin.same_length]
+    return fitting, *others
 
 
 def pulled_over(
-    stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath, folds: tuple[float, ...]
-) -> Iterator[Candidate]:
-    """The arm pulled over as a rope, for several lengths of the fold; none when the route is too long for the arm."""
+    stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath, lengths: tuple[float, ...]
+) -> Iterator[GuideCandidate]:
+    """The arm pulled over as a rope, for several lengths of the fold; none when the route is too long for the arm.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        whole_arm: coordinates of a goal for the whole arm, or None.
+        path: of the tip.
+        lengths: of the hairpin, in nominal links.
+    """
     leave = leaving_joint(stepper, start, path)
     if leave is None:
         return
     joint, route = leave
-    for links in folds:
-        yield Candidate(
-            f"hairpin of {links:.2g}, {_side(path)}",
-            partial(_fold, stepper, start, path, joint, route, links),
-            partial(_pulled_out, stepper, path) if whole_arm is None else partial(_opened, stepper, whole_arm),
-        )
+    resume = partial(_pulled_out, stepper, path) if whole_arm is None else partial(_opened, stepper, whole_arm)
+    for length in lengths:
+        make_guide = partial(_fold, stepper, start, path, joint, route, length)
+        yield GuideCandidate(f"hairpin of {length:.2g}, {_side(path)}", make_guide, resume)
 
 
 def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, FloatArray] | None:
@@ -139,30 +160,54 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
     """
     arm = stepper.space.arm
 
+    def onward(joint: int) -> float:
+        return path_length(path.from_joint(start.points, joint))
+
     def new_length(joint: int) -> float:
-        return joint * arm.link_length + path_length(path.from_joint(start.points, joint))
+        return joint * arm.link_length + onward(joint)
 
-    def tip_way(joint: int) -> float:
-        return (arm.links - joint) * arm.link_length + path_length(path.from_joint(start.points, joint))
+    def tip_path_length(joint: int) -> float:
+        return (arm.links - joint) * arm.link_length + onward(joint)
 
-    if new_length(0) > LONGEST_SHAPE * arm.length:
+    longest = stepper.settings.guides.hairpin.longest_shape * arm.length
+    if new_length(0) > longest:
         return None
     if new_length(0) > arm.length:
         return 0, path.from_joint(start.points, 0)
-    # Both grow or fall with the joint, for the way from a joint differs from its neighbour's by at most a link.
+
+    # Both lengths grow or fall with the joint, for the path from a joint differs from its neighbour's by at most a
+    # link; so bisection finds where they cross a bound, and few taut paths have to be drawn.
     last = _last_true(lambda joint: new_length(joint) <= arm.length, arm.links)
-    shortest = tip_way(last)
-    first = last - _last_true(lambda back: tip_way(last - back) <= shortest + stepper.space.unit, last)
+    near_shortest = tip_path_length(last) + stepper.space.unit
+    first = last - _last_true(lambda back: tip_path_length(last - back) <= near_shortest, last)
     return first, path.from_joint(start.points, first)
 
 
 def _last_true(holds: Callable[[int], bool], last: int) -> int:
     """Largest k in [0, last] for which a condition holds that holds at 0 and, once false, stays false."""
-    low, high = 0, last
+    low = 0
+    high = last
     while low < high:
         middle = (low + high + 1) // 2
-        low, high = (middle, high) if holds(middle) else (low, middle - 1)
+        if holds(middle):
+            low = middle
+        else:
+            high = middle - 1
     return low
+
+
+def _fold(stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, length: float) -> Hairpin:
+    """The guide of a fold of some length, in nominal links, that has not begun to travel yet."""
+    arm = stepper.space.arm
+    fold_length = length * stepper.space.unit
+    # The strands lie at least so far apart that the arm keeps its planning margin from itself; a half circle of the
+    # fold's length has them further apart.
+    strands = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, fold_length / np.pi)
+    last_heading = float(start.headings[-1])
+    window = _heading_window(stepper)
+    track, retraced = fold_track(start.points, joint, route, path.side, strands, window, last_heading)
+    settings = stepper.settings.guides.hairpin
+    return Hairpin(stepper.space, track, retraced, start.headings, fold_length, arm.length, settings)
 
 
 def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
@@ -171,22 +216,15 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
         raise TypeError(f"only a hairpin can be pulled out, got {type(guide).__name__}")
     track = guide.track
     rest = track.points[track.arcs > track.nearest_arc(pose.points[-1], guide.tip_arc)]
-    way = path.free_space.taut_path(np.vstack((pose.points[-1], rest, path.route[-1])), shrink=path.shrink)
-    return TipLed(stepper.space, Track.along(way, HEADING_WINDOW * guide.unit, float(pose.headings[-1])))
+    remaining = np.vstack((pose.points[-1], rest, path.route[-1]))
+    taut = path.free_space.taut_path(remaining, shrink=path.shrink)
+    onward = TipTrack.along(taut, _heading_window(stepper), float(pose.headings[-1]))
+    return TipLed(stepper.space, onward, settings=stepper.settings.guides.tip_led)
 
 
 def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
     """The fold opened onto a goal of the whole arm: all but the fold lies there already."""
-    return Interpolation(stepper.space, pose.v, goal)
-
-
-def _fold(stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, links: float) -> Hairpin:
-    arm, unit = stepper.space.arm, stepper.space.unit
-    length = links * unit
-    offset = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, length / np.pi)
-    last = float(start.headings[-1])
-    track, retraced = fold_track(start.points, joint, route, path.side, offset, HEADING_WINDOW * unit, last)
-    return Hairpin(stepper.space, track, retraced, start.headings, length, arm.length)
+    return Interpolation(stepper.space, pose.v, goal, settings=stepper.settings.guides.interpolation)
 
 
 def _side(path: TipPath) -> str:

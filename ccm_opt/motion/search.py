@@ -21,10 +21,10 @@ from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import FINENESS, LinkSpace
 from ccm_opt.motion.motion_task import Motion, MotionTask, Remembered, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise
-from ccm_opt.motion.passage_widths import fineness_asked, fitting_margins
-from ccm_opt.motion.portfolio import Candidate, first_candidates, further_candidates
+from ccm_opt.motion.passage_widths import fitting_margins, nominal_links_asked
+from ccm_opt.motion.portfolio import GuideCandidate, first_candidates, further_candidates
 from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.tree.growth import TREES, Question, search_by_trees
+from ccm_opt.motion.tree.tree_search import TREES, TreeTask, search_by_trees
 
 MARGINS = (0.06, 0.024)
 """Planning margins that are tried, in units of the link space."""
@@ -58,7 +58,7 @@ def find_motion(task: MotionTask) -> Motion:
 
 def _found_by(search: "Search", task: MotionTask, failures: "list[Failure]") -> Motion | None:
     """The optimised motion that a search finds at few links, lifted, or else on the task's own links."""
-    fineness = fineness_asked(task)
+    fineness = nominal_links_asked(task)
     if task.arm.links > 1.5 * DESIGN_LINKS and fineness <= FINENESS and not task.clamped and task.terms is None:
         coarse = coarsened(task, DESIGN_LINKS)
         found = search(coarse, failures, FINENESS)
@@ -90,7 +90,7 @@ def _grow_trees(task: MotionTask, failures: list[Failure], fineness: float) -> M
     attempt = attempts[-1]
     steppers = tuple(each.stepper for each in attempts)
     try:
-        return attempt.motion(TREES, attempt.brisk(search_by_trees(attempt.question(steppers))))
+        return attempt.motion(TREES, attempt.brisk(search_by_trees(attempt.tree_task(steppers))))
     except Stalled as stalled:
         failures.append(attempt.failure(TREES, stalled))
     return None
@@ -179,15 +179,15 @@ class _Attempt:
         poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
         return Remembered(pose.v for pose in poses if pose is not None)
 
-    def first(self) -> Iterator[Candidate]:
+    def first(self) -> Iterator[GuideCandidate]:
         """The candidates that solve most problems."""
         return first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, self.goal.coordinates)
 
-    def further(self) -> Iterator[Candidate]:
+    def further(self) -> Iterator[GuideCandidate]:
         """All other candidates."""
         return further_candidates(self.stepper, self.start, self.task.tip_paths, self.goal.coordinates)
 
-    def run(self, tried: Iterator[Candidate], failures: list[Failure]) -> Motion | None:
+    def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
         """The finished motion of the first candidate that arrives and is certified, or None."""
         for candidate in tried:
             try:
@@ -198,7 +198,7 @@ class _Attempt:
                 return None
         return None
 
-    def _attempt(self, candidate: Candidate) -> list[Pose]:
+    def _attempt(self, candidate: GuideCandidate) -> list[Pose]:
         poses = self._led(candidate)
         return self.brisk(poses + self._arrive(poses[-1])[1:])
 
@@ -214,9 +214,9 @@ class _Attempt:
                 return brisk
         raise Stalled("the motion arrived but could not be certified", poses)
 
-    def _led(self, candidate: Candidate) -> list[Pose]:
+    def _led(self, candidate: GuideCandidate) -> list[Pose]:
         """Follow the candidate's guide, then the one that resumes where it ends or stalls."""
-        guide = candidate.guide()
+        guide = candidate.make_guide()
         try:
             poses = follow(self.stepper, guide, self.start, self.task.deadline)
         except Stalled as stalled:
@@ -238,10 +238,10 @@ class _Attempt:
     def _certified(self, headings: FloatArray) -> bool:
         return len(self.certificate.failures(headings)) == 0
 
-    def question(self, steppers: tuple[Stepper, ...]) -> Question:
-        """What trees of poses are asked, that may be grown with several margins."""
+    def tree_task(self, steppers: tuple[Stepper, ...]) -> TreeTask:
+        """What trees of poses are grown for, maybe with several margins."""
         task = self.task
-        return Question(
+        return TreeTask(
             steppers,
             self.start,
             self.goal,

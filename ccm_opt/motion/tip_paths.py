@@ -15,10 +15,12 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.geometry.angles import heading_of, sweep_on_side, unit_vector
 from ccm_opt.geometry.polyline import path_length
 
-ARC_STEP = 0.3
-"""Angle between points on an arc round the base [rad]."""
-STRAIGHT = 1e-6
-"""A corner nearer than this to the line between its neighbours is left out [m]."""
+_ARC_STEP = 0.3
+"""Angle between points on an arc round the base [rad]; the arc is drawn taut, only its class counts."""
+_ARC_RADIUS = 1e-3
+"""Radius of that arc as a share of how far the shorter path strays from the base: well inside every obstacle's gap."""
+_STRAIGHT = 1e-6
+"""A corner nearer than this to the line between its neighbours is left out [m]: rounding."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class TipPath:
 
     def from_joint(self, points: FloatArray, joint: int) -> FloatArray:
         """The taut path from a joint of the arm, back along the arm and out along the route, shape (k, 2) [m]."""
-        return taut_way(self.free_space, points[: joint + 1], self.route, self.side, self.shrink)
+        return taut_round_base(self.free_space, points[: joint + 1], self.route, self.side, self.shrink)
 
 
 def find_tip_paths(
@@ -62,19 +64,19 @@ def find_tip_paths(
         shrink: distance kept from corners where there is room [m].
     """
     puncture = Obstacle("base", shapely.Point(points[0]))
-    room = FreeSpace(replace(workspace, obstacles=(*workspace.obstacles, puncture)), margin)
-    return tip_paths_in(room, points, routes, shrink)
+    punctured = replace(workspace, obstacles=(*workspace.obstacles, puncture))
+    return tip_paths_in(FreeSpace(punctured, margin), points, routes, shrink)
 
 
 def tip_paths_in(
-    room: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
+    free_space: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
     """Both sides of every route in a free space that is punctured at the base, shortest tip path first."""
-    paths = [
-        TipPath(side, route, taut_way(room, points, route, side, shrink), room, shrink)
-        for route in routes
-        for side in (1, -1)
-    ]
+    paths = []
+    for route in routes:
+        for side in (1, -1):
+            taut = taut_round_base(free_space, points, route, side, shrink)
+            paths.append(TipPath(side, route, taut, free_space, shrink))
     return tuple(sorted(paths, key=lambda path: path.length))
 
 
@@ -95,23 +97,27 @@ def turning_by(paths: tuple[TipPath, ...], points: FloatArray, turn: float) -> t
 
 def _base_turn(path: TipPath, points: FloatArray) -> float:
     """Angle by which the first link turns on a path [rad]."""
-    first, last = (heading_of(p[1] - p[0]) for p in (points, path.route))
-    return sweep_on_side(last - first, path.side)
+    first_link = heading_of(points[1] - points[0])
+    first_leg = heading_of(path.route[1] - path.route[0])
+    return sweep_on_side(first_leg - first_link, path.side)
 
 
-def taut_way(room: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float) -> FloatArray:
+def taut_round_base(
+    free_space: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float
+) -> FloatArray:
     """The taut path in the class of: back along joints to the base, round it, out along a route; shape (k, 2) [m]."""
     if len(points) < 2:
-        return _taut_route(room, route, shrink)
-    return room.taut_path(round_base(points, route, side), shrink=shrink)
+        return _taut_route(free_space, route, shrink)
+    return free_space.taut_path(round_base(points, route, side), shrink=shrink)
 
 
-def _taut_route(room: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
+def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
     """The taut path along a route; the puncture at its own base is no obstacle to it, so the first bit stays."""
     span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route strays
-    outside = _beyond(route, min(room.margin + 2.0 * shrink, 0.5 * span))
-    way = np.vstack((route[: len(route) - len(outside) + 1], room.taut_path(outside, shrink=shrink)))
-    return shapely.get_coordinates(shapely.LineString(way).simplify(STRAIGHT))
+    outside = _beyond(route, min(free_space.margin + 2.0 * shrink, 0.5 * span))
+    inside = route[: len(route) - len(outside) + 1]
+    path = np.vstack((inside, free_space.taut_path(outside, shrink=shrink)))
+    return shapely.get_coordinates(shapely.LineString(path).simplify(_STRAIGHT))
 
 
 def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
@@ -126,11 +132,15 @@ def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
         Shape (·, 2) [m].
     """
     base = points[0]
-    radius = 1e-3 * min(np.linalg.norm(path - base, axis=1).max() for path in (points, route))
-    inwards, outwards = _beyond(points, radius)[::-1], _beyond(route, radius)
-    first, last = (heading_of(p - base) for p in (inwards[-1], outwards[0]))
+    strays = [np.linalg.norm(path - base, axis=1).max() for path in (points, route)]
+    radius = _ARC_RADIUS * min(strays)
+    inwards = _beyond(points, radius)[::-1]
+    outwards = _beyond(route, radius)
+
+    first = heading_of(inwards[-1] - base)
+    last = heading_of(outwards[0] - base)
     sweep = sweep_on_side(last - first, side)
-    angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / ARC_STEP) + 2))
+    angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / _ARC_STEP) + 2))
     arc = base + radius * unit_vector(angles)
     return np.vstack((inwards, arc[1:-1], outwards))
 
@@ -139,7 +149,11 @@ def _beyond(path: FloatArray, radius: float) -> FloatArray:
     """The part of a path after it last leaves a disc about its first point, from the disc's edge on."""
     distance = np.linalg.norm(path - path[0], axis=1)
     inside = int(np.nonzero(distance <= radius)[0][-1])
-    a, b = path[inside] - path[0], path[inside + 1] - path[inside]
-    aa, ab, bb = a @ a, a @ b, b @ b
-    at = (-ab + np.sqrt(max(ab * ab - bb * (aa - radius**2), 0.0))) / bb
-    return np.vstack((path[inside] + at * b, path[inside + 1 :]))
+    # On the leg a + t b, the larger root of |a + t b|² = r².
+    a = path[inside] - path[0]
+    b = path[inside + 1] - path[inside]
+    ab = a @ b
+    bb = b @ b
+    discriminant = max(ab * ab - bb * (a @ a - radius**2), 0.0)
+    t = (-ab + np.sqrt(discriminant)) / bb
+    return np.vstack((path[inside] + t * b, path[inside + 1 :]))

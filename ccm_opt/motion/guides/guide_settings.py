@@ -1,8 +1,135 @@
-"""Settings of the guides, which say where the arm should go next."""
+"""Settings of the guides, which say where the arm should go next, and of the candidates made of them.
 
-from dataclasses import dataclass
+Lengths are in nominal links, which do not depend on how many links an arm really has: weights and advances that suit
+one arm then suit another of the same shape. A weight "per nominal link" is shared out among the links of one.
+"""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class InterpolationSettings:
+    """Numbers of the straight interpolation of coordinates.
+
+    Attributes:
+        advance: turn of the fastest link by which the target goes on in one step [rad]. Taste; below the step's own
+            limit, so that the arm can keep up.
+        leash: largest turn that any link may lag behind before the target waits [rad]. Taste.
+        arrived: largest turn between a link and the end at which the interpolation has arrived [rad]. Taste; what is
+            left is settled or followed once more.
+        coordinate_weight: of the coordinates themselves, which ties down what no link heading shows. Taste.
+        coordinate_step: largest change of a coordinate that is asked for in one step [rad] or [1/m]. Taste.
+    """
+
+    advance: float = 0.1
+    leash: float = 0.4
+    arrived: float = 0.1
+    coordinate_weight: float = 1e-4
+    coordinate_step: float = 1.0
+
+
+@dataclass(frozen=True)
+class TipLedSettings:
+    """Numbers of tip-led continuation, against a weight of 1 for the tip's error in nominal links.
+
+    Attributes:
+        advance: travel of the target in one step, in nominal links. Taste.
+        leash: how far the tip may lag before the target waits, in nominal links. Taste.
+        longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
+        following_weight: of a link's heading when it lies on the track, per nominal link. Taste.
+        largest_turn: of a link onto the track that is asked for in one step [rad]. Taste.
+        turn_weight: of every link's turn, per nominal link: the arm moves as little as it can. Taste.
+        motion_weight: of every joint's motion, per nominal link. Taste.
+    """
+
+    advance: float = 0.4
+    leash: float = 1.5
+    longest_error: float = 1.0
+    following_weight: float = 0.1
+    largest_turn: float = 0.3
+    turn_weight: float = 0.01
+    motion_weight: float = 0.01
+
+
+@dataclass(frozen=True)
+class HairpinSettings:
+    """Numbers of the travelling hairpin, against a weight of 1 for the tip's error in nominal links.
+
+    Attributes:
+        lengths: of the hairpin that are tried, in nominal links. Measured on OMPL's kinematic chains
+            (``tests/benchmarks/bench_ompl.py``): what suits a passage lies between the least and the greatest.
+        passage_share: length of the hairpin that fits a passage, as a share of its width. Measured on the same chains.
+        passage_quantile: of the widths along a path that counts as the passage's; the least alone may be a corner that
+            is only touched. Taste.
+        same_length: hairpins whose lengths differ by less are the same, in nominal links. Taste.
+        advance: travel of the fold in one step, in nominal links. Measured on the same chains.
+        leash: how far the tip may lag behind its target before the fold waits, in nominal links. Measured likewise.
+        longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
+        heading_weight: of every link's heading against the reference, per nominal link. Measured likewise.
+        turn_weight: of every link's turn, per nominal link. Measured likewise.
+        motion_weight: of every joint's motion, per nominal link. Taste.
+        still_weight: of a joint's motion ahead of the fold in addition, where the arm should stay. Taste.
+        longest_shape: the taut path from the base may be this share of the arm's length; it cuts no corner, so the
+            arm itself may fit where the path seems a little too long. Taste.
+    """
+
+    lengths: tuple[float, ...] = (5.0, 7.0, 4.0, 9.0)
+    passage_share: float = 1.18
+    passage_quantile: float = 0.25
+    same_length: float = 0.5
+    advance: float = 0.3
+    leash: float = 2.5
+    longest_error: float = 1.5
+    heading_weight: float = 0.3
+    turn_weight: float = 0.002
+    motion_weight: float = 0.02
+    still_weight: float = 4.0
+    longest_shape: float = 1.1
+
+
+@dataclass(frozen=True)
+class PassageSettings:
+    """Numbers of how passages are measured, and what follows from their width.
+
+    Attributes:
+        samples: places along a path at which its passage is measured. Taste.
+        narrow: passages less wide than this many nominal links ask for shorter nominal links. Measured: guides fail in
+            narrower ones, a fold needs about a third of the width.
+        roomy: width that such passages then have, in nominal links. Taste.
+        margin_share: where no planning margin fits, this share of the room that there is serves as one. Taste.
+        least_margin: least planning margin, in nominal links. Taste.
+    """
+
+    samples: int = 96
+    narrow: float = 2.5
+    roomy: float = 3.2
+    margin_share: float = 0.5
+    least_margin: float = 0.004
 
 
 @dataclass(frozen=True)
 class GuideSettings:
-    """Numbers of the guides and of the candidates made of them."""
+    """Numbers of the guides and of the candidates made of them.
+
+    Attributes:
+        heading_window: length over which a track's heading is smoothed, in nominal links. Measured on OMPL's kinematic
+            chains (``tests/benchmarks/bench_ompl.py``).
+        corner: turn that makes a corner of a path [rad]. Taste.
+        few_corners: a route with more corners bends the arm so that straight interpolation seldom works. Taste.
+        interpolation: of the straight interpolation of coordinates.
+        tip_led: of tip-led continuation.
+        hairpin: of the travelling hairpin.
+        passages: of how passages are measured.
+    """
+
+    heading_window: float = 2.0
+    corner: float = 0.02
+    few_corners: int = 2
+    interpolation: InterpolationSettings = field(default_factory=InterpolationSettings)
+    tip_led: TipLedSettings = field(default_factory=TipLedSettings)
+    hairpin: HairpinSettings = field(default_factory=HairpinSettings)
+    passages: PassageSettings = field(default_factory=PassageSettings)
+
+
+DEFAULT_GUIDES = GuideSettings()
+"""What guides take when they are not given other settings."""

@@ -1,8 +1,29 @@
 """The travelling hairpin: the arm is pulled over to its new route as a rope is, a fold running from tip to base.
 
-The arm ahead of the fold stays on its old shape, a hairpin of some links turns round, the rest follows the track
-that leads back along the old arm and on to the goal. The heading reference of every link makes the motion
-insensitive to buckling.
+Dragging the tip alone leaves it to buckling where the arm folds. Here every link has a heading reference, so that the
+fold is where it should be. Arc length s is counted from the base, L and l are the lengths of the arm and of a link;
+link k has its middle at m_k = (k + 1/2) l. The hairpin has length λ and begins at f on the old shape; f falls from L
+to 0, and on to -λ while the fold opens at the base.
+
+- *Ahead of the fold*, m_k <= f, the arm stays on its old shape: heading φ_old(m_k).
+- *Behind it* the arm lies on a track that leads from the tip back beside the old arm, leaves it where the new route
+  does, and goes on to the goal. r(s) is the arc length on the track beside place s of the old shape; it is not
+  L - s, for in a bend the strand on the outside is longer. The strand that has turned round is L - f - λ long and
+  begins beside the fold, so that the tip's target is at
+
+      u = r(f) + (L - f - λ),
+
+  and link k, which is L - m_k behind the tip, should have the track's heading h(u - (L - m_k)), smoothed over two
+  nominal links.
+- *In the fold* one heading blends into the other,
+
+      φ_ref,k = (1 - b_k) φ_old(min(m_k, f)) + b_k h(u - (L - m_k)),
+
+  with x_k = clip((m_k - f) / λ, 0, 1) and b_k = x_k² (3 - 2 x_k). The two differ by half a turn, to the left or to
+  the right: that is the hairpin.
+
+Each step draws the tip to its target and the links to the reference, and keeps the joints ahead of the fold where they
+are. The fold travels on as long as the tip keeps up.
 """
 
 from dataclasses import dataclass
@@ -12,14 +33,13 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polyline import arc_lengths
-from ccm_opt.motion.guides.track import Track
+from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES, HairpinSettings
+from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.step import Pose, Term
 
-ADVANCE = 0.3
-"""Travel of the fold in one step, in nominal links (24 to the arm)."""
-LEASH = 2.5
-"""How far the tip may lag behind its target before the fold waits, in nominal links."""
+_ROUNDING = 1e-9
+"""Vertices of a route that are this little beyond a place are at it [m]."""
 
 
 @dataclass
@@ -29,89 +49,108 @@ class Hairpin:
     Attributes:
         space: the link space.
         track: from the tip back along the arm and on to the goal.
-        retraced: arc length on the track beside each joint of the old shape, shape (links + 1,); joints that the
-            track does not pass have that of the joint where it leaves.
-        old: headings of the old shape, shape (links,) [rad].
-        fold_length: length of the hairpin [m].
-        fold_at: arc length of the fold on the old shape [m]; runs from L to 0 and on while the fold opens at the base.
+        retraced: r at the joints: arc length on the track beside each joint of the old shape, shape (links + 1,) [m];
+            joints that the track does not pass have that of the joint where it leaves.
+        old: headings φ_old of the old shape, shape (links,) [rad].
+        fold_length: length λ of the hairpin [m].
+        fold_at: arc length f of the fold on the old shape [m]; runs from L to 0 and on while it opens at the base.
+        settings: advances, leashes and weights.
     """
 
     space: LinkSpace
-    track: Track
+    track: TipTrack
     retraced: FloatArray
     old: FloatArray
     fold_length: float
     fold_at: float
+    settings: HairpinSettings = DEFAULT_GUIDES.hairpin
 
     @property
-    def unit(self) -> float:
+    def nominal_length(self) -> float:
         """The nominal link [m]."""
         return self.space.unit
 
     @property
     def tip_arc(self) -> float:
-        """Where on the track the tip should be [m]."""
+        """Where on the track the tip should be, u [m]."""
         arm = self.space.arm
-        beside = np.interp(self.fold_at, np.arange(arm.links + 1) * arm.link_length, self.retraced)
-        return float(beside + arm.length - self.fold_at - self.fold_length)
+        joints = np.arange(arm.links + 1) * arm.link_length
+        beside_fold = np.interp(self.fold_at, joints, self.retraced)
+        return float(beside_fold + arm.length - self.fold_at - self.fold_length)
+
+    def target(self) -> FloatArray:
+        """The tip's target, shape (2,) [m]."""
+        return self.track.point(self.tip_arc)
+
+    def reference(self) -> FloatArray:
+        """Heading φ_ref that every link should have, shape (links,) [rad]."""
+        arm = self.space.arm
+        middle = self._middles()
+        x = np.clip((middle - self.fold_at) / self.fold_length, 0.0, 1.0)
+        blend = x * x * (3.0 - 2.0 * x)
+        on_old_shape = np.interp(np.minimum(middle, self.fold_at), middle, self.old)
+        on_track = self.track.heading(self.tip_arc - (arm.length - middle))
+        reference: FloatArray = (1.0 - blend) * on_old_shape + blend * on_track
+        return reference
+
+    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
+        """What draws the arm towards the reference; the tip's error in nominal links has weight 1."""
+        settings = self.settings
+        links = self.space.arm.links
+        per_link = self.space.share
+        turns = self.space.matrix
+        tip = jacobians[-1] / self.nominal_length
+        joints = jacobians[1:].reshape(2 * links, -1) / self.nominal_length
+
+        error = self.target() - pose.points[-1]
+        error = shortened(error, settings.longest_error * self.nominal_length)
+        still = settings.still_weight * np.repeat(per_link * self._ahead(), 2) + settings.motion_weight * per_link
+        return [
+            Term(tip, error / self.nominal_length, 1.0),
+            Term(turns, self.reference() - pose.headings, settings.heading_weight * per_link),
+            Term(turns, np.zeros(links), settings.turn_weight * per_link),
+            Term(joints, np.zeros(2 * links), still),
+        ]
+
+    def _ahead(self) -> FloatArray:
+        """How much each link lies ahead of the fold, in [0, 1]: wholly from a nominal link on, shape (links,)."""
+        middle = self._middles()
+        before_fold = np.minimum((self.fold_at - middle) / self.nominal_length, 1.0)
+        return np.where(middle < self.fold_at, before_fold, 0.0)
+
+    def _middles(self) -> FloatArray:
+        """Arc lengths m_k of the links' middles, shape (links,) [m]."""
+        arm = self.space.arm
+        return arm.link_length * (np.arange(arm.links, dtype=np.float64) + 0.5)
+
+    def progress(self, pose: Pose) -> bool:
+        """Let the fold travel a little if the tip keeps up."""
+        if self._lag(pose) > self.settings.leash * self.nominal_length:
+            return False
+        self.fold_at -= self.settings.advance * self.nominal_length
+        return True
 
     def finished(self, pose: Pose) -> bool:
         """Whether the tip's target has reached the end of the track, or the fold has opened at the base."""
         del pose
         return self.tip_arc >= self.track.length or self.fold_at <= -self.fold_length
 
-    def target(self) -> FloatArray:
-        """The tip's target, shape (2,) [m]."""
-        return self.track.point(self.tip_arc)
-
-    def progress(self, pose: Pose) -> bool:
-        """Let the fold travel a little if the tip keeps up."""
-        if np.hypot(*(self.target() - pose.points[-1])) > LEASH * self.unit:
-            return False
-        self.fold_at -= ADVANCE * self.unit
-        return True
-
     def describe(self, pose: Pose) -> str:
         """How far the fold has come."""
-        lag = np.hypot(*(self.target() - pose.points[-1]))
         return (
             f"the fold stopped {self.fold_at:.3f} m from the base, "
-            f"the tip {1e3 * lag:.0f} mm short of {self.tip_arc:.3f} m on a path of {self.track.length:.3f} m"
+            f"the tip {1e3 * self._lag(pose):.0f} mm short of {self.tip_arc:.3f} m "
+            f"on a path of {self.track.length:.3f} m"
         )
 
-    def reference(self) -> FloatArray:
-        """Heading every link should have, shape (links,) [rad]."""
-        arm = self.space.arm
-        middle = arm.link_length * (np.arange(arm.links, dtype=np.float64) + 0.5)
-        x = np.clip((middle - self.fold_at) / self.fold_length, 0.0, 1.0)
-        blend = x * x * (3.0 - 2.0 * x)
-        before = np.interp(np.minimum(middle, self.fold_at), middle, self.old)
-        behind = self.track.heading(self.tip_arc - (arm.length - middle))
-        reference: FloatArray = (1.0 - blend) * before + blend * behind
-        return reference
-
-    def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
-        """What draws the arm towards the reference."""
-        arm, unit = self.space.arm, self.unit
-        error = self.target() - pose.points[-1]
-        distance = float(np.hypot(*error))
-        error *= min(1.0, 1.5 * unit / max(distance, 1e-12))
-        share = self.space.share
-        middle = (np.arange(arm.links) + 0.5) * arm.link_length
-        ahead = np.where(middle < self.fold_at, np.minimum((self.fold_at - middle) / unit, 1.0), 0.0)
-        still = np.repeat(ahead * share, 2) * 4.0 + 0.02 * share
-        body = jacobians[1:].reshape(2 * arm.links, -1) / unit
-        return [
-            Term(jacobians[-1] / unit, error / unit, 1.0),
-            Term(self.space.matrix, self.reference() - pose.headings, 0.3 * share),
-            Term(self.space.matrix, np.zeros(arm.links), 0.002 * share),
-            Term(body, np.zeros(len(body)), still),
-        ]
+    def _lag(self, pose: Pose) -> float:
+        """Distance of the tip from its target [m]."""
+        return float(np.hypot(*(self.target() - pose.points[-1])))
 
 
 def fold_track(
     points: FloatArray, leave: int, route: FloatArray, side: float, offset: float, window: float, last_heading: float
-) -> tuple[Track, FloatArray]:
+) -> tuple[TipTrack, FloatArray]:
     """The track back along the arm, beside it, and on to the goal.
 
     Args:
@@ -131,8 +170,10 @@ def fold_track(
     left = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
     beside = points + side * offset * left
     back = beside[leave:][::-1]
-    path = np.vstack((back, _rest_of(route, back[-1], offset) if len(back) > 1 else route))
-    track = Track.along(path, window, last_heading + side * np.pi)
+    onward = _rest_of(route, back[-1], offset) if len(back) > 1 else route
+    # The tip turns by half a turn to the fold's side, which tells the winding of all headings on the track.
+    track = TipTrack.along(np.vstack((back, onward)), window, last_heading + side * np.pi)
+
     arcs = arc_lengths(back)
     retraced = np.empty(len(points))
     retraced[leave:] = arcs[::-1]
@@ -147,6 +188,7 @@ def _rest_of(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
     """
     line = shapely.LineString(route)
     joined = line.project(shapely.Point(place)) + lead
-    arcs = arc_lengths(route)
-    rest = route[arcs > joined + 1e-9]
-    return np.vstack((line.interpolate(joined).coords[0], rest)) if len(rest) else route[-1:]
+    rest = route[arc_lengths(route) > joined + _ROUNDING]
+    if len(rest) == 0:
+        return route[-1:]
+    return np.vstack((line.interpolate(joined).coords[0], rest))

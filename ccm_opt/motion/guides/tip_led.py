@@ -1,4 +1,12 @@
-"""Tip-led continuation: the tip is drawn along a taut path, the links that are on the path follow the leader."""
+"""Tip-led continuation: the tip is drawn along a taut path, the links that are on the path follow the leader.
+
+With the tip's target at arc length a of the track x, a step minimises, lengths in nominal links,
+
+    |J_tip δ - (x(a) - P_tip)|² + w Σ_k e^(-d_k²) (δφ_k - τ_k)² + small motions,
+
+where link k should lie on the chord between x(a - (n - k) l) and x(a - (n - k - 1) l): τ_k is its turn onto that chord
+and d_k the distance of its middle from the chord's. Links that are not on the track yet are free to go anywhere.
+"""
 
 from dataclasses import dataclass
 
@@ -6,16 +14,10 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.angles import headings_of, wrap
-from ccm_opt.motion.guides.track import Track
+from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES, TipLedSettings
+from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.step import Pose, Term
-
-ADVANCE = 0.4
-"""Travel of the target in one step, in nominal links (24 to the arm)."""
-FOLLOW = 0.1
-"""Weight of a link's heading against a nominal link's distance of the tip, when it lies on the track."""
-LEASH = 1.5
-"""How far the tip may lag before the target waits, in nominal links."""
 
 
 @dataclass
@@ -26,58 +28,74 @@ class TipLed:
         space: the link space.
         track: from the tip to the goal.
         arc: where the target is on the track [m].
+        settings: advances, leashes and weights.
     """
 
     space: LinkSpace
-    track: Track
+    track: TipTrack
     arc: float = 0.0
+    settings: TipLedSettings = DEFAULT_GUIDES.tip_led
 
     @property
-    def unit(self) -> float:
+    def nominal_length(self) -> float:
         """The nominal link [m]."""
         return self.space.unit
 
     def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
-        """Draw the tip to the target, its link into the track's heading, and move the rest as little as may be."""
+        """Draw the tip to the target, links on the track into its heading, and move the rest as little as may be."""
+        settings = self.settings
+        links = self.space.arm.links
+        per_link = self.space.share
+        turns = self.space.matrix
+        tip = jacobians[-1] / self.nominal_length
+        joints = jacobians[1:].reshape(2 * links, -1) / self.nominal_length
+
         error = self.track.point(self.arc) - pose.points[-1]
-        error = error * min(1.0, 1.0 * self.unit / max(float(np.hypot(*error)), 1e-12))
-        turn, weight = self._following(pose)
-        share = self.space.share
-        body = jacobians[1:].reshape(2 * self.space.arm.links, -1) / self.unit
+        error = shortened(error, settings.longest_error * self.nominal_length)
+        turn, on_track = self._following(pose)
+        turn = np.clip(turn, -settings.largest_turn, settings.largest_turn)
         return [
-            Term(jacobians[-1] / self.unit, error / self.unit, 1.0),
-            Term(self.space.matrix, np.clip(turn, -0.3, 0.3), FOLLOW * share * weight),
-            Term(self.space.matrix, np.zeros(len(self.space.matrix)), 0.01 * share),
-            Term(body, np.zeros(len(body)), 0.01 * share),
+            Term(tip, error / self.nominal_length, 1.0),
+            Term(turns, turn, settings.following_weight * per_link * on_track),
+            Term(turns, np.zeros(links), settings.turn_weight * per_link),
+            Term(joints, np.zeros(2 * links), settings.motion_weight * per_link),
         ]
 
     def _following(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Turn of every link onto the chord of the track where it should lie, and how much it counts, in [0, 1]."""
         arm = self.space.arm
-        ends = self.arc - arm.link_length * np.arange(arm.links, -1, -1.0)
-        places = self.track.points_at(ends)
-        chords = np.diff(places, axis=0)
-        wanted = headings_of(chords)
+        joints_at = self.arc - arm.link_length * np.arange(arm.links, -1, -1.0)
+        places = self.track.points_at(joints_at)
+        wanted = headings_of(np.diff(places, axis=0))
         turn = wrap(wanted - pose.headings)
+
         middles = 0.5 * (pose.points[:-1] + pose.points[1:])
-        away = np.linalg.norm(middles - 0.5 * (places[:-1] + places[1:]), axis=1) / self.unit
-        return turn, np.where(ends[:-1] >= 0.0, np.exp(-(away**2)), 0.0)
+        chord_middles = 0.5 * (places[:-1] + places[1:])
+        away = np.linalg.norm(middles - chord_middles, axis=1) / self.nominal_length
+        # The part of the arm that is longer than the track so far has nothing to follow.
+        on_track = np.where(joints_at[:-1] >= 0.0, np.exp(-(away**2)), 0.0)
+        return turn, on_track
 
     def progress(self, pose: Pose) -> bool:
         """Move the target on if the tip keeps up."""
-        if self.arc >= self.track.length or self._lag(pose) > LEASH * self.unit:
+        if self.arc >= self.track.length or not self._keeps_up(pose):
             return False
-        self.arc = min(self.track.length, self.arc + ADVANCE * self.unit)
+        self.arc = min(self.track.length, self.arc + self.settings.advance * self.nominal_length)
         return True
 
     def finished(self, pose: Pose) -> bool:
         """Whether the target is at the end of the track and the tip near it."""
-        return self.arc >= self.track.length and self._lag(pose) < LEASH * self.unit
+        return self.arc >= self.track.length and self._keeps_up(pose)
 
     def describe(self, pose: Pose) -> str:
         """How far the tip has come."""
         lag = 1e3 * self._lag(pose)
         return f"the tip stopped {lag:.0f} mm short of {self.arc:.3f} m on a path of {self.track.length:.3f} m"
 
+    def _keeps_up(self, pose: Pose) -> bool:
+        """Whether the tip is within its leash of the target."""
+        return self._lag(pose) < self.settings.leash * self.nominal_length
+
     def _lag(self, pose: Pose) -> float:
+        """Distance of the tip from its target [m]."""
         return float(np.hypot(*(self.track.point(self.arc) - pose.points[-1])))

@@ -12,27 +12,13 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.motion.continuation import Guide
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
-from ccm_opt.motion.guides.track import Track
+from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.link_space import fit_coordinates
-from ccm_opt.motion.portfolio import FOLD_LINKS, HEADING_WINDOW, pulled_over
+from ccm_opt.motion.portfolio import pulled_over
 from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.tip_paths import TipPath, taut_way
-from ccm_opt.motion.tree.nodes import Tree
-
-WEIGHTS = (0.25, 0.15, 0.15, 0.1, 0.15, 0.2)
-"""How often each kind of extension is drawn: to shapes, bumps, places, along routes, folded, to the other tree."""
-SHAPE_KNOTS = 6
-"""Curvature of a random shape is linear between so many knots."""
-SHAPE_CURVATURE = 3.0
-"""Standard deviation of that curvature, times the arm's length."""
-BUMP_TURN = 0.8
-"""Standard deviation of a local change of heading [rad]."""
-SHAPES_AS_ROUTES = 0.3
-"""Share of routes that are shapes of the other tree."""
-NODE_CHOICE = 4
-"""Of so many random nodes the least used is extended."""
-TIP_CHOICE = 6
-"""A tip target is given to the nearest of so many nodes, drawn at random."""
+from ccm_opt.motion.tip_paths import TipPath, taut_round_base
+from ccm_opt.motion.tree.pose_tree import PoseTree
+from ccm_opt.motion.tree.tree_settings import ExtensionSettings
 
 
 @dataclass(frozen=True)
@@ -49,111 +35,138 @@ class Extension:
 
 
 @dataclass(frozen=True)
-class Sampler:
+class ExtensionSampler:
     """Draws extensions of one tree.
 
     Attributes:
         stepper: of the link space.
-        room: free space of the tip, punctured at the base.
+        free_space: of the tip, punctured at the base.
         routes: from the base to where the tip should get to, each of shape (k, 2) [m].
         shrink: distance kept from corners where there is room [m].
         rng: source of all chance.
     """
 
     stepper: Stepper
-    room: FreeSpace
+    free_space: FreeSpace
     routes: tuple[FloatArray, ...]
     shrink: float
     rng: np.random.Generator
 
-    def draw(self, own: Tree, other: Tree) -> Extension:
+    @property
+    def settings(self) -> ExtensionSettings:
+        """How often what is drawn, and how far it reaches."""
+        return self.stepper.settings.tree.extensions
+
+    def draw(self, tree: PoseTree, other: PoseTree) -> Extension:
         """An extension of a tree; the other tree attracts."""
-        kinds: tuple[Callable[[], Extension], ...] = (
-            partial(self.to_shape, own),
-            partial(self.to_bump, own),
-            partial(self.to_place, own),
-            partial(self.along_route, own, other),
-            partial(self.folded, own, other),
-            partial(self.to_other, own, other),
-        )
-        kinds = kinds if len(other) else kinds[:-1]
-        weights = np.array(WEIGHTS[: len(kinds)])
-        return kinds[int(self.rng.choice(len(kinds), p=weights / weights.sum()))]()
+        settings = self.settings
+        kinds: list[tuple[float, Callable[[], Extension]]] = [
+            (settings.to_shape, partial(self.to_shape, tree)),
+            (settings.to_bump, partial(self.to_bump, tree)),
+            (settings.to_place, partial(self.to_place, tree)),
+            (settings.along_route, partial(self.along_route, tree, other)),
+            (settings.folded, partial(self.folded, tree, other)),
+        ]
+        if len(other):
+            kinds.append((settings.to_other, partial(self.to_other, tree, other)))
+        weights = np.array([weight for weight, _ in kinds])
+        chosen = int(self.rng.choice(len(kinds), p=weights / weights.sum()))
+        _, draw = kinds[chosen]
+        return draw()
 
-    def to_shape(self, own: Tree) -> Extension:
+    def to_shape(self, tree: PoseTree) -> Extension:
         """The whole arm towards a smooth random shape, from the nearest node."""
-        arm, rng = self.stepper.space.arm, self.rng
-        middles = (np.arange(arm.links) + 0.5) / arm.links
-        knots = rng.normal(0.0, SHAPE_CURVATURE / arm.links, SHAPE_KNOTS)
-        bends = np.interp(middles, np.linspace(0.0, 1.0, SHAPE_KNOTS), knots)
-        bends[0] = own.poses[self._any(own)].headings[0] + rng.uniform(-np.pi, np.pi)
+        arm = self.stepper.space.arm
+        settings = self.settings
+        knots = self.rng.normal(0.0, settings.shape_curvature / arm.links, settings.shape_knots)
+        bends = np.interp(self._middles(), np.linspace(0.0, 1.0, settings.shape_knots), knots)
+        # The base turns anywhere, but winds no more than half a turn more than some node.
+        bends[0] = tree.poses[self._any(tree)].headings[0] + self.rng.uniform(-np.pi, np.pi)
         shape = self._pose(np.cumsum(bends))
-        return self._towards(own, own.nearest(shape), shape)
+        return self._towards(tree, tree.nearest(shape), shape)
 
-    def to_bump(self, own: Tree) -> Extension:
+    def to_bump(self, tree: PoseTree) -> Extension:
         """Part of the arm of a random node bent aside: its headings changed near a random link."""
-        arm, rng = self.stepper.space.arm, self.rng
-        node = self._any(own)
-        middles = (np.arange(arm.links) + 0.5) / arm.links
-        width, at = rng.uniform(0.05, 0.3), rng.uniform(0.0, 1.0)
-        bump = rng.normal(0.0, BUMP_TURN) * np.exp(-(((middles - at) / width) ** 2))
-        return self._towards(own, node, self._pose(own.poses[node].headings + bump))
+        settings = self.settings
+        node = self._any(tree)
+        width = self.rng.uniform(*settings.bump_widths)
+        at = self.rng.uniform(0.0, 1.0)
+        turn = self.rng.normal(0.0, settings.bump_turn)
+        bump = turn * np.exp(-(((self._middles() - at) / width) ** 2))
+        return self._towards(tree, node, self._pose(tree.poses[node].headings + bump))
 
-    def to_other(self, own: Tree, other: Tree) -> Extension:
+    def to_other(self, tree: PoseTree, other: PoseTree) -> Extension:
         """The whole arm towards a random pose of the other tree, from the nearest node."""
         target = other.poses[self._any(other)]
-        return self._towards(own, own.nearest(target), target)
+        return self._towards(tree, tree.nearest(target), target)
 
-    def to_place(self, own: Tree) -> Extension:
+    def to_place(self, tree: PoseTree) -> Extension:
         """The tip towards a random free place, from a node whose tip is near it."""
         place = self._free_place()
-        choice = self.rng.integers(len(own), size=TIP_CHOICE)
-        node = int(choice[np.argmin(own.tip_distances(place)[choice])])
-        return self._tip_led(own, node, lambda room, tip: room.taut_path(np.stack((tip, place)), self.shrink))
+        choice = self.rng.integers(len(tree), size=self.settings.tip_choice)
+        node = int(choice[np.argmin(tree.tip_distances(place)[choice])])
+        tip = tree.poses[node].points[-1]
+        return self._tip_led(tree, node, lambda: self.free_space.taut_path(np.stack((tip, place)), self.shrink))
 
-    def along_route(self, own: Tree, other: Tree) -> Extension:
+    def along_route(self, tree: PoseTree, other: PoseTree) -> Extension:
         """The tip of a random node back along its arm and out along a random route."""
-        node, side = self._any(own), int(self.rng.choice((-1, 1)))
-        route, points = self._any_route(other), own.poses[node].points
-        return self._tip_led(own, node, lambda room, _: taut_way(room, points, route, side, self.shrink))
+        node = self._any(tree)
+        side = int(self.rng.choice((-1, 1)))
+        route = self._any_route(other)
+        points = tree.poses[node].points
+        return self._tip_led(tree, node, lambda: taut_round_base(self.free_space, points, route, side, self.shrink))
 
-    def folded(self, own: Tree, other: Tree) -> Extension:
+    def folded(self, tree: PoseTree, other: PoseTree) -> Extension:
         """The arm of a random node pulled over to a random route as a rope; a shape when the route is too long."""
-        node, side = self._any(own), int(self.rng.choice((-1, 1)))
-        pose, route = own.poses[node], self._any_route(other)
+        node = self._any(tree)
+        side = int(self.rng.choice((-1, 1)))
+        pose = tree.poses[node]
+        route = self._any_route(other)
         try:
-            taut = taut_way(self.room, pose.points, route, side, self.shrink)
-            path = TipPath(side, route, taut, self.room, self.shrink)
-            fold = float(self.rng.choice(FOLD_LINKS))
-            for candidate in pulled_over(self.stepper, pose, None, path, (fold,)):
-                return Extension(node, candidate.guide())
+            taut = taut_round_base(self.free_space, pose.points, route, side, self.shrink)
+            path = TipPath(side, route, taut, self.free_space, self.shrink)
+            length = float(self.rng.choice(self.stepper.settings.guides.hairpin.lengths))
+            candidate = next(pulled_over(self.stepper, pose, None, path, (length,)), None)
         except UnreachableGoal:
-            pass
-        return self.to_shape(own)
+            candidate = None
+        if candidate is None:
+            return self.to_shape(tree)
+        return Extension(node, candidate.make_guide())
 
-    def _tip_led(self, own: Tree, node: int, way: Callable[[FreeSpace, FloatArray], FloatArray]) -> Extension:
-        pose, space = own.poses[node], self.stepper.space
+    def _tip_led(self, tree: PoseTree, node: int, path_of_tip: Callable[[], FloatArray]) -> Extension:
+        """The tip of a node along a path; a shape when there is no such path."""
+        pose = tree.poses[node]
+        space = self.stepper.space
+        guides = self.stepper.settings.guides
         try:
-            points = way(self.room, pose.points[-1])
+            points = path_of_tip()
         except UnreachableGoal:
-            return self.to_shape(own)
-        track = Track.along(points, HEADING_WINDOW * space.unit, float(pose.headings[-1]))
-        return Extension(node, TipLed(space, track))
+            return self.to_shape(tree)
+        track = TipTrack.along(points, guides.heading_window * space.unit, float(pose.headings[-1]))
+        return Extension(node, TipLed(space, track, settings=guides.tip_led))
 
-    def _towards(self, own: Tree, node: int, target: Pose) -> Extension:
-        return Extension(node, Interpolation(self.stepper.space, own.poses[node].v, target.v))
+    def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:
+        """The whole arm of a node straight towards a pose."""
+        settings = self.stepper.settings.guides.interpolation
+        return Extension(node, Interpolation(self.stepper.space, tree.poses[node].v, target.v, settings=settings))
 
     def _pose(self, headings: FloatArray) -> Pose:
+        """The pose of the link space that comes nearest to link headings."""
         space = self.stepper.space
         return self.stepper.pose(fit_coordinates(space.matrix, headings - space.offset, space.arm.length))
 
-    def _any(self, tree: Tree) -> int:
-        """A random node, rather one that has seldom been drawn."""
-        return tree.least_used(self.rng.integers(len(tree), size=NODE_CHOICE))
+    def _middles(self) -> FloatArray:
+        """Middles of the links, as shares of the arm's length, shape (links,)."""
+        links = self.stepper.space.arm.links
+        return (np.arange(links) + 0.5) / links
 
-    def _any_route(self, other: Tree) -> FloatArray:
+    def _any(self, tree: PoseTree) -> int:
+        """A random node, rather one that has seldom been drawn."""
+        return tree.least_used(self.rng.integers(len(tree), size=self.settings.node_choice))
+
+    def _any_route(self, other: PoseTree) -> FloatArray:
         """One of the routes, or the shape of a random pose of the other tree."""
-        if len(other) and self.rng.random() < SHAPES_AS_ROUTES:
+        if len(other) and self.rng.random() < self.settings.shapes_as_routes:
             return other.poses[self._any(other)].points
         return self.routes[int(self.rng.integers(len(self.routes)))]
 
@@ -161,8 +174,8 @@ class Sampler:
         """A free place within reach, shape (2,) [m]."""
         arm = self.stepper.space.arm
         while True:
-            places = arm.base + self.rng.uniform(-arm.length, arm.length, (64, 2))
+            places = arm.base + self.rng.uniform(-arm.length, arm.length, (self.settings.places_drawn, 2))
             near = places[np.linalg.norm(places - arm.base, axis=1) < arm.length]
-            free: FloatArray = near[self.room.contains(near)]
+            free: FloatArray = near[self.free_space.contains(near)]
             if len(free):
                 return np.asarray(free[0])

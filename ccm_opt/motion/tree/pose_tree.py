@@ -6,17 +6,19 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.step import Pose
+from ccm_opt.motion.tree.tree_settings import DEFAULT_TREES
 
-HEADING_WEIGHT = 0.1
-"""Weight of a radian of heading against the length of the arm in the distance of two poses."""
+_FIRST_CAPACITY = 64
+"""Nodes for which there is room at first."""
 
 
 @dataclass
-class Tree:
+class PoseTree:
     """Poses of the whole arm and how they are reached; several roots are allowed.
 
     Attributes:
         length: of the arm [m].
+        heading_weight: of a radian of heading against the length of the arm in the distance of two poses.
         poses: of the nodes.
         parents: number of each node's parent, -1 for a root.
         edges: poses from the parent, without it, to the node.
@@ -24,6 +26,7 @@ class Tree:
     """
 
     length: float
+    heading_weight: float = DEFAULT_TREES.heading_weight
     poses: list[Pose] = field(default_factory=list)
     parents: list[int] = field(default_factory=list)
     edges: list[list[Pose]] = field(default_factory=list)
@@ -46,10 +49,12 @@ class Tree:
             edge: poses after the parent's.
         """
         count = len(self)
+        pose = edge[-1]
         if count == len(self._points):
-            self._grow(edge[-1])
-        self._points[count], self._headings[count] = edge[-1].points, edge[-1].headings
-        self.poses.append(edge[-1])
+            self._double_capacity(pose)
+        self._points[count] = pose.points
+        self._headings[count] = pose.headings
+        self.poses.append(pose)
         self.parents.append(parent)
         self.edges.append(edge)
         self.uses.append(0)
@@ -63,7 +68,7 @@ class Tree:
         count = len(self)
         apart = np.linalg.norm(self._points[:count] - pose.points, axis=2).mean(axis=1) / self.length
         turn = np.sqrt(np.mean((self._headings[:count] - pose.headings) ** 2, axis=1))
-        distances: FloatArray = apart + HEADING_WEIGHT * turn
+        distances: FloatArray = apart + self.heading_weight * turn
         return distances
 
     def nearest(self, pose: Pose) -> int:
@@ -81,7 +86,7 @@ class Tree:
         self.uses[node] += 1
         return node
 
-    def way_to(self, node: int) -> list[Pose]:
+    def poses_to(self, node: int) -> list[Pose]:
         """All poses from the root to a node."""
         edges = []
         while node >= 0:
@@ -89,10 +94,14 @@ class Tree:
             node = self.parents[node]
         return [pose for edge in reversed(edges) for pose in edge]
 
-    def _grow(self, like: Pose) -> None:
-        """Make room for twice as many nodes."""
-        room = max(64, 2 * len(self))
-        points, headings = np.zeros((room, *like.points.shape)), np.zeros((room, *like.headings.shape))
-        if len(self):
-            points[: len(self)], headings[: len(self)] = self._points[: len(self)], self._headings[: len(self)]
-        self._points, self._headings = points, headings
+    def _double_capacity(self, like: Pose) -> None:
+        """Make room for twice as many nodes, so that adding one seldom copies all."""
+        count = len(self)
+        capacity = max(_FIRST_CAPACITY, 2 * count)
+        points = np.zeros((capacity, *like.points.shape))
+        headings = np.zeros((capacity, *like.headings.shape))
+        if count:
+            points[:count] = self._points[:count]
+            headings[:count] = self._headings[:count]
+        self._points = points
+        self._headings = headings

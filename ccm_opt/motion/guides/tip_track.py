@@ -8,11 +8,16 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.angles import whole_turns
 from ccm_opt.geometry.polyline import arc_lengths, leg_headings, nearest_place, points_at, without_repeats
 
-_SAMPLES_A_WINDOW = 8
+_SAMPLES_PER_WINDOW = 8
+"""Samples of the smoothed heading to the length over which it is smoothed; between them it is linear."""
+_SEARCH_SAMPLES = 200
+"""Places at which the nearest one to a point is looked for."""
+_SHORTEST_LEG = 1e-9
+"""Points nearer than this to the one before are the same [m]; a leg without length has no heading."""
 
 
 @dataclass(frozen=True)
-class Track:
+class TipTrack:
     """A path of the tip.
 
     Attributes:
@@ -28,7 +33,7 @@ class Track:
     sample_headings: FloatArray
 
     @classmethod
-    def along(cls, points: FloatArray, window: float, first_heading: float | None = None) -> "Track":
+    def along(cls, points: FloatArray, window: float, first_heading: float | None = None) -> "TipTrack":
         """A track along a polyline.
 
         Args:
@@ -36,14 +41,16 @@ class Track:
             window: length over which the heading is smoothed [m].
             first_heading: the winding of the first tangent is chosen nearest to it [rad].
         """
-        points = without_repeats(points, 1e-9)
+        points = without_repeats(points, _SHORTEST_LEG)
         if len(points) < 2:
-            points = np.vstack((points, points[-1] + [1e-9, 0.0]))
+            points = np.vstack((points, points[-1] + [_SHORTEST_LEG, 0.0]))
+
         arcs = arc_lengths(points)
         headings = leg_headings(points)
         if first_heading is not None:
             headings += whole_turns(first_heading - headings[0])
-        count = max(2, int(np.ceil(arcs[-1] / window * _SAMPLES_A_WINDOW)))
+
+        count = max(2, int(np.ceil(arcs[-1] / window * _SAMPLES_PER_WINDOW)))
         samples = np.linspace(0.0, arcs[-1], count)
         return cls(points, arcs, samples, _moving_mean(samples, arcs, headings, window))
 
@@ -62,7 +69,7 @@ class Track:
 
     def nearest_arc(self, point: FloatArray, last: float) -> float:
         """Arc length of the place nearest to a point (2,) among those not beyond ``last`` [m]."""
-        candidates = np.linspace(0.0, min(last, self.length), 200)
+        candidates = np.linspace(0.0, min(last, self.length), _SEARCH_SAMPLES)
         return nearest_place(self.points, self.arcs, point, candidates)
 
     def heading(self, arc: FloatArray | float) -> FloatArray:
@@ -70,13 +77,31 @@ class Track:
         return np.asarray(np.interp(arc, self.sample_arcs, self.sample_headings), dtype=np.float64)
 
 
+def shortened(error: FloatArray, longest: float) -> FloatArray:
+    """A vector (2,) of the same direction and at most some length."""
+    distance = float(np.hypot(*error))
+    return error * min(1.0, longest / max(distance, 1e-12))
+
+
 def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
-    """Exact moving mean of a piecewise-constant heading, the ends held."""
+    """Mean of a piecewise-constant heading over windows about samples, exact by its primitive; the ends go on.
+
+    Args:
+        samples: middles of the windows, shape (m,) [m].
+        arcs: arc lengths at which the heading changes, both ends too, shape (k,) [m].
+        headings: between them, shape (k - 1,) [rad].
+        window: length of a window [m].
+
+    Returns:
+        Shape (m,) [rad].
+    """
     primitive = np.concatenate(([0.0], np.cumsum(headings * np.diff(arcs))))
-    left, right = samples - 0.5 * window, samples + 0.5 * window
-    inside = np.interp(np.clip(right, 0.0, arcs[-1]), arcs, primitive) - np.interp(
-        np.clip(left, 0.0, arcs[-1]), arcs, primitive
-    )
-    outside = np.minimum(left, 0.0) * -headings[0] + np.maximum(right - arcs[-1], 0.0) * headings[-1]
-    mean: FloatArray = (inside + outside) / window
+    left = samples - 0.5 * window
+    right = samples + 0.5 * window
+    to_right = np.interp(np.clip(right, 0.0, arcs[-1]), arcs, primitive)
+    to_left = np.interp(np.clip(left, 0.0, arcs[-1]), arcs, primitive)
+    inside = to_right - to_left
+    before = np.minimum(left, 0.0) * -headings[0]
+    behind = np.maximum(right - arcs[-1], 0.0) * headings[-1]
+    mean: FloatArray = (inside + (before + behind)) / window
     return mean
