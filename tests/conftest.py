@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck
+from hypothesis import settings as hypothesis_settings
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt.continuum.configuration import Configuration
@@ -12,6 +14,17 @@ from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, Solution
+
+hypothesis_settings.register_profile(
+    "random",
+    derandomize=False,
+    deadline=None,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+hypothesis_settings.load_profile("random")
+"""Examples are drawn at random everywhere, also where CI is set, for which Hypothesis would draw the same for ever. No
+test may fail because a machine is slow. A failure prints a line that repeats it, and so does the header's seed."""
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
 
@@ -43,6 +56,14 @@ shape = "straight"
 [goal]
 position = [0.3, 0.1]
 """
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    """Say how the drawn examples can be drawn again."""
+    seed = config.getoption("--hypothesis-seed")
+    if seed is None:
+        return "examples: drawn at random; a failing test prints the line that repeats it"
+    return f"examples: drawn with seed {seed}; repeat: python -m pytest --hypothesis-seed={seed}"
 
 
 @pytest.fixture

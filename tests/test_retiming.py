@@ -4,18 +4,21 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import RetimingError
 from ccm_opt.jointed.coordinates import planar_coordinates
 from ccm_opt.problem import Limits
+from ccm_opt.retiming.efforts import InverseDynamics
 from ccm_opt.retiming.grid import path_grid
 from ccm_opt.retiming.path_rows import path_rows
 from ccm_opt.retiming.profile import SpeedProfile
 from ccm_opt.retiming.reachability import reachable_profile
 from ccm_opt.retiming.speed_optimizer import fastest_profile
+from tests.phase_plane import fastest_duration
 from tests.retiming_paths import (
+    FRICTION,
     GRAVITY,
     LENGTH,
     MASS,
@@ -60,6 +63,8 @@ def test_paths_that_turn_back_where_linear_programs_fail_are_timed(seed: int, li
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
 @settings(max_examples=20, deadline=None)
+@example(1022, 4)
+@example(372, 1)
 def test_two_ways_of_the_same_sweeps_agree(seed: int, links: int) -> None:
     """The sweeps that cannot fail find the squared speeds that the linear programs find."""
     path, limits = make_path(random_control(seed, links)), even_limits(links, 2.0, 10.0, 40.0)
@@ -134,8 +139,9 @@ def test_a_pendulum_swings_at_its_torque_limit() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=15, deadline=None)
+@example(262143)
 def test_torque_limits_hold_with_friction(seed: int) -> None:
-    """Viscous friction, which is linear in speed, counts towards the torque and costs time."""
+    """Viscous friction, which is linear in speed, counts towards the torque."""
     path = make_path(random_control(seed, 2))
     limits = even_limits(2, 4.0, 60.0, 1.3 * MASS * GRAVITY * LENGTH)
     trajectory = run(path, limits, sticky_pendulums)
@@ -143,7 +149,32 @@ def test_torque_limits_hold_with_friction(seed: int) -> None:
     torques = sticky_pendulums(*(to_revolutes(values) for values in motion))
     assert np.abs(torques).max() <= limits.torque[0] * (1.0 + 1e-9)
     assert np.abs(torques).max() >= 0.8 * limits.torque[0]
-    assert trajectory.duration > run(path, limits, pendulums).duration
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([(pendulums, 0.0), (sticky_pendulums, FRICTION)]))
+@settings(max_examples=10, deadline=None)
+@example(262143, (pendulums, 0.0))
+@example(81, (sticky_pendulums, FRICTION))
+def test_timing_is_near_the_optimum_of_the_phase_plane(seed: int, drive: tuple[InverseDynamics, float]) -> None:
+    """With and without friction no motion is much faster; 262143 stops on its way, and friction makes 81 faster."""
+    path = make_path(random_control(seed, 2))
+    limits = even_limits(2, 4.0, 60.0, 1.3 * MASS * GRAVITY * LENGTH)
+    dynamics, friction = drive
+    best = fastest_duration(path, limits, friction)
+    assert 0.99 * best <= run(path, limits, dynamics).duration <= 1.2 * best
+
+
+@given(st.floats(-1.4, 0.0), st.floats(0.2, 1.4))
+@settings(max_examples=15, deadline=None)
+def test_friction_costs_time_where_the_drive_lifts(low: float, rise: float) -> None:
+    """A pendulum on its way up has less torque left to speed up than to brake, and friction takes of the lesser.
+
+    On its way down it is the other way round: friction helps to brake, and may shorten the motion.
+    """
+    lifting = -np.linspace(low, low + rise, 4)[:, None]  # the drive turns the other way than the bend
+    path = make_path(lifting)
+    limits = even_limits(1, 4.0, 60.0, 1.3 * MASS * GRAVITY * LENGTH)
+    assert run(path, limits, sticky_pendulums).duration > run(path, limits, pendulums).duration
 
 
 def test_a_joint_too_weak_to_hold_the_arm_is_named() -> None:

@@ -140,6 +140,8 @@ def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRo
         kind, words = "curvature", f"it bends by {violation / task.length:.3g} 1/m more than allowed"
     elif "spacing" in name:
         kind, words = "spacing", "its knots come too close"
+    elif name.startswith("base"):
+        kind, words = "length", f"it misses the base by {1e3 * violation * task.length:.3g} mm"
     else:
         kind, words = "length", f"it cannot join its neighbours, {1e3 * violation * task.length:.3g} mm are missing"
     return BrokenRow(kind, name, violation, segment, arc, place, f"{where} {words}")

@@ -26,7 +26,7 @@ JERK_SHARE = 0.7
 BESIDE = 1e-10
 """Distance in s at which a jump is looked at from both sides."""
 FRICTION_SHARE = 0.7
-"""Share of the room above the static part that friction may take in the rows."""
+"""Share of the room above the static part that half the friction may take in the rows."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +63,21 @@ class PathRows:
         return PathRows(*parts, self.axis, self.fastest[pick], self.effort_rows)
 
     def with_friction(self, speed: FloatArray) -> "PathRows":
-        """The rows with the friction at given speeds ṡ, shape (P,), as a constant part that leaves some room."""
+        """The rows with friction linear in ṡ²: by the tangent of d √(ṡ²) at given speeds ṡ, shape (P,).
+
+        At v the tangent is d v / 2 + ṡ² d / 2 v. Its constant part is bounded, which means a slower v for that row, so
+        that some room is left for moving.
+        """
         if self.d is None:
             return self
-        most = np.abs(self.c) + FRICTION_SHARE * (1.0 - np.abs(self.c))
-        return replace(self, c=np.clip(self.c + self.d * speed[:, None], -most, most))
+        static = np.abs(self.c)
+        most = static + FRICTION_SHARE * (1.0 - static)
+        constant = np.clip(self.c + 0.5 * self.d * speed[:, None], -most, most)
+
+        half = constant - self.c
+        present = np.abs(half) > _NO_ROW
+        slope = np.where(present, self.d**2 / (4.0 * np.where(present, half, 1.0)), 0.0)
+        return replace(self, b=self.b + slope, c=constant, d=None)
 
 
 def path_rows(

@@ -59,10 +59,12 @@ class DenseCheck:
     Attributes:
         excess: greatest |row| of each interval less what is allowed, shape (N,).
         stretch: factor on time that brings every row and every velocity within what is allowed.
+        stretches: for each interval the factor that its rows need by themselves, friction aside, shape (N,).
     """
 
     excess: FloatArray
     stretch: float
+    stretches: FloatArray
 
 
 def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: float) -> DenseCheck:
@@ -87,7 +89,9 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
     total = moving + static if damping is None else moving + static + damping
     excess = np.max(np.abs(total) - share_allowed(static, allowed), axis=(1, 2))
     stretch = max(1.0, float(np.max(dense.speed[at] * speed)) / allowed, slowing(moving, static, allowed, damping))
-    return DenseCheck(excess, stretch)
+    room = np.maximum(share_allowed(static, allowed) - np.sign(moving) * static, _LEAST_ROOM)
+    stretches = np.sqrt(np.max(np.abs(moving) / room, axis=(1, 2)))
+    return DenseCheck(excess, stretch, stretches)
 
 
 def _peaks(values: FloatArray) -> FloatArray:

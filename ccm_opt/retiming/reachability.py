@@ -17,8 +17,8 @@ from ccm_opt.retiming.path_rows import PathRows
 
 _NEWTON = 60
 """Most steps of Newton's method; a handful is usual."""
-_NO_EFFECT = 1e-14
-"""A row on which y has less effect than this is a bound on x."""
+_NO_EFFECT = 1e-9
+"""A row on which y has less effect than this is a bound on x; as a bound on y it would magnify rounding of x."""
 _SLOWEST = 1e-6
 """What stands for a squared speed of zero inside, as a share of the least that is not; slowing down mends the rows."""
 

@@ -15,25 +15,15 @@ from ccm_opt.retiming.finite_differences import needed_stretch
 from ccm_opt.retiming.grid import SUBSTEPS, path_grid, refine, span_lengths
 from ccm_opt.retiming.path_limits import PathLimits, likely_coordinates
 from ccm_opt.retiming.path_rows import PathRows, path_rows
-from ccm_opt.retiming.profile import SpeedProfile, check_profile
+from ccm_opt.retiming.profile import SpeedProfile
 from ccm_opt.retiming.sampling import Chords, Samples, sample_motion
 from ccm_opt.retiming.smoothing import SmoothProfile, jerk_limited
-from ccm_opt.retiming.speed_optimizer import fastest_profile
+from ccm_opt.retiming.speed_rounds import DENSE_SHARE, fastest_within
 from ccm_opt.retiming.static_load import check_static_load
 from ccm_opt.solution import JointPath, JointTrajectory
 
-GRID_SHARE = 0.99
-"""Share of every limit used at the grid points."""
-DENSE_SHARE = 0.996
-"""Share of every limit that may be used between them."""
-ROUNDS = 4
-"""Most runs of TOPP-RA, the limits tightened each time where the last run passed them."""
-DAMPED_ROUNDS = 6
-"""The same with friction."""
 LOOK = 1e-3
 """Time between looks at a smoothed motion, which has no grid of its own [s]."""
-NEGLIGIBLE = 1.004
-"""Stretch of time that is not worth another run."""
 SMALL_STRETCH = 1.01
 """Stretch of time that keeps the samples where they are on the path; steps are shorter by as much before it."""
 RESAMPLINGS = 60
@@ -81,7 +71,7 @@ def retime(
     if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < NO_MOTION:
         task.rows(np.linspace(0.0, 1.0, 2))
         return _standing(path.spline, step).trajectory(columns)
-    fastest = _speed_profile(task.rows(refine(path_grid(path.spline, grid), SUBSTEPS)))
+    fastest = fastest_within(task.rows(refine(path_grid(path.spline, grid), SUBSTEPS)))
     profile = task.smooth(fastest) if task.axes.smooth else fastest
     chords = None if link_length is None else Chords.beside(path, link_length)
     return task.sampled(profile, step, chords).trajectory(columns)
@@ -145,40 +135,3 @@ def _no_speed(profile: SpeedProfile | SmoothProfile) -> RetimingError:
 def _standing(spline: BSpline, step: float) -> Samples:
     place, rest = np.asarray(spline(np.array([0.0, 1.0]))), np.zeros((2, spline.c.shape[1]))
     return Samples(np.array([0.0, 1.0]), np.array([0.0, step]), place, rest, rest.copy())
-
-
-def _speed_profile(dense: PathRows) -> SpeedProfile:
-    """The fastest profile that keeps the limits between the grid points too.
-
-    Where TOPP-RA passes a limit inside an interval, the limits at its ends are tightened by as much and it runs again;
-    what little remains after the last round is met by stretching time. Friction, linear in the speed, enters as that
-    of the round before.
-    """
-    rows = dense.every(SUBSTEPS)
-    cap = (GRID_SHARE / np.maximum(_widest(dense.speed), 1e-12)) ** 2
-    tightened, speed = np.zeros(len(rows.s)), np.zeros(len(rows.s))
-    for _ in range(ROUNDS if rows.d is None else DAMPED_ROUNDS):
-        slowed = rows.with_friction(speed)
-        profile = SpeedProfile(rows.s, fastest_profile(slowed, _slack(slowed, tightened), cap))
-        check = check_profile(profile, dense, SUBSTEPS, DENSE_SHARE)
-        if check.stretch <= NEGLIGIBLE:
-            break
-        more = np.maximum(check.excess, 0.0)
-        tightened += np.maximum(np.append(more, 0.0), np.append(0.0, more))
-        speed = np.sqrt(profile.squared) if not np.any(speed) else 0.5 * (speed + np.sqrt(profile.squared))
-    return profile.slowed(check.stretch)
-
-
-def _slack(rows: PathRows, tightened: FloatArray) -> FloatArray:
-    """What each row may reach: its share less the tightening, but always some room above the static part."""
-    static = np.abs(rows.c)
-    slack: FloatArray = np.maximum(GRID_SHARE - tightened[:, None], static + 0.25 * (1.0 - static))
-    return slack
-
-
-def _widest(speed: FloatArray) -> FloatArray:
-    """Greatest |q'| share in the intervals beside each grid point; ṡ² is linear in an interval, so this bounds it."""
-    inside = speed[:-1].reshape(-1, SUBSTEPS).max(axis=1)
-    inside = np.maximum(inside, speed[SUBSTEPS::SUBSTEPS])
-    widest: FloatArray = np.maximum(np.append(inside, 0.0), np.append(0.0, inside))
-    return widest
