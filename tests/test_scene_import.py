@@ -16,7 +16,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.files.problem_file import load_problem, parse_problem, problem_from_mapping
-from ccm_opt.files.problem_file.data import recorded_data
+from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.files.scene_import import ImportOptions, import_scene
 from ccm_opt.files.scene_import.chains import Piece, joined_pieces
 from ccm_opt.files.scene_import.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline

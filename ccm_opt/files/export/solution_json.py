@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from ccm_opt.errors import Diagnosis
-from ccm_opt.files.problem_file.data import recorded_data
+from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 

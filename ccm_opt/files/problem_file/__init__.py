@@ -1,4 +1,4 @@
-"""Problem files: TOML text in, a frozen ``Problem`` out; all defects are reported together."""
+"""Problem files: TOML text in, a frozen ``Problem`` out (``reading``), and back; all defects are reported together."""
 
 from ccm_opt.files.problem_file.reading import load_problem, parse_problem, problem_from_mapping
 

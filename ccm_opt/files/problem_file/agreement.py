@@ -1,16 +1,12 @@
-"""Checks between tables: a value for every link or joint, poses within the joint limits, curves as long as the arm."""
+"""Checks between tables of a problem file: a value for every link, poses within limits, curves as long as the arm."""
 
 import math
 from collections.abc import Sequence
 
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.keypath import KeyPath
+from ccm_opt.files.problem_file.reading_settings import READING, ReadingSettings
 from ccm_opt.files.problem_file.schema import ArmTable, InertiaTable, LimitsTable, PoseTable
-
-LENGTH_TOLERANCE = 1e-6
-"""Relative difference allowed between the total length of a pose's segments and the arm's length."""
-ANGLE_TOLERANCE = 1e-9
-"""Bends may pass a limit by this much [rad]: degrees are rounded when they become radians."""
 
 
 def check_arm_lists(arm: ArmTable, issues: Issues) -> None:
@@ -30,14 +26,17 @@ def check_limit_lists(arm: ArmTable, limits: LimitsTable, issues: Issues) -> Non
         _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
 
 
-def check_pose(arm: ArmTable, pose: PoseTable, path: KeyPath, issues: Issues) -> None:
+def check_pose(
+    arm: ArmTable, pose: PoseTable, path: KeyPath, issues: Issues, settings: ReadingSettings = READING
+) -> None:
     """A pose given by joints must suit the joints, one given by segments the arm's length."""
     if pose.joints_deg is not None:
         _one_each(pose.joints_deg, (*path, "joints_deg"), (arm.links,), "link", issues)
-        _within_limits(arm, pose.joints_deg, (*path, "joints_deg"), issues)
+        _within_limits(arm, pose.joints_deg, (*path, "joints_deg"), issues, settings.angle_tolerance)
     if pose.segments is not None:
-        total, length = sum(segment.length for segment in pose.segments), arm.links * arm.link_length
-        if abs(total - length) > LENGTH_TOLERANCE * length:
+        total = sum(segment.length for segment in pose.segments)
+        length = arm.links * arm.link_length
+        if abs(total - length) > settings.length_tolerance * length:
             issues.add(
                 (*path, "segments"),
                 f"the segments are {total:.9g} m long together; expected the arm's length, "
@@ -53,8 +52,9 @@ def _one_each(
         issues.add(path, f"expected one value a {what}, that is {wanted}; got {len(value)}")
 
 
-def _within_limits(arm: ArmTable, bends: Sequence[float], path: KeyPath, issues: Issues) -> None:
+def _within_limits(arm: ArmTable, bends: Sequence[float], path: KeyPath, issues: Issues, tolerance: float) -> None:
     for k, bend in enumerate(bends):
-        limit, key = (arm.joint_limit_deg, "joint_limit_deg") if k else (arm.base_limit_deg, "base_limit_deg")
-        if abs(bend) > limit + ANGLE_TOLERANCE:
+        key = "base_limit_deg" if k == 0 else "joint_limit_deg"
+        limit = arm.base_limit_deg if k == 0 else arm.joint_limit_deg
+        if abs(bend) > limit + tolerance:
             issues.add((*path, k), f"{math.degrees(bend):g} deg passes {key} = {math.degrees(limit):g}")

@@ -1,4 +1,4 @@
-"""Validated tables to a frozen ``Problem``."""
+"""From the validated tables of a problem file to a frozen ``Problem``: defaults are filled in here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -96,7 +96,9 @@ def build_obstacle(table: ObstacleTable, name: str) -> Obstacle:
         return Obstacle(name, shapely.Point(table.circle.center), table.circle.radius)
     if table.wall is not None:
         return Obstacle(name, shapely.LineString(table.wall.points), table.wall.thickness / 2.0)
-    return Obstacle(name, _box(table.box) if table.box is not None else shapely.Polygon(table.polygon, table.holes))
+    if table.box is not None:
+        return Obstacle(name, _box(table.box))
+    return Obstacle(name, shapely.Polygon(table.polygon, table.holes))
 
 
 def _box(corners: Sequence[float]) -> shapely.Polygon:
@@ -106,7 +108,7 @@ def _box(corners: Sequence[float]) -> shapely.Polygon:
 
 def build_arm(table: ArmTable) -> Arm:
     """The arm; its links are solid cylinders unless the inertia is given."""
-    masses = _each(table.masses if table.masses is not None else table.link_mass or DEFAULT_LINK_MASS, table.links)
+    masses = _masses(table)
     axial, transverse = _inertia(table, masses)
     return Arm(
         links=table.links,
@@ -127,6 +129,13 @@ def build_arm(table: ArmTable) -> Arm:
         rotor_inertia=_each_revolute(table.rotor_inertia, table.links),
         friction=_each_revolute(table.friction, table.links),
     )
+
+
+def _masses(table: ArmTable) -> FloatArray:
+    """One mass a link: from the list, else the same for all, shape (links,) [kg]."""
+    if table.masses is not None:
+        return _each(table.masses, table.links)
+    return _each(DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass, table.links)
 
 
 def _feed(table: FeedTable) -> Feed:
@@ -199,7 +208,9 @@ def _configuration(segments: Sequence[SegmentTable], heading: float | None, arm:
 
 def build_options(table: PlannerTable) -> PlannerOptions:
     """The planner's options."""
-    return PlannerOptions(**table.model_dump() | {"weights": Weights(**table.weights.model_dump())})
+    values = table.model_dump()
+    weights = Weights(**values.pop("weights"))
+    return PlannerOptions(**values, weights=weights)
 
 
 def _simulation(table: SimulationTable) -> SimulationOptions:
@@ -227,4 +238,6 @@ def _each(value: float | Sequence[float], links: int) -> FloatArray:
 def _each_revolute(value: float | Sequence[float], links: int) -> FloatArray:
     """One value a revolute, shape (3 * links,); a ball joint's value holds for its three."""
     values = np.asarray(value, dtype=np.float64)
-    return np.repeat(values, 3) if values.shape == (links,) else np.broadcast_to(values, (3 * links,)).copy()
+    if values.shape == (links,):
+        return np.repeat(values, 3)
+    return np.broadcast_to(values, (3 * links,)).copy()

@@ -1,4 +1,4 @@
-"""Collects defects of a problem file under their key paths, and turns pydantic's errors into plain sentences."""
+"""The messages about a problem file: defects are collected under their key paths, pydantic's become sentences."""
 
 import difflib
 from collections.abc import Mapping, Sequence
@@ -11,10 +11,14 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from ccm_opt.errors import FileIssue
-from ccm_opt.files.problem_file.keypath import KeyPath, dotted, lookup, without
-from ccm_opt.files.problem_file.lines import line_of
+from ccm_opt.files.problem_file.keypath import KeyPath, dotted, lookup, without_key
+from ccm_opt.files.problem_file.lines import line_of_key
 
 Model = TypeVar("Model", bound=BaseModel)
+_SIMILAR = 0.6
+"""Least similarity of a misspelt key to the one that is suggested (difflib's default)."""
+_LONGEST_VALUE = 60
+"""Characters of a value that a message shows."""
 
 
 @dataclass
@@ -29,7 +33,7 @@ class Issues:
 
     def located(self, lines: Mapping[KeyPath, int]) -> list[FileIssue]:
         """The defects with the lines of their keys."""
-        return [FileIssue(line_of(lines, path), dotted(path), message) for path, message in self.found]
+        return [FileIssue(line_of_key(lines, path), dotted(path), message) for path, message in self.found]
 
     def validate(self, model: type[Model], table: Mapping[str, object], path: KeyPath, scale: float) -> Model | None:
         """Validate one table; its defects are noted.
@@ -51,19 +55,23 @@ class Issues:
         unknown = [_real_path(detail["loc"], table) for detail in details if detail["type"] == "extra_forbidden"]
         if len(unknown) < len(details):
             return None
+        # Only keys are wrong, the values are usable: the checks between tables can go on without those keys.
         for key in unknown:
-            table = without(table, key)
+            table = without_key(table, key)
         return model.model_validate(table, context={"scale": scale})
 
     def _note(
         self, details: Sequence[ErrorDetails], table: Mapping[str, object], path: KeyPath, model: type[BaseModel]
     ) -> None:
+        # A misspelt key is reported once, as unknown, and not as a missing one too.
         renamed: set[KeyPath] = set()
         for detail in details:
             if detail["type"] == "extra_forbidden":
                 key = _real_path(detail["loc"], table)
-                guess = closest(str(key[-1]), _known_keys(model, key[:-1]))
-                self.add((*path, *key), unknown_key(str(key[-1]), guess, _known_keys(model, key[:-1])))
+                name = str(key[-1])
+                known = _known_keys(model, key[:-1])
+                guess = closest(name, known)
+                self.add((*path, *key), unknown_key(name, guess, known))
                 renamed.add((*key[:-1], guess or ""))
         for detail in details:
             key = _real_path(detail["loc"], table)
@@ -72,26 +80,35 @@ class Issues:
 
 
 def closest(word: str, known: Sequence[str]) -> str | None:
-    """The known word that ``word`` was probably meant to be."""
-    return next(iter(difflib.get_close_matches(word, known, n=1, cutoff=0.6)), None)
+    """The known word that ``word`` was probably meant to be, or None."""
+    matches = difflib.get_close_matches(word, known, n=1, cutoff=_SIMILAR)
+    return matches[0] if matches else None
 
 
 def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:
     """The message for a key that nobody knows."""
-    return f"unknown key '{key}'; " + (f"did you mean '{guess}'?" if guess else f"known here: {', '.join(known)}")
+    if guess:
+        return f"unknown key '{key}'; did you mean '{guess}'?"
+    return f"unknown key '{key}'; known here: {', '.join(known)}"
 
 
 def shown(value: object) -> str:
     """A value as it may stand in a message, cut when it is long."""
-    text = {True: "true", False: "false"}[value] if isinstance(value, bool) else repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 
 
 def described(value: object) -> str:
     """A value with its type in words, for a message about a wrong type."""
-    kinds = ((str, "the text "), (Mapping, "the table "), (Sequence, "the list "), ((date, time), "the date or time "))
-    kind = next((words for types, words in kinds if isinstance(value, types)), "")
-    return f"{kind}{value}" if isinstance(value, (date, time)) else f"{kind}{shown(value)}"
+    if isinstance(value, (date, time)):
+        return f"the date or time {value}"
+    if isinstance(value, str):
+        return f"the text {shown(value)}"
+    if isinstance(value, Mapping):
+        return f"the table {shown(value)}"
+    if isinstance(value, Sequence):
+        return f"the list {shown(value)}"
+    return shown(value)
 
 
 def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
@@ -148,18 +165,22 @@ _EXPECTED = MappingProxyType(
 
 def _sentence(detail: ErrorDetails) -> str:
     """What was expected and what was got."""
-    kind, context, value = detail["type"], detail.get("ctx", {}), detail["input"]
+    kind = detail["type"]
+    context = detail.get("ctx", {})
+    value = detail["input"]
     if kind == "missing":
         return "missing; this key is required"
     if kind in {"too_short", "too_long"}:
         return _wrong_count(kind, context)
     if kind == "value_error":
-        return (
-            f"{context['error']}; got {shown(value)}" if not isinstance(value, (list, dict)) else f"{context['error']}"
-        )
+        # Our own validators say what is wrong with a list or a table; the whole of it would not help.
+        if isinstance(value, (list, dict)):
+            return str(context["error"])
+        return f"{context['error']}; got {shown(value)}"
     expected = _EXPECTED[kind].format(**context) if kind in _EXPECTED else detail["msg"]
     in_list = isinstance(detail["loc"][-1], int)
-    return f"{expected}, got {described(value) if in_list and kind.endswith('_type') else shown(value)}"
+    got = described(value) if in_list and kind.endswith("_type") else shown(value)
+    return f"{expected}, got {got}"
 
 
 def _wrong_count(kind: str, context: Mapping[str, object]) -> str:

@@ -26,16 +26,17 @@ def lookup(data: object, path: KeyPath) -> object:
     return data
 
 
-def without(data: Mapping[str, object], path: KeyPath) -> dict[str, object]:
+def without_key(data: Mapping[str, object], path: KeyPath) -> dict[str, object]:
     """A copy of ``data`` in which the key at the end of ``path`` is gone; the rest is shared."""
     copy = dict(data)
-    head, rest = path[0], path[1:]
+    head, *rest_of_path = path
+    rest = tuple(rest_of_path)
     if not isinstance(head, str):
         raise TypeError(f"a table has no element {head!r}; only keys of tables can be taken out")
     if not rest:
         copy.pop(head, None)
     elif isinstance(child := copy.get(head), Mapping):
-        copy[head] = without(child, rest)
+        copy[head] = without_key(child, rest)
     elif isinstance(child, list) and isinstance(rest[0], int) and len(rest) > 1 and isinstance(child[rest[0]], Mapping):
-        copy[head] = [without(item, rest[1:]) if k == rest[0] else item for k, item in enumerate(child)]
+        copy[head] = [without_key(item, rest[1:]) if k == rest[0] else item for k, item in enumerate(child)]
     return copy

@@ -1,4 +1,4 @@
-"""Finds the line of every key in a TOML text, so that a message can point at it.
+"""Which line of a problem file each key stands on, so that a message can point at it.
 
 The text is known to be valid TOML (``tomllib`` reads the values); this scanner only follows its brackets and keys
 (TOML 1.0, sections Keys, Table, Array of Tables, Inline Table).
@@ -31,7 +31,7 @@ def locate_keys(text: str) -> dict[KeyPath, int]:
     return _Scanner(text).run()
 
 
-def line_of(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
+def line_of_key(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
     """The line of a key path, or of the nearest table above it; 0 when there is none."""
     for end in range(len(path), 0, -1):
         if path[:end] in lines:
@@ -41,9 +41,11 @@ def line_of(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
 
 def _tokens(text: str) -> list[tuple[str, str, int]]:
     """(kind, text, line) of every token but blanks and comments, then an ``end`` token."""
-    found, line = [], 1
+    found = []
+    line = 1
     for match in _TOKEN.finditer(text):
-        kind, body = str(match.lastgroup), match.group()
+        kind = str(match.lastgroup)
+        body = match.group()
         if kind != "skip":
             found.append((kind, body, line))
         line += body.count("\n")
@@ -71,7 +73,8 @@ class _Scanner:
         return self.lines
 
     def _header(self) -> None:
-        line, array = self._line(), self.tokens[self.at + 1][1] == "["
+        line = self._line()
+        array = self.tokens[self.at + 1][1] == "["
         self.at += 2 if array else 1
         keys = self._key()
         self.at += 2 if array else 1
@@ -87,7 +90,8 @@ class _Scanner:
         self.table = path
 
     def _assignment(self, table: KeyPath) -> None:
-        line, path = self._line(), table
+        line = self._line()
+        path = table
         for key in self._key():
             path = (*path, key)
             self._mark(path, line)
@@ -135,9 +139,10 @@ class _Scanner:
 
     def _closes(self, mark: str) -> bool:
         """Step over a closing mark; the end of the text closes everything."""
-        closed = self._kind() == "mark" and self._text() == mark
-        self.at += closed
-        return closed or self._kind() == "end"
+        if self._kind() == "mark" and self._text() == mark:
+            self.at += 1
+            return True
+        return self._kind() == "end"
 
     def _mark(self, path: KeyPath, line: int) -> None:
         self.lines.setdefault(path, line)

@@ -1,4 +1,4 @@
-"""Named poses of the arm: straight and folded."""
+"""The named poses of a problem file, ``shape = "straight"`` and ``shape = "folded"``, as bends of the joints."""
 
 import math
 from collections.abc import Iterator
@@ -8,12 +8,8 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.files.problem_file.reading_settings import FOLD, FoldSettings
 from ccm_opt.jointed.arm import Arm
-
-LIMIT_SHARE = 0.95
-"""Share of the joint limit that a folded arm uses, so that it can still move either way."""
-GAP_SHARE = 1.1
-"""The axes of a folded arm keep at least this many times two radii apart."""
 
 
 def straight_bends(arm: Arm) -> FloatArray:
@@ -21,16 +17,16 @@ def straight_bends(arm: Arm) -> FloatArray:
     return np.zeros(arm.links)
 
 
-def folded_bends(arm: Arm) -> FloatArray:
+def folded_bends(arm: Arm, settings: FoldSettings = FOLD) -> FloatArray:
     """The most compact serpentine: equal rows joined by half turns, alternately left and right.
 
     A half turn of m joints bends each by pi / m and sets the rows l cot(pi / 2m) apart. Of all (m, row length) whose
-    bends stay within ``LIMIT_SHARE`` of the joint limit and whose distant links keep ``GAP_SHARE`` times two radii
-    (with zero radius a tenth of a link) apart, the one with the smallest bounding box diagonal is taken. The first row
-    lies along the base heading, the first turn is to the left.
+    bends stay within a share of the joint limit and whose distant links keep their gap, the one with the smallest
+    diagonal of its bounding box is taken. The first row lies along the base heading, the first turn is to the left.
 
     Args:
         arm: the arm.
+        settings: share of the joint limit, and gap.
 
     Returns:
         Joint bends, shape (links,) [rad].
@@ -38,9 +34,10 @@ def folded_bends(arm: Arm) -> FloatArray:
     Raises:
         ProblemError: when no serpentine fits the joint limit and the radius.
     """
-    candidates = sorted(_serpentines(arm), key=lambda bends: _diagonal(arm, bends))
+    gap = max(settings.gap_in_diameters * 2.0 * arm.radius, settings.least_gap_in_links * arm.link_length)
+    candidates = sorted(_serpentines(arm, settings.limit_share), key=lambda bends: _diagonal(arm, bends))
     for bends in candidates:
-        if self_distance(arm, bends) >= max(GAP_SHARE * 2.0 * arm.radius, 0.1 * arm.link_length):
+        if self_distance(arm, bends) >= gap:
             return bends
     raise ProblemError(
         f"an arm of {arm.links} links with a joint limit of {math.degrees(arm.joint_limit):g} deg cannot be folded: "
@@ -56,15 +53,22 @@ def self_distance(arm: Arm, bends: FloatArray) -> float:
     return float(shapely.distance(axes[first], axes[second]).min(initial=np.inf))
 
 
-def _serpentines(arm: Arm) -> Iterator[FloatArray]:
+def _serpentines(arm: Arm, limit_share: float) -> Iterator[FloatArray]:
     """Serpentines by joints a turn and straight joints a row; at least one whole half turn."""
-    fewest = max(2, math.ceil(min(math.pi / (LIMIT_SHARE * arm.joint_limit), arm.links)))
-    for turn in range(fewest, min(fewest + 6 + math.ceil(math.pi * arm.radius / arm.link_length), arm.links - 1) + 1):
-        for row in range(max(1, min(arm.links - turn, 2 * math.isqrt(turn * arm.links) + 2))):
+    sharpest = limit_share * arm.joint_limit
+    fewest = max(2, math.ceil(min(math.pi / sharpest, arm.links)))
+    # Rows of a thick arm lie two radii apart, which takes turns of about π r / l joints.
+    for_thickness = math.ceil(math.pi * arm.radius / arm.link_length)
+    most = min(fewest + 6 + for_thickness, arm.links - 1)
+    for turn in range(fewest, most + 1):
+        # The box is square for rows of about 0.8 √(turn · links); much longer ones have no smallest diagonal.
+        rows = max(1, min(arm.links - turn, 2 * math.isqrt(turn * arm.links) + 2))
+        for row in range(rows):
             yield _serpentine(arm.links, turn, row)
 
 
 def _serpentine(links: int, turn: int, row: int) -> FloatArray:
+    """Rows of ``row`` straight joints and half turns of ``turn`` joints, alternately left and right."""
     left = np.concatenate((np.zeros(row), np.full(turn, math.pi / turn)))
     period = np.concatenate((left, -left))
     bends = np.resize(period, links - 1)

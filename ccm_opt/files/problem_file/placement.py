@@ -1,15 +1,13 @@
-"""Checks of places: the base outside every obstacle. Goals that cannot be reached are no defect of a file."""
+"""Checks of places in a problem file: the base outside every obstacle. An unreachable goal is no defect of a file."""
 
 from collections.abc import Sequence
 
 import shapely
 
 from ccm_opt.files.problem_file.issues import Issues
+from ccm_opt.files.problem_file.reading_settings import READING
 from ccm_opt.files.problem_file.typed_quantities import METRES
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle, Workspace
-
-ROUNDING = 1e-9
-"""Depths and distances below this are rounding [m]."""
 
 
 def depth_inside(obstacle: Obstacle, point: Sequence[float]) -> float:
@@ -28,10 +26,11 @@ def depth_outside(workspace: Workspace, point: Sequence[float]) -> float:
 
 def check_base(workspace: Workspace, base: Sequence[float], units: str, issues: Issues) -> None:
     """The base may touch walls, as the mount does, but not stand inside an obstacle or outside the room."""
+    rounding = READING.depth_rounding
     for obstacle in workspace.obstacles:
-        if (depth := depth_inside(obstacle, base)) > ROUNDING:
+        if (depth := depth_inside(obstacle, base)) > rounding:
             issues.add(("arm", "base"), f"the base is {_length(depth, units)} inside '{obstacle.name}'; move it out")
-    if (depth := depth_outside(workspace, base)) > ROUNDING:
+    if (depth := depth_outside(workspace, base)) > rounding:
         issues.add(("arm", "base"), f"the base is {_length(depth, units)} outside the {BOUNDARY_NAME}; move it in")
 
 

@@ -1,4 +1,4 @@
-"""Reads problem files: bytes to text, text to TOML, TOML to a problem; each step says what is wrong in plain words."""
+"""Reads problem files: ``load_problem`` reads a file, ``parse_problem`` its text, ``problem_from_mapping`` its data."""
 
 import re
 import tomllib
@@ -109,7 +109,7 @@ def _to_toml(data: Mapping[str, object], path_name: str) -> str:
     try:
         return tomlkit.dumps(data)
     except (TOMLKitError, TypeError, ValueError, RecursionError) as error:
-        raise _refused(path_name, f"holds something that TOML cannot say: {error}") from None
+        raise _refused(path_name, f"holds something that cannot be written in TOML: {error}") from None
 
 
 def _error_line(message: str, text: str) -> int:

@@ -1,4 +1,4 @@
-"""Rules between keys that no single value can break: exactly one of several, and keys that need others."""
+"""Rules between keys of a problem file: exactly one of several, and keys that need others."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,20 +7,25 @@ from ccm_opt.files.problem_file.keypath import KeyPath, lookup
 from ccm_opt.files.problem_file.schema import GoalTable, ObstacleTable, WorkspaceTable
 
 OBSTACLE_KINDS = ("polygon", "box", "circle", "wall")
+"""Of which every obstacle has exactly one."""
 ROOM_KINDS = ("bounds", "boundary")
+"""Of which the workspace has exactly one."""
 START_KINDS = ("shape", "joints_deg", "segments")
-KNOWN = frozenset(key for table in (WorkspaceTable, ObstacleTable, GoalTable) for key in table.model_fields)
-"""Keys of the tables that offer alternatives; none of them is a misspelling."""
+"""Of which the start has exactly one."""
 GOAL_KINDS = ("position", "joints_deg", "shape", "segments")
+"""Of which every goal has exactly one."""
+KNOWN = frozenset((*WorkspaceTable.model_fields, *ObstacleTable.model_fields, *GoalTable.model_fields))
+"""Keys of the tables that offer alternatives; none of them is a misspelling."""
 
 
 def check_alternatives(data: Mapping[str, object], issues: Issues) -> None:
     """Every table that offers alternatives must take exactly one, and a heading needs something to apply to."""
     _exactly_one(data, ("workspace",), ROOM_KINDS, issues)
     obstacles = lookup(data, ("workspace", "obstacles"))
-    for k in range(len(obstacles) if isinstance(obstacles, list) else 0):
-        _exactly_one(data, ("workspace", "obstacles", k), OBSTACLE_KINDS, issues)
-    _own_names(obstacles, issues)
+    if isinstance(obstacles, list):
+        for k in range(len(obstacles)):
+            _exactly_one(data, ("workspace", "obstacles", k), OBSTACLE_KINDS, issues)
+        _different_names(obstacles, issues)
     _exactly_one(data, ("start",), START_KINDS, issues)
     _heading_applies(data, ("start",), ("segments",), issues)
     for path in goal_paths(data):
@@ -44,22 +49,26 @@ def _exactly_one(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]
     if not isinstance(lookup(data, path), Mapping):
         return
     given = _given(data, path, kinds)
-    if len(given) != 1 and not (not given and _misspelt(data, path, kinds)):
-        got = f"got {' and '.join(given)}" if given else "got none of them"
-        issues.add((*path, given[1]) if given else path, f"expected exactly one of {', '.join(kinds)}; {got}")
+    expected = f"expected exactly one of {', '.join(kinds)}"
+    if len(given) > 1:
+        issues.add((*path, given[1]), f"{expected}; got {' and '.join(given)}")
+    elif not given and not _misspelt(data, path, kinds):
+        issues.add(path, f"{expected}; got none of them")
 
 
 def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> bool:
     """Whether a key of the table is meant to be one of ``kinds``: that is reported already."""
     table = lookup(data, path)
-    unknown = [key for key in (table if isinstance(table, Mapping) else ()) if key not in KNOWN]
+    if not isinstance(table, Mapping):
+        return False
+    unknown = [key for key in table if key not in KNOWN]
     return any(closest(key, kinds) is not None for key in unknown)
 
 
-def _own_names(obstacles: object, issues: Issues) -> None:
-    """Every obstacle's name, given or by its place, must be its own: messages call it by that."""
+def _different_names(obstacles: list[object], issues: Issues) -> None:
+    """No two obstacles may have the same name, given or by their place: messages call them by it."""
     first: dict[object, int] = {}
-    for k, entry in enumerate(obstacles if isinstance(obstacles, list) else ()):
+    for k, entry in enumerate(obstacles):
         given = entry.get("name") if isinstance(entry, Mapping) else None
         name = str(given or f"obstacle {k + 1}")
         if first.setdefault(name, k) != k:

@@ -1,4 +1,4 @@
-"""``workspace.file``: the obstacles of a drawing, written out as if they stood in the problem file.
+"""The key ``workspace.file``: the obstacles of a drawing, written out as if they stood in the problem file.
 
 What follows, the copy in ``solution.json`` included, sees plain obstacles and needs the drawing no more.
 """
@@ -15,9 +15,6 @@ from ccm_opt.files.problem_file.schema import SceneTable
 from ccm_opt.files.problem_file.typed_quantities import METRES
 from ccm_opt.freespace.workspace import Obstacle
 
-CURVE_TOLERANCE = 2.5e-4
-"""How far outside a curve of a drawing its polygon may lie when the file does not say [m]."""
-
 
 def with_scene(data: Mapping[str, object], folder: Path | None, issues: Issues) -> Mapping[str, object]:
     """Replace ``workspace.file`` by the obstacles of that file, after those of the table.
@@ -25,7 +22,7 @@ def with_scene(data: Mapping[str, object], folder: Path | None, issues: Issues) 
     Args:
         data: the parsed problem file.
         folder: paths are relative to it; None when the problem was not read from a file.
-        issues: takes what is wrong with the drawing, or with the keys that place it.
+        issues: receives what is wrong with the drawing, or with the keys that place it.
 
     Returns:
         The data without the keys of the drawing; the same data when there are none.
@@ -59,7 +56,9 @@ def _entries(
     if os.path.isdir(folder / scene.file):  # noqa: PTH112 - pathlib's raises where the user may not look
         issues.add(("workspace", "file"), f"{scene.file!r} is a directory; expected a drawing, for example 'scene.svg'")
         return []
-    tolerance = CURVE_TOLERANCE / metres if scene.curve_tolerance is None else scene.curve_tolerance
+    tolerance = scene.curve_tolerance
+    if tolerance is None:
+        tolerance = ImportOptions.curve_tolerance / metres  # the default is in metres
     options = ImportOptions(scene.scale, (scene.offset[0], scene.offset[1]), tolerance, scene.wall_thickness)
     try:
         obstacles = import_scene(folder / scene.file, options, _names(listed))

@@ -1,7 +1,6 @@
-"""The tables of a problem file, as pydantic models; after validation all values are in SI units and radians.
+"""Every key of a problem file and its default, as pydantic models; validated values are in SI units and radians.
 
-What a table means to the rest of the file (exactly one of several keys, lengths of lists, places of points) is in
-``rules`` and ``placement``.
+Rules between keys are in ``rules``, checks between tables in ``agreement``, checks of places in ``placement``.
 """
 
 import math
@@ -44,6 +43,7 @@ from ccm_opt.problem import (
 )
 
 MAX_LINKS = 400
+"""More links than any arm that was ever planned for; a planner would not come back from them."""
 
 
 class Table(BaseModel):

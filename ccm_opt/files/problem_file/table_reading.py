@@ -1,4 +1,4 @@
-"""Parsed TOML to a problem: every table on its own first, then the checks between tables; all defects in one list."""
+"""From parsed TOML to a problem: each table by itself, then the checks between tables; all defects in one list."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -9,7 +9,7 @@ import tomlkit
 from pydantic import BaseModel
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.problem_file.agreement import ANGLE_TOLERANCE, check_arm_lists, check_limit_lists, check_pose
+from ccm_opt.files.problem_file.agreement import check_arm_lists, check_limit_lists, check_pose
 from ccm_opt.files.problem_file.build import (
     Tables,
     build_arm,
@@ -21,6 +21,7 @@ from ccm_opt.files.problem_file.build import (
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.keypath import KeyPath, lookup
 from ccm_opt.files.problem_file.placement import check_base
+from ccm_opt.files.problem_file.reading_settings import READING
 from ccm_opt.files.problem_file.rules import check_alternatives, goal_paths
 from ccm_opt.files.problem_file.scene_file import with_scene
 from ccm_opt.files.problem_file.schema import (
@@ -60,7 +61,7 @@ def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: 
 
     Args:
         data: the parsed TOML.
-        issues: takes every defect found.
+        issues: receives every defect found.
         source: the text of the file, kept in the problem; obstacles from a drawing are written out in it.
         folder: of the problem file, where the path to a drawing begins; None when there is no file.
 
@@ -82,7 +83,8 @@ def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
     scale = METRES.get(str(data.get("units", "m")), 1.0)
 
     def section(model: type[Model], name: str, *, leave_out: str = "") -> Model | None:
-        table = data.get(name, {} if name in {"planner", "simulation"} else None)
+        optional = name in {"planner", "simulation"}
+        table = data.get(name, {} if optional else None)
         if not isinstance(table, Mapping):
             return None
         return issues.validate(model, {k: v for k, v in table.items() if k != leave_out}, (name,), scale)
@@ -161,7 +163,7 @@ def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issu
     if not low <= at <= high:
         issues.add((*path, "feed"), f"outside the range of the feed axis, {low:g} to {high:g} m")
     for k in range(min(len(pose.joints_deg or ()), arm.links)):
-        if built.held(at)[k] and abs((pose.joints_deg or [])[k]) > ANGLE_TOLERANCE:
+        if built.held(at)[k] and abs((pose.joints_deg or [])[k]) > READING.angle_tolerance:
             issues.add((*path, "joints_deg", k), "this joint is still inside the guide of the feed axis; expected 0")
 
 
@@ -192,5 +194,8 @@ def _lists_fit(arm: ArmTable) -> bool:
 
 
 def _complete(draft: _Draft) -> Tables | None:
+    """All tables, or None when one could not be validated."""
     values = {item.name: getattr(draft, item.name) for item in fields(draft)}
-    return None if any(value is None for value in values.values()) else Tables(**values)
+    if any(value is None for value in values.values()):
+        return None
+    return Tables(**values)

@@ -1,4 +1,4 @@
-"""Typed quantities of a problem file; validation turns each into SI units and radians.
+"""Units of a problem file: typed quantities, each of which validation turns into SI units and radians.
 
 Lengths are multiplied by the metres in the file's unit, which the validation context carries as ``scale``.
 """
@@ -16,8 +16,6 @@ from ccm_opt.files.problem_file.issues import described
 
 METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
 """Metres in each length unit that a problem file may use."""
-
-
 MAX_LENGTH = 1e9
 """Largest coordinate [m]; beyond it double precision no longer tells a micrometre."""
 

@@ -1,4 +1,4 @@
-"""A problem back to the data of a problem file: the inverse of reading, in metres and, where a key says so, degrees."""
+"""From a problem back to the data of a problem file, the inverse of reading: in metres, degrees where a key says so."""
 
 import tomllib
 from dataclasses import asdict
@@ -10,6 +10,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.files.problem_file.reading import parse_problem
+from ccm_opt.files.problem_file.reading_settings import READING
 from ccm_opt.files.problem_file.scene_file import obstacle_table
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
@@ -25,10 +26,8 @@ from ccm_opt.problem import (
     Tolerances,
 )
 
-BASE_TOLERANCE = 1e-9
-"""A curve's base may be this far from the arm's [m]: a problem file has one base for both."""
-
 Table = dict[str, object]
+"""A table of a problem file."""
 
 
 def recorded_data(problem: Problem) -> Table:
@@ -41,16 +40,16 @@ def recorded_data(problem: Problem) -> Table:
         The parsed ``source`` when reading it gives this problem, else ``problem_data``.
 
     Raises:
-        ProblemError: when a problem file cannot say it.
+        ProblemError: when it cannot be written in a problem file.
     """
     written = problem_data(problem)
     if not problem.source:
         return written
     try:
-        current = problem_data(parse_problem(problem.source)) == written
+        read_again = problem_data(parse_problem(problem.source))
     except ProblemFileError:
         return written
-    return tomllib.loads(problem.source) if current else written
+    return tomllib.loads(problem.source) if read_again == written else written
 
 
 def problem_data(problem: Problem) -> Table:
@@ -65,7 +64,7 @@ def problem_data(problem: Problem) -> Table:
         Plain numbers, texts, lists and tables, from which ``problem_from_mapping`` rebuilds the problem.
 
     Raises:
-        ProblemError: when a problem file cannot say it.
+        ProblemError: when it cannot be written in a problem file.
     """
     return {
         "schema": 1,
@@ -92,8 +91,9 @@ def _workspace(workspace: Workspace) -> Table:
 
 
 def _obstacle(obstacle: Obstacle) -> Table:
-    swept = (shapely.Point,) if obstacle.rounding > 0.0 else (shapely.Polygon,)
-    if not isinstance(obstacle.core, (*swept, shapely.LineString)):
+    # A rounded polygon has no table of its own, and a point without rounding is no obstacle.
+    expected = shapely.Point if obstacle.rounding > 0.0 else shapely.Polygon
+    if not isinstance(obstacle.core, (expected, shapely.LineString)):
         raise ProblemError(
             f"obstacle '{obstacle.name}', a {type(obstacle.core).__name__} with rounding {obstacle.rounding:g} m, "
             "is none that a problem file can say; expected a polygon without rounding, a point with, or a line"
@@ -160,7 +160,7 @@ def _pose(pose: Start, arm: Arm) -> Table:
 
 
 def _curve(curve: Configuration, arm: Arm) -> Table:
-    if not np.allclose(curve.base, arm.base, rtol=0.0, atol=BASE_TOLERANCE):
+    if not np.allclose(curve.base, arm.base, rtol=0.0, atol=READING.base_tolerance):
         raise ProblemError(f"a curve begins at {_list(curve.base)}, expected the arm's base, {_list(arm.base)}")
     segments = [
         {"length": float(s.length), "curvature": _list(s.curvature), "knots": [float(knot) for knot in s.knots]}
