@@ -23,7 +23,7 @@ nitpicky = True
 nitpick_ignore_regex = [
     # Types of other packages; links to them would need the network at build time.
     ("py:class", r"(numpy|np|npt|scipy|shapely|pathlib|collections|typing)\b.*"),
-    ("py:class", r"(Path|Mapping|Sequence|Callable|BSpline|ndarray|dtype|float64|Any)"),
+    ("py:class", r"(Path|Mapping|Sequence|Callable|BSpline|ndarray|dtype|float64|Any|Number)"),
     # Python's own.
     ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
 ]
