@@ -8,10 +8,6 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.angles import whole_turns
 from ccm_opt.geometry.polyline import arc_lengths, leg_headings, nearest_place, points_at, without_repeats
 
-_SAMPLES_PER_WINDOW = 8
-"""Samples of the smoothed heading to the length over which it is smoothed; between them it is linear."""
-_SEARCH_SAMPLES = 200
-"""Places at which the nearest one to a point is looked for."""
 _SHORTEST_LEG = 1e-9
 """Points nearer than this to the one before are the same [m]; a leg without length has no heading."""
 
@@ -33,13 +29,16 @@ class TipTrack:
     sample_headings: FloatArray
 
     @classmethod
-    def along(cls, points: FloatArray, window: float, first_heading: float | None = None) -> "TipTrack":
+    def along(
+        cls, points: FloatArray, window: float, first_heading: float | None = None, samples: int = 8
+    ) -> "TipTrack":
         """A track along a polyline.
 
         Args:
             points: shape (k, 2) [m]; repeated points are dropped.
             window: length over which the heading is smoothed [m].
             first_heading: the winding of the first tangent is chosen nearest to it [rad].
+            samples: of the smoothed heading to a window; between them it is linear.
         """
         points = without_repeats(points, _SHORTEST_LEG)
         if len(points) < 2:
@@ -50,9 +49,9 @@ class TipTrack:
         if first_heading is not None:
             headings += whole_turns(first_heading - headings[0])
 
-        count = max(2, int(np.ceil(arcs[-1] / window * _SAMPLES_PER_WINDOW)))
-        samples = np.linspace(0.0, arcs[-1], count)
-        return cls(points, arcs, samples, _moving_mean(samples, arcs, headings, window))
+        count = max(2, int(np.ceil(arcs[-1] / window * samples)))
+        middles = np.linspace(0.0, arcs[-1], count)
+        return cls(points, arcs, middles, _moving_mean(middles, arcs, headings, window))
 
     @property
     def length(self) -> float:
@@ -67,9 +66,9 @@ class TipTrack:
         """Positions at arc lengths, clipped to the ends, shape (m,) to (m, 2) [m]."""
         return points_at(self.points, self.arcs, arcs)
 
-    def nearest_arc(self, point: FloatArray, last: float) -> float:
-        """Arc length of the place nearest to a point (2,) among those not beyond ``last`` [m]."""
-        candidates = np.linspace(0.0, min(last, self.length), _SEARCH_SAMPLES)
+    def nearest_arc(self, point: FloatArray, last: float, places: int = 200) -> float:
+        """Arc length of the place nearest to a point (2,), of so many not beyond ``last`` [m]."""
+        candidates = np.linspace(0.0, min(last, self.length), places)
         return nearest_place(self.points, self.arcs, point, candidates)
 
     def heading(self, arc: FloatArray | float) -> FloatArray:

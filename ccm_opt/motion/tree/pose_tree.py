@@ -8,9 +8,6 @@ from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.step import Pose
 from ccm_opt.motion.tree.tree_settings import DEFAULT_TREES
 
-_FIRST_CAPACITY = 64
-"""Nodes for which there is room at first."""
-
 
 @dataclass
 class PoseTree:
@@ -97,7 +94,7 @@ class PoseTree:
     def _double_capacity(self, like: Pose) -> None:
         """Make room for twice as many nodes, so that adding one seldom copies all."""
         count = len(self)
-        capacity = max(_FIRST_CAPACITY, 2 * count)
+        capacity = max(64, 2 * count)
         points = np.zeros((capacity, *like.points.shape))
         headings = np.zeros((capacity, *like.headings.shape))
         if count:

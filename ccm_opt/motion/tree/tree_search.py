@@ -7,6 +7,7 @@ straight connections would not.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 
@@ -24,8 +25,13 @@ from ccm_opt.motion.tree.tree_settings import TreeSettings
 
 TREES = "trees"
 """Name of what is found, among the names of candidates."""
-_FROM_START = 0
-_FROM_GOAL = 1
+
+
+class _Root(IntEnum):
+    """From where a tree grows: its place in pairs of trees."""
+
+    START = 0
+    GOAL = 1
 
 
 @dataclass(frozen=True)
@@ -141,7 +147,7 @@ class TreeSearch:
         length = task.space.arm.length
         heading_weight = task.settings.heading_weight
         trees = (PoseTree(length, heading_weight), PoseTree(length, heading_weight))
-        trees[_FROM_START].add_root(task.start)
+        trees[_Root.START].add_root(task.start)
         return cls(task, rng, trees, (from_start, from_goal))
 
     def run(self) -> None:
@@ -151,7 +157,7 @@ class TreeSearch:
         while not self.found and not self.task.deadline.passed() and self.rejected < settings.saturated:
             if turn % settings.root_interval == 0:
                 self._draw_root()
-            side = turn % 2 if len(self.trees[_FROM_GOAL]) else _FROM_START
+            side = turn % 2 if len(self.trees[_Root.GOAL]) else _Root.START
             self._extend(side)
             turn += 1
 
@@ -159,8 +165,8 @@ class TreeSearch:
         """Add a pose at the goal, if there is another, and try to reach it at once."""
         pose = next(self.task.goal_poses, None)
         if pose is not None:
-            root = self.trees[_FROM_GOAL].add_root(pose)
-            self._connect(_FROM_GOAL, root)
+            root = self.trees[_Root.GOAL].add_root(pose)
+            self._connect(_Root.GOAL, root)
 
     def _extend(self, side: int) -> None:
         """Follow one random guide, keep what is certified and new, and try to end the search from where it led."""
@@ -174,7 +180,7 @@ class TreeSearch:
             self.rejected += 1
             return
         self.rejected = 0
-        if side == _FROM_START:
+        if side == _Root.START:
             self._settle(added[-1])
         if not self.found:
             self._connect(side, added[-1])
@@ -215,7 +221,7 @@ class TreeSearch:
         task = self.task
         if task.goal.coordinates is not None:
             return
-        tree = self.trees[_FROM_START]
+        tree = self.trees[_Root.START]
         pose = tree.poses[node]
         distance, _ = task.goal.errors(pose)
         if distance > task.settings.settling_distance * task.space.unit:
@@ -249,7 +255,7 @@ class TreeSearch:
                 # The poses of both trees, each from its root; the last one is the target itself.
                 from_side = tree.poses_to(node) + poses[1:-1]
                 from_other = other.poses_to(int(target))
-                if side == _FROM_START:
+                if side == _Root.START:
                     self.found = from_side + from_other[::-1]
                 else:
                     self.found = from_other + from_side[::-1]
@@ -263,4 +269,4 @@ class TreeSearch:
 
     def nearest_to_goal(self) -> Pose:
         """The pose reached from the start whose tip is nearest to the goal."""
-        return min(self.trees[_FROM_START].poses, key=lambda pose: self.task.goal.errors(pose)[0])
+        return min(self.trees[_Root.START].poses, key=lambda pose: self.task.goal.errors(pose)[0])

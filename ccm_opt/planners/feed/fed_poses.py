@@ -13,10 +13,8 @@ from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSetting
 from ccm_opt.planners.following.feed_path import FeedMotions
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 
-HELD_STRAIGHT = 1e-9
-"""Bend that a joint in the guide may have by rounding [rad]."""
-OVER_LIMIT = 1e-9
-"""Bend beyond a joint limit that is rounding [rad]."""
+_ROUNDING = 1e-9
+"""Bend in the guide, or beyond a joint limit, that is rounding [rad]."""
 
 
 def fed_pose(
@@ -31,7 +29,7 @@ def fed_pose(
     held = arm.held(pose.feed)
     if isinstance(pose, JointPose):
         bends = np.array(pose.bends, dtype=np.float64)
-        tolerance = HELD_STRAIGHT
+        tolerance = _ROUNDING
     else:
         bends = arm.bends(map_curve(arm, pose.configuration, problem.planner.mapping))
         # A bend moves the tip by no more than itself times the arm's length.
@@ -55,7 +53,7 @@ def refuse_bad_pose(motions: FeedMotions, pose: JointPose, which: str) -> float:
     arm = motions.arm
     q = pose.configuration(arm)
     over = np.abs(pose.bends) - arm.bend_limits
-    if over.max() > OVER_LIMIT:
+    if over.max() > _ROUNDING:
         raise UnreachableGoal(_over_limit(arm, pose, which, int(np.argmax(over))))
     contacts, finder, crosses = motions.contacts(q)
     least = -ROUNDING if allowed_contact(arm, motions.workspace) > 0.0 else TOUCH

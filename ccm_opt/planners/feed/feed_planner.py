@@ -19,9 +19,6 @@ from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
 
-REFUSALS_LISTED = 20
-"""Of the reasons why motions were refused a diagnosis lists so many."""
-
 
 @dataclass(frozen=True)
 class FeedPlanner:
@@ -168,7 +165,7 @@ class _FeedSearch:
         reason = (
             f"no motion found along {len(self.found)} leaders' paths, {len(self.refused)} ways could not be certified"
         )
-        evidence: dict[str, object] = {"refused": refused[:REFUSALS_LISTED]}
+        evidence: dict[str, object] = {"refused": refused[: self.query.settings.refusals_listed]}
         if self.query.deadline.passed():
             slow = Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence)
             return TimeLimitReached(slow)

@@ -61,6 +61,7 @@ class FeedPlannerSettings:
         bends_moved_share: share of its limit that a joint takes over of such bends. Taste.
         separation: further keyframes where a change of shape ends. Derived: with two more of the same pose no span of
             the cubic spline, which four control points shape, mixes the change with a moving feed.
+        refusals_listed: of the reasons why motions were refused a diagnosis lists so many. Taste.
         leaders: of the search for paths that a leader may take.
         following: of paths for a leader and of the motions along them.
         curve: of the planner that changes shapes at a fixed feed.
@@ -76,6 +77,7 @@ class FeedPlannerSettings:
     bends_moved_out: float = 0.25
     bends_moved_share: float = 0.5
     separation: int = 2
+    refusals_listed: int = 20
     leaders: LeaderPathSettings = field(default_factory=LeaderPathSettings)
     following: FollowingSettings = field(default_factory=FollowingSettings)
     curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)
