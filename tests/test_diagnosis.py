@@ -14,9 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.explain import explained, explaining, refuse_impossible
+from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
 from ccm_opt.diagnosis.passages import Way
 from ccm_opt.diagnosis.ranking import ranked
@@ -30,7 +31,6 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.solution import JointPath
-from ccm_opt.stages import Stages
 from tests.benchmarks.bench_diagnosis import named_rightly, relaxation_error
 
 from .diagnosis_families import FAMILIES, GRAVITY, make_case, string_round
@@ -368,8 +368,16 @@ def test_a_path_is_recalled_when_only_loads_change() -> None:
 def test_defects_of_the_input_are_not_explained() -> None:
     """Only a missing plan is explained; an unusable problem passes through, an unusable try counts as failed."""
     problem = screened()
-    with pytest.raises(ProblemError, match="unusable"), explaining(problem, print, Stages()):
-        raise ProblemError("unusable")
+
+    class Refusing:
+        """Finds the problem unusable."""
+
+        def plan(self, problem: Problem) -> JointPath:
+            """Refuse it."""
+            raise ProblemError(f"unusable: {problem.name}")
+
+    with pytest.raises(ProblemError, match="unusable"):
+        ccm_opt.solve(problem, planner=Refusing())
 
     def unusable(changed: Problem) -> object:
         del changed

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ccm_opt
+from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import ProblemError
@@ -100,6 +101,27 @@ def test_a_new_goal_is_reached_from_wherever_the_arm_is(solved: Solution, share:
     assert changed.simulation.tracking_error < 1e-3
     assert np.allclose(changed.path.spline(0.0), solved.trajectory.bend_angles[0], atol=1e-9)
     assert np.allclose(changed.path.spline(1.0), changed.trajectory.bend_angles[-1], atol=1e-9)
+
+
+def test_the_way_from_rest_keeps_the_users_constraints(solved: Solution) -> None:
+    """A constraint that the free way breaks is planned for, checked and reported; a cost is reported."""
+    moment = 0.3 * solved.trajectory.duration
+    goal = TipGoal(np.array([0.18, -0.12]))
+    most = 0.26
+    narrow = ccm_opt.Constraint("tip left", lambda q: q.tip[0], upper=most, where="motion")
+    height = ccm_opt.Cost("height", lambda q: q.tip[1] ** 2)
+    free = ccm_opt.retarget(solved, moment, goal)
+    kept = ccm_opt.retarget(solved, moment, goal, constraints=[narrow], costs=[height])
+    assert np.max(tips_from_rest(free)) > most + 0.01
+    assert np.max(tips_from_rest(kept)) <= most + 1e-6
+    assert [check.passed for check in kept.checks if check.name == "constraint tip left"] == [True]
+    assert kept.metrics["residual_tip_left"] <= 1e-6
+    assert 0.0 < kept.metrics["cost_height"] < 0.04
+
+
+def tips_from_rest(solution: Solution) -> FloatArray:
+    """How far to the right the tip is on the way from the last stop on, shape (T,) [m]."""
+    return solution.joint_positions[solution.trajectory.stops[-1] :, -1, 0]
 
 
 def test_a_goal_may_change_twice(solved: Solution) -> None:

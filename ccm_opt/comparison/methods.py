@@ -37,7 +37,7 @@ class Method:
 
     def planner(self, prepared: Problem) -> Planner:
         """The planner for a problem that was prepared."""
-        from ccm_opt.driver.verified_plan import default_planner  # noqa: PLC0415 - loads casadi
+        from ccm_opt.driver.planner_choice import default_planner  # noqa: PLC0415 - loads casadi
 
         return self.make() if self.make is not None else default_planner(prepared, Stages())
 

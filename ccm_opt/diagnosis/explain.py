@@ -1,44 +1,15 @@
 """The two questions of the driver: is there any use in planning, and why was no plan found."""
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
 from ccm_opt.diagnosis.parameters import Omission
 from ccm_opt.diagnosis.ranking import ranked
-from ccm_opt.diagnosis.relaxation import Solve, Trials, candidates, hardest_bound, relaxations
+from ccm_opt.diagnosis.relaxation import Trials, candidates, hardest_bound, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation, UnreachableGoal
 from ccm_opt.problem import Problem
-
-
-@contextmanager
-def explaining(
-    problem: Problem, solve: Solve, stage: Callable[[str], AbstractContextManager[None]], *, wanted: bool = True
-) -> Iterator[None]:
-    """Run a block that solves a problem; when it finds no plan, tell why and what change would help.
-
-    Args:
-        problem: what the block solves.
-        solve: plans, times and verifies a changed problem, or raises.
-        stage: announces and times the diagnosis.
-        wanted: whether anything beyond the plain error is wanted.
-
-    Raises:
-        NoPlanFound: of the same kind as in the block, with what was found in the time that was left.
-    """
-    until = time.monotonic() + problem.planner.time_limit
-    try:
-        yield
-    except NoPlanFound as error:
-        if not wanted:
-            raise
-        with stage("diagnosis"):
-            enriched = explained(problem, error, Trials(solve, until))
-        raise enriched from error
 
 
 def refuse_impossible(problem: Problem) -> None:

@@ -1,24 +1,26 @@
-"""The driver, in the paper's order: problem, plan, joint trajectory, dynamics, simulation, verification."""
+"""The driver, in the paper's order: problem, plan, joint trajectory, dynamics, verification, simulation."""
 
-import platform
-from collections.abc import Callable, Mapping, Sequence
-from importlib.metadata import version
+import time
+from collections.abc import Callable, Sequence
 
-from ccm_opt.diagnosis.explain import explaining, refuse_impossible
+from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.recall import Recalling
+from ccm_opt.diagnosis.relaxation import Trials
+from ccm_opt.driver.assembly import assembled
 from ccm_opt.driver.closed_loop import simulate_and_check
-from ccm_opt.driver.metrics import metrics
-from ccm_opt.driver.verified_plan import default_planner, verified_plan
+from ccm_opt.driver.planner_choice import default_planner
+from ccm_opt.driver.verified_plan import timed_and_verified, verified_plan
 from ccm_opt.dynamics.runtime.compiled_library import prepare
 from ccm_opt.dynamics.simulation.closed_loop_run import check_options
+from ccm_opt.errors import NoPlanFound
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.planners.legs import plan_legs
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 from ccm_opt.stages import Stages
-from ccm_opt.user_terms.compiled_terms import compile_terms
+from ccm_opt.user_terms.compiled_terms import UserTerms, compile_terms
 from ccm_opt.user_terms.terms import Constraint, Cost
-
-PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
 
 
 def solve(
@@ -31,16 +33,16 @@ def solve(
     costs: Sequence[Cost] = (),
     explain: bool = True,
 ) -> Solution:
-    """Plan, time, simulate and verify a motion.
+    """Plan, time, verify and simulate a motion.
 
     Args:
         problem: what to solve.
         progress: called with the name of each stage when it starts.
         planner: another planner; when None the feed planner for an arm on a feed axis, else the curve planner.
         retimer: another way to time the path; the one that the problem names when None.
-        constraints: the user's own; another planner is not told of them, but its plan is held against them.
-        costs: the user's own; another planner is not told of them.
-        explain: whether the time left after a failure is used to tell why, and what change would help.
+        constraints: of the user; another planner is not given them, but its plan is held against them.
+        costs: of the user; another planner is not given them.
+        explain: whether the time left after a failure is used to find out why, and what change would help.
 
     Returns:
         A verified solution; there is no unverified one.
@@ -51,37 +53,43 @@ def solve(
         VerificationError: the verifier refuses the plan; a defect of the planner.
     """
     stages = Stages(progress)
+    give_up = time.monotonic() + problem.planner.time_limit
+
+    # Checks: what no plan could mend is refused before one is sought.
     prepare(problem.arm)
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation)
-        terms = compile_terms(problem.arm, constraints, costs) if constraints or costs else None
+        terms = compiled_terms(problem.arm, constraints, costs)
     chosen = Recalling(planner or default_planner(problem, stages, terms))
 
-    def again(changed: Problem) -> object:
-        own, quiet = None if terms is None else compile_terms(changed.arm, constraints, costs), Stages()
-        other = Recalling(planner or default_planner(changed, quiet, own), chosen.paths)
-        return verified_plan(changed, other, quiet, retimer, own)
-
-    with explaining(problem, again, stages, wanted=explain):
+    try:
         with stages("necessary checks"):
             refuse_impossible(problem)
-        plan = verified_plan(problem, chosen, stages, retimer, terms)
+        # Legs, one to each goal: routes through free space, goal configuration, motion, smooth path.
+        legs = plan_legs(problem, chosen)
+        # Timing and verification: each leg by itself, then all of them as one motion.
+        plan = timed_and_verified(problem, legs, stages, retimer, terms)
+    except NoPlanFound as failure:
+        if not explain:
+            raise
+
+        def solve_changed(changed: Problem) -> object:
+            """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
+            quiet = Stages()
+            its_terms = compiled_terms(changed.arm, constraints, costs)
+            its_planner = Recalling(planner or default_planner(changed, quiet, its_terms), chosen.paths)
+            return verified_plan(changed, its_planner, quiet, retimer, its_terms)
+
+        # Explanation: of the same kind as the failure, with the causes and the changes that would help.
+        with stages("diagnosis"):
+            explanation = explained(problem, failure, Trials(solve_changed, give_up))
+        raise explanation from failure
+
     with stages("simulation"):
         simulated, of_simulation = simulate_and_check(problem, plan.trajectory, plan.joints)
-    figures = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
-    return Solution(
-        problem,
-        plan.path,
-        plan.trajectory,
-        plan.joints,
-        simulated,
-        (*plan.checks, *plan.user_checks),
-        {**figures, **of_simulation, **plan.figures},
-        dict(stages.timings),
-        versions=versions(),
-    )
+    return assembled(problem, plan, simulated, of_simulation, stages.timings)
 
 
-def versions() -> Mapping[str, str]:
-    """Versions of Python and of the packages a result depends on."""
-    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
+def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms | None:
+    """The user's constraints and costs for an arm; None when there are none."""
+    return compile_terms(arm, constraints, costs) if constraints or costs else None

@@ -1,16 +1,16 @@
 """A new goal while the arm is moving: it comes to rest soonest along its path, and goes on to the goal from there."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt import retiming
+from ccm_opt.driver.assembly import assembled
 from ccm_opt.driver.closed_loop import simulate_and_check
-from ccm_opt.driver.metrics import metrics
-from ccm_opt.driver.pipeline import solve, versions
-from ccm_opt.driver.verified_plan import verified
+from ccm_opt.driver.pipeline import compiled_terms, solve
+from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import ProblemError
@@ -19,9 +19,7 @@ from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Goal, JointPose, Problem, Stop, Tolerances
 from ccm_opt.solution import JointPath, JointTrajectory, Solution
 from ccm_opt.stages import Stages
-
-REST = Tolerances()
-"""How near the stop on the way is held by the verifier."""
+from ccm_opt.user_terms.terms import Constraint, Cost
 
 
 def retarget(
@@ -31,6 +29,8 @@ def retarget(
     *,
     tolerances: Tolerances | None = None,
     planner: Planner | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
     progress: Callable[[str], None] | None = None,
 ) -> Solution:
     """Change the goal of a motion that is under way.
@@ -41,6 +41,9 @@ def retarget(
         goal: the new goal.
         tolerances: how near it counts; as for the old one when None.
         planner: another planner for the way from rest; the problem's own when None.
+        constraints: of the user, for the way from rest, as ``solve`` takes them. A solution does not keep those that
+            it was solved with, so they are given again here.
+        costs: of the user, likewise.
         progress: called with the name of each stage when it starts.
 
     Returns:
@@ -52,20 +55,36 @@ def retarget(
         NoPlanFound: with a diagnosis: the new goal cannot be reached from where the arm comes to rest.
         VerificationError: the verifier refuses the motion.
     """
-    problem, stages = solution.problem, Stages(progress)
+    problem = solution.problem
+    arm = problem.arm
+    stages = Stages(progress)
     _check(solution, time)
-    dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
+
+    # Down to rest, along the path that the arm is on.
+    dynamics = InverseDynamics(arm, problem.simulation.gravity)
     with stages("braking"):
-        first = braked(solution.trajectory, time, problem.arm, problem.limits, dynamics)
-    rest = _pose(first)
+        first = braked(solution.trajectory, time, arm, problem.limits, dynamics)
+    rest = JointPose.from_configuration(first.positions[-1].copy(), first.coordinates)
+
+    # From rest to the new goal, a problem like any other.
     onward = replace(problem, start=rest, goal=goal, stops=(), tolerances=tolerances or problem.tolerances, source="")
-    leg = solve(onward, progress=progress, planner=planner)
+    leg = solve(onward, progress=progress, planner=planner, constraints=constraints, costs=costs)
+
+    # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
     passed = problem.stops[: len(first.stops)]
-    whole = replace(onward, start=problem.start, stops=(*passed, Stop(rest, REST)))
+    whole = replace(onward, start=problem.start, stops=(*passed, Stop(rest, Tolerances())))
     trajectory = retiming.joined([first, leg.trajectory])
-    path = _path(first, leg.path, onward, time)
-    timings = {**leg.timings, **stages.timings}
-    return _verified(whole, path, trajectory, dynamics, timings, progress)
+    joints = joint_states(arm, trajectory, dynamics)
+    with stages("verification"):
+        checks = verified(whole, trajectory, joints)
+        of_terms = results_of_terms(compiled_terms(arm, constraints, costs), arm, leg.path, leg.trajectory)
+    with stages("simulation"):
+        simulated, of_simulation = simulate_and_check(whole, trajectory, joints)
+    plan = VerifiedPlan(_path(first, leg.path, onward, time), trajectory, joints, checks, of_terms)
+    spent = dict(leg.timings)
+    for name, seconds in stages.timings.items():
+        spent[name] = spent.get(name, 0.0) + seconds
+    return assembled(whole, plan, simulated, of_simulation, spent)
 
 
 def _check(solution: Solution, time: float) -> None:
@@ -75,36 +94,12 @@ def _check(solution: Solution, time: float) -> None:
         raise ProblemError("a motion with limits.jerk cannot be retargeted yet; leave jerk limits out")
 
 
-def _pose(trajectory: JointTrajectory) -> JointPose:
-    return JointPose.from_configuration(trajectory.positions[-1].copy(), trajectory.coordinates)
-
-
 def _path(first: JointTrajectory, onward: JointPath, problem: Problem, time: float) -> JointPath:
     """The path of the whole motion; keyframes and curves are those of the way from rest."""
     values = first.positions
     if len(values) <= onward.spline.k:
         return onward
-    way = np.linspace(0.0, 1.0, len(values))
-    driven = make_interp_spline(way, values, k=onward.spline.k)
+    driven = make_interp_spline(np.linspace(0.0, 1.0, len(values)), values, k=onward.spline.k)
     legs = (Leg(problem, replace(onward, spline=driven)), Leg(problem, onward))
     name = f"retargeted at {time:.4g} s: {onward.candidate}"
     return replace(onward, spline=whole_path(legs).spline, candidate=name, spare=0.0)
-
-
-def _verified(
-    problem: Problem,
-    path: JointPath,
-    trajectory: JointTrajectory,
-    dynamics: InverseDynamics,
-    timings: dict[str, float],
-    progress: Callable[[str], None] | None,
-) -> Solution:
-    stages = Stages(progress)
-    joints = joint_states(problem.arm, trajectory, dynamics)
-    with stages("verification"):
-        checks = verified(problem, trajectory, joints)
-    with stages("simulation"):
-        simulated, of_simulation = simulate_and_check(problem, trajectory, joints)
-    figures = {**metrics(problem, path, trajectory, joints, simulated, checks), **of_simulation}
-    spent = {name: timings.get(name, 0.0) + stages.timings.get(name, 0.0) for name in {**timings, **stages.timings}}
-    return Solution(problem, path, trajectory, joints, simulated, checks, figures, spent, versions=versions())

@@ -1,18 +1,16 @@
 """A problem to a timed motion that the verifier accepts: plan every leg, time it, verify it, put the legs together."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from ccm_opt import retiming, verification
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, VerificationError
+from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.planners.baseline import HillClimbingPlanner
-from ccm_opt.planners.curve import CurvePlanner
-from ccm_opt.planners.feed import FeedPlanner
 from ccm_opt.planners.following.gating import feed_limits
 from ccm_opt.planners.legs import Leg, plan_legs, whole_path
 from ccm_opt.planners.protocols import Planner, Retimer
@@ -24,35 +22,35 @@ from ccm_opt.user_terms.term_checks import checks_of_terms, metrics_of_terms
 
 
 @dataclass(frozen=True)
+class TermResults:
+    """What a motion makes of the user's constraints and costs.
+
+    Attributes:
+        checks: one for each constraint.
+        figures: residuals of the constraints and values of the costs, by name.
+    """
+
+    checks: tuple[Check, ...] = ()
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class VerifiedPlan:
     """A motion that passes every check.
 
     Attributes:
         path: the way, of all legs end to end.
         trajectory: the same in time.
-        joints: the same for the revolutes.
+        joints: the same for all drives.
         checks: of the verifier.
-        user_checks: of the user's constraints.
-        figures: residuals and values of the user's constraints and costs, by name.
+        of_terms: what the motion makes of the user's constraints and costs.
     """
 
     path: JointPath
     trajectory: JointTrajectory
     joints: JointStates
     checks: tuple[Check, ...]
-    user_checks: tuple[Check, ...]
-    figures: dict[str, float]
-
-
-def default_planner(problem: Problem, stages: Stages, terms: UserTerms | None = None) -> Planner:
-    """The planner for a problem and the user's own terms."""
-    if problem.planner.method == "hill-climbing":
-        if terms is not None:
-            raise ProblemError("hill climbing knows no constraints and costs of one's own; use planner.method nlp")
-        return HillClimbingPlanner(stages)
-    if problem.arm.feed is None:
-        return CurvePlanner(stages, terms)
-    return FeedPlanner(stages)
+    of_terms: TermResults
 
 
 def verified_plan(
@@ -71,7 +69,17 @@ def verified_plan(
         NoPlanFound: there is no plan within the limits.
         VerificationError: the verifier refuses the plan.
     """
-    legs = plan_legs(problem, planner)
+    return timed_and_verified(problem, plan_legs(problem, planner), stages, retimer, terms)
+
+
+def timed_and_verified(
+    problem: Problem,
+    legs: tuple[Leg, ...],
+    stages: Stages,
+    retimer: Retimer | None = None,
+    terms: UserTerms | None = None,
+) -> VerifiedPlan:
+    """The paths of all legs as one motion in time that passes every check; arguments as for ``verified_plan``."""
     with stages("dynamics model"):
         inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
     timed = [timed_leg(leg, inverse_dynamics, stages, retimer, terms) for leg in legs]
@@ -93,14 +101,19 @@ def _put_together(
         joints = joint_states(problem.arm, trajectory, inverse_dynamics)
     with stages("verification"):
         checks = verified(problem, trajectory, joints)
-    own = {name: [leg.figures[name] for leg in timed] for name in timed[0].figures}
-    figures = {name: float(np.max(np.abs(values))) for name, values in own.items()}
-    held = tuple(
+    of_terms = _worst_of_legs([leg.of_terms for leg in timed])
+    return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
+
+
+def _worst_of_legs(legs: Sequence[TermResults]) -> TermResults:
+    """The checks of all legs, each with the number of its goal, and of every figure the one farthest from zero."""
+    checks = [
         replace(check, name=f"{check.name}, goal {number}")
-        for number, leg in enumerate(timed, start=1)
-        for check in leg.user_checks
-    )
-    return VerifiedPlan(whole_path(legs), trajectory, joints, checks, held, figures)
+        for number, leg in enumerate(legs, start=1)
+        for check in leg.checks
+    ]
+    figures = {name: float(np.max(np.abs([leg.figures[name] for leg in legs]))) for name in legs[0].figures}
+    return TermResults(tuple(checks), figures)
 
 
 def timed_leg(
@@ -116,8 +129,9 @@ def timed_leg(
         NoPlanFound: the path cannot be timed within the limits.
         VerificationError: no timing passes; it names what the last of them fails.
     """
-    arm, path = leg.problem.arm, leg.path
-    timings, failures = timings_of(leg, inverse_dynamics, retimer), list[str]()
+    arm = leg.problem.arm
+    timings = timings_of(leg, inverse_dynamics, retimer)
+    failures: list[str] = []
     while True:
         with stages("retiming"):
             trajectory = next(timings, None)
@@ -126,18 +140,27 @@ def timed_leg(
             joints = joint_states(arm, trajectory, inverse_dynamics)
         with stages("verification"):
             checks = verification.verify(leg.problem, trajectory, joints)
-            own = () if terms is None else checks_of_terms(terms, arm, path, trajectory)
-        failures = failures_of((*checks, *own))
-        if failures and arm.feed is not None and not failures_of(checks):
-            raise MotionNotFound(_not_kept(failures_of(own)))
+            of_terms = results_of_terms(terms, arm, leg.path, trajectory)
+
+        broken_terms = failures_of(of_terms.checks)
+        failures = [*failures_of(checks), *broken_terms]
         if not failures:
-            figures = {} if terms is None else dict(metrics_of_terms(terms, arm, path, trajectory))
-            return VerifiedPlan(path, trajectory, joints, checks, own, figures)
+            return VerifiedPlan(leg.path, trajectory, joints, checks, of_terms)
+        # No planner of an arm whose base moves knows the user's constraints: that they fail is no defect of it.
+        if arm.base_axes and failures == broken_terms:
+            raise MotionNotFound(_not_kept(failures))
+
+
+def results_of_terms(terms: UserTerms | None, arm: Arm, path: JointPath, trajectory: JointTrajectory) -> TermResults:
+    """What a motion makes of the user's constraints and costs; nothing when there are none."""
+    if terms is None:
+        return TermResults()
+    return TermResults(checks_of_terms(terms, arm, path, trajectory), metrics_of_terms(terms, arm, path, trajectory))
 
 
 def _not_kept(failures: list[str]) -> Diagnosis:
     """Why a motion of a fed arm is none: its planner knows nothing of the constraints that are held against it."""
-    reason = f"the motion along the feed axis does not keep every constraint; by its miss: {failures[0]}"
+    reason = f"the motion along the feed axis does not keep every constraint; the first that fails: {failures[0]}"
     advice = ("widen the constraint", "move the goal", "leave arm.feed out: a fixed arm's motion is planned to keep it")
     return Diagnosis(reason, "constraints", advice, {"failures": failures})
 
@@ -160,20 +183,18 @@ def failures_of(checks: Sequence[Check]) -> list[str]:
 
 
 def timings_of(leg: Leg, inverse_dynamics: InverseDynamics, retimer: Retimer | None) -> Iterator[JointTrajectory]:
-    """Timings of a leg, best first: those of the problem's method, or the only one of a user's own."""
-    problem, path = leg.problem, leg.path
+    """Timings of a leg, best first: those of the problem's method, or the only one of the user's retimer."""
+    problem = leg.problem
+    arm = problem.arm
     if retimer is not None:
-        yield retimer.retime(problem, path)
+        yield retimer.retime(problem, leg.path)
         return
-    revolutes, method = partial(revolute_angles, problem.arm), problem.planner.retiming
-    length = problem.arm.link_length
-    limits = feed_limits(problem.arm, problem.limits)
     yield from retiming.timings(
-        path,
-        limits,
+        leg.path,
+        feed_limits(arm, problem.limits),
         inverse_dynamics,
-        revolutes=revolutes,
-        method=method,
-        link_length=length,
-        coordinates=problem.arm.coordinates,
+        revolutes=partial(revolute_angles, arm),
+        method=problem.planner.retiming,
+        link_length=arm.link_length,
+        coordinates=arm.coordinates,
     )

@@ -1,0 +1,48 @@
+"""A verified plan and its simulation, put together as a solution."""
+
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+
+from ccm_opt.driver.metrics import metrics
+from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.problem import Problem
+from ccm_opt.solution import SimulatedMotion, Solution
+
+PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
+"""Packages that a result depends on."""
+
+
+def assembled(
+    problem: Problem,
+    plan: VerifiedPlan,
+    simulated: SimulatedMotion,
+    of_simulation: Mapping[str, float],
+    timings: Mapping[str, float],
+) -> Solution:
+    """The solution of a problem.
+
+    Args:
+        problem: what was asked.
+        plan: the motion, which passes every check.
+        simulated: what the simulated arm did.
+        of_simulation: figures of merit of that.
+        timings: CPU time of every stage [s].
+    """
+    figures = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
+    return Solution(
+        problem=problem,
+        path=plan.path,
+        trajectory=plan.trajectory,
+        joints=plan.joints,
+        simulation=simulated,
+        checks=(*plan.checks, *plan.of_terms.checks),
+        metrics={**figures, **of_simulation, **plan.of_terms.figures},
+        timings=dict(timings),
+        versions=versions(),
+    )
+
+
+def versions() -> Mapping[str, str]:
+    """Versions of Python and of the packages a result depends on."""
+    return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}

@@ -1,0 +1,23 @@
+"""Which planner a problem is given to when the user brings none."""
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.planners.baseline import HillClimbingPlanner
+from ccm_opt.planners.curve import CurvePlanner
+from ccm_opt.planners.feed import FeedPlanner
+from ccm_opt.planners.protocols import Planner
+from ccm_opt.problem import Problem
+from ccm_opt.stages import Stages
+from ccm_opt.user_terms.compiled_terms import UserTerms
+
+
+def default_planner(problem: Problem, stages: Stages, terms: UserTerms | None = None) -> Planner:
+    """The planner for a problem and the user's constraints and costs.
+
+    Raises:
+        ProblemError: hill climbing is asked to keep constraints.
+    """
+    if problem.planner.method == "hill-climbing":
+        if terms is not None:
+            raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
+        return HillClimbingPlanner(stages)
+    return FeedPlanner(stages) if problem.arm.base_axes else CurvePlanner(stages, terms)
