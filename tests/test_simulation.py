@@ -16,8 +16,9 @@ from ccm_opt.dynamics.runtime.compiled_library import CACHE_VARIABLE
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
-from ccm_opt.dynamics.simulation.controller import check_stability, fastest_mode, gains
+from ccm_opt.dynamics.simulation.controller import gains
 from ccm_opt.dynamics.simulation.reference import hermite, step_reference
+from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
 from ccm_opt.errors import SimulationError
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.jointed.arm import Arm, Feed

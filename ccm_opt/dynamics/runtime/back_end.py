@@ -13,7 +13,7 @@ from ccm_opt.dynamics.algorithms.arm_model import ArmModel, Structure
 from ccm_opt.dynamics.runtime.compiled_function import CompiledFunction
 from ccm_opt.dynamics.runtime.compiled_library import load_library
 from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
-from ccm_opt.dynamics.runtime.control_law import ClosedLoop, LoopSettings
+from ccm_opt.dynamics.runtime.control_law import ClosedLoop, LoopParameters
 from ccm_opt.dynamics.runtime.interpreted_function import InterpretedFunction
 from ccm_opt.dynamics.runtime.interpreted_loop import InterpretedLoop
 
@@ -46,7 +46,7 @@ class BackEnd(Protocol):
         """Inverse or forward dynamics of an arm."""
         ...
 
-    def loop(self, plant: ArmModel, model: ArmModel, settings: LoopSettings) -> ClosedLoop:
+    def loop(self, plant: ArmModel, model: ArmModel, parameters: LoopParameters) -> ClosedLoop:
         """The closed loop of a plant and of the model that its controller believes in."""
         ...
 
@@ -65,9 +65,9 @@ class CompiledBackEnd:
         """Inverse or forward dynamics of an arm."""
         return CompiledFunction(self._library, kind, model)
 
-    def loop(self, plant: ArmModel, model: ArmModel, settings: LoopSettings) -> ClosedLoop:
+    def loop(self, plant: ArmModel, model: ArmModel, parameters: LoopParameters) -> ClosedLoop:
         """The closed loop, all of its steps in C."""
-        return CompiledLoop(self._library, plant, model, settings)
+        return CompiledLoop(self._library, plant, model, parameters)
 
 
 class InterpretedBackEnd:
@@ -77,9 +77,9 @@ class InterpretedBackEnd:
         """Inverse or forward dynamics of an arm."""
         return InterpretedFunction(kind, model)
 
-    def loop(self, plant: ArmModel, model: ArmModel, settings: LoopSettings) -> ClosedLoop:
+    def loop(self, plant: ArmModel, model: ArmModel, parameters: LoopParameters) -> ClosedLoop:
         """The closed loop, step by step in numpy."""
-        return InterpretedLoop(plant, model, settings)
+        return InterpretedLoop(plant, model, parameters)
 
 
 def choose_back_end(structure: Structure) -> BackEnd:

@@ -7,7 +7,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.runtime.compiled_function import CompiledArm, pointer_to
-from ccm_opt.dynamics.runtime.control_law import LoopSettings
+from ccm_opt.dynamics.runtime.control_law import LoopParameters
 
 
 class _LoopStruct(ctypes.Structure):
@@ -42,15 +42,15 @@ class CompiledLoop:
         library: compiled recursions.
         plant: what moves.
         model: what the controller believes.
-        settings: gains, limits and step.
+        parameters: gains, limits and step.
     """
 
-    def __init__(self, library: ctypes.CDLL, plant: ArmModel, model: ArmModel, settings: LoopSettings) -> None:
+    def __init__(self, library: ctypes.CDLL, plant: ArmModel, model: ArmModel, parameters: LoopParameters) -> None:
         self._plant = CompiledArm(library, plant)
         self._model = CompiledArm(library, model)
         self._simulate = library.simulate
-        self._settings = settings
-        self._limit = np.ascontiguousarray(settings.limit, dtype=np.float64)
+        self._parameters = parameters
+        self._limit = np.ascontiguousarray(parameters.limit, dtype=np.float64)
         rows = ctypes.c_long.in_dll(library, "loop_rows").value
         self._work = np.zeros((rows, plant.structure.joints + 1))
 
@@ -65,9 +65,9 @@ class CompiledLoop:
         states = np.empty((count, 2, width))
         efforts = np.empty((count, width))
 
-        s = self._settings
-        gains = (s.proportional, s.derivative, s.feed_proportional, s.feed_derivative)
-        numbers = (count, min(held, count), int(s.computed), s.step, *gains, s.feed_limit)
+        p = self._parameters
+        gains = (p.proportional, p.derivative, p.feed_proportional, p.feed_derivative)
+        numbers = (count, min(held, count), int(p.computed), p.step, *gains, p.feed_limit)
         arrays = (self._limit, reference, noise, x, states, efforts, self._work)
         addresses = (array.ctypes.data for array in arrays)
         self._simulate(pointer_to(_LoopStruct(self._plant.address, self._model.address, *numbers, *addresses)))

@@ -27,7 +27,7 @@ from ccm_opt.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class LoopSettings:
+class LoopParameters:
     """Numbers of a closed loop.
 
     Attributes:

@@ -4,7 +4,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
-from ccm_opt.dynamics.runtime.control_law import LoopSettings
+from ccm_opt.dynamics.runtime.control_law import LoopParameters
 from ccm_opt.dynamics.runtime.interpreted_function import InterpretedFunction
 
 
@@ -14,19 +14,19 @@ class InterpretedLoop:
     Args:
         plant: what moves.
         model: what the controller believes.
-        settings: gains, limits and step.
+        parameters: gains, limits and step.
     """
 
-    def __init__(self, plant: ArmModel, model: ArmModel, settings: LoopSettings) -> None:
+    def __init__(self, plant: ArmModel, model: ArmModel, parameters: LoopParameters) -> None:
         self._forward = InterpretedFunction("forward_dynamics", plant)
         self._inverse = InterpretedFunction("inverse_dynamics", model)
-        self._step = settings.step
-        self._computed = settings.computed
-        self._limit = np.append(settings.limit, settings.feed_limit)
+        self._step = parameters.step
+        self._computed = parameters.computed
+        self._limit = np.append(parameters.limit, parameters.feed_limit)
         self._mass = float(np.sum(model.bodies[:, 0]) + model.world[3])
         joints = plant.structure.joints
-        self._proportional = np.append(np.full(joints, settings.proportional), settings.feed_proportional)
-        self._derivative = np.append(np.full(joints, settings.derivative), settings.feed_derivative)
+        self._proportional = np.append(np.full(joints, parameters.proportional), parameters.feed_proportional)
+        self._derivative = np.append(np.full(joints, parameters.derivative), parameters.feed_derivative)
 
     def run(
         self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int

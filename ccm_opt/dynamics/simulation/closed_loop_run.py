@@ -14,9 +14,10 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.back_end import choose_back_end
 from ccm_opt.dynamics.runtime.control_law import ClosedLoop
-from ccm_opt.dynamics.simulation.controller import check_stability, loop_settings
+from ccm_opt.dynamics.simulation.controller import loop_parameters
 from ccm_opt.dynamics.simulation.disturbances import Noise, disturbed_arm
 from ccm_opt.dynamics.simulation.reference import StepReference, hermite, step_reference
+from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.errors import Diagnosis, ProblemError, SimulationError
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
@@ -118,8 +119,8 @@ def closed_loop(plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits
     """The loop of a plant and of the arm that its controller believes in, compiled when the machine can."""
     plant_model = arm_model(plant, options.gravity)
     believed_model = arm_model(arm, options.gravity)
-    settings = loop_settings(arm, options, limits)
-    return choose_back_end(plant_model.structure).loop(plant_model, believed_model, settings)
+    parameters = loop_parameters(arm, options, limits)
+    return choose_back_end(plant_model.structure).loop(plant_model, believed_model, parameters)
 
 
 def check_options(arm: Arm, options: SimulationOptions) -> None:

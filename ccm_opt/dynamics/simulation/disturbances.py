@@ -32,7 +32,8 @@ class Noise:
 
     def __init__(self, disturbances: Disturbances, *, planar: bool) -> None:
         self._scale = np.array([[disturbances.angle_noise], [disturbances.velocity_noise]])
-        self._random, self._planar = np.random.default_rng(disturbances.seed), planar
+        self._random = np.random.default_rng(disturbances.seed)
+        self._planar = planar
 
     def draw(self, count: int, joints: int) -> FloatArray:
         """Noise on angles [rad] and speeds [rad/s] of some steps, shape (count, 2, joints)."""
@@ -40,5 +41,6 @@ class Noise:
             return np.zeros((count, 2, joints))
         noise = self._scale * self._random.standard_normal((count, 2, joints))
         if self._planar:
-            noise[..., 0::3] = noise[..., 2::3] = 0.0
+            noise[..., 0::3] = 0.0
+            noise[..., 2::3] = 0.0
         return noise

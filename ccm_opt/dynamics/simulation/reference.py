@@ -35,8 +35,9 @@ class StepReference:
             the end of each step, shape (count, joints). Steps past the end hold the last pose.
         """
         times = np.minimum(np.arange(first, first + count + 1), self.steps) * self.step
-        angles, velocities = self.angles(times), self.velocities(times)
-        accelerations = np.diff(velocities, axis=0) / self.step
+        angles = self.angles(times)
+        velocities = self.velocities(times)
+        accelerations = np.diff(velocities, axis=0) / self.step  # means over the steps: see the class
         return np.stack((angles[:-1], velocities[:-1], accelerations), axis=1), angles[1:]
 
 
@@ -49,7 +50,7 @@ def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray,
         velocities: shape (T, joints) [rad/s].
         step: [s].
     """
-    steps = max(1, int(np.ceil(time[-1] / step - 1e-9)))
+    steps = max(1, int(np.ceil(time[-1] / step - 1e-9)))  # a last sample that rounding puts past a step needs no more
     spline = CubicHermiteSpline(time, angles, velocities)
     return StepReference(spline, spline.derivative(), step, steps)
 
@@ -66,8 +67,11 @@ def hermite(fraction: FloatArray, step: float, start: FloatArray, end: FloatArra
     Returns:
         Angles, shape (N, joints) [rad].
     """
-    q0, v0 = start[:, 0], start[:, 1]
-    q1, v1 = end[:, 0], end[:, 1]
+    q0 = start[:, 0]
+    v0 = start[:, 1]
+    q1 = end[:, 0]
+    v1 = end[:, 1]
     u = fraction[:, None]
-    rise, drop = u * u * (3.0 - 2.0 * u), 1.0 - u
+    rise = u * u * (3.0 - 2.0 * u)
+    drop = 1.0 - u
     return q0 + rise * (q1 - q0) + step * u * drop * (drop * v0 - u * v1)
