@@ -304,7 +304,7 @@ def test_missing_files_are_named(written: Path, small_problem: Problem) -> None:
 
 def test_own_files_cover_what_is_written(written: Path) -> None:
     """Every file that a run writes is known as ours, so that the next run replaces it."""
-    assert {path.name for path in written.iterdir()} <= folder_module.OWN_FILES
+    assert {path.name for path in written.iterdir()} <= folder_module.WRITTEN_FILES
 
 
 def test_an_empty_folder_may_be_filled(tmp_path: Path) -> None:

@@ -111,7 +111,7 @@ def _display(count: int) -> Iterator[Callable[[Run], None]]:
 
 
 def _pictures(comparison: Comparison) -> Mapping[str, bytes]:
-    from ccm_opt.files.plotting.comparison import (  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.comparison_pictures import (  # noqa: PLC0415 - loads matplotlib
         MethodRuns,
         PairedPanel,
         paired_png,

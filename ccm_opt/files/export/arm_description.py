@@ -11,7 +11,9 @@ from ccm_opt.jointed.frames import joint_names
 FEED = "feed"
 """Name of the prismatic joint of the feed axis, the first of all joints where there is one."""
 Axis = tuple[float, float, float]
-_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+_X = (1.0, 0.0, 0.0)
+_Y = (0.0, 1.0, 0.0)
+_Z = (0.0, 0.0, 1.0)
 REVOLUTE_AXES: dict[Axes, tuple[Axis, Axis, Axis]] = {"zyx": (_Z, _Y, _X), "zyz": (_Z, _Y, _Z)}
 
 
@@ -42,13 +44,23 @@ class Revolute:
 
 def revolutes(arm: Arm) -> Iterator[Revolute]:
     """All revolutes from the base outward."""
-    axes, bends = REVOLUTE_AXES[arm.axes], arm.bend_limits
-    rotors, friction = (np.broadcast_to(value, (3 * arm.links,)) for value in (arm.rotor_inertia, arm.friction))
+    axes = REVOLUTE_AXES[arm.axes]
+    bends = arm.bend_limits
+    rotors = np.broadcast_to(arm.rotor_inertia, (3 * arm.links,))
+    friction = np.broadcast_to(arm.friction, (3 * arm.links,))
     for index, name in enumerate(joint_names(arm)):
         ball, place = divmod(index, 3)
-        limit = float(bends[ball]) if place == 1 else float(np.pi)
-        drive = float(rotors[index]), float(friction[index])
-        yield Revolute(name, ball + 1, axes[place], limit, place == 0, place == 2, *drive)
+        is_bend = place == 1  # the plane of the bends is world x-z, and the second revolute turns about y
+        yield Revolute(
+            name=name,
+            ball=ball + 1,
+            axis=axes[place],
+            limit=float(bends[ball]) if is_bend else float(np.pi),
+            starts_ball=place == 0,
+            carries_link=place == 2,
+            rotor_inertia=float(rotors[index]),
+            friction=float(friction[index]),
+        )
 
 
 def visual_radius(arm: Arm) -> float:

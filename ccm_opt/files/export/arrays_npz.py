@@ -1,4 +1,4 @@
-"""``solution.npz``: every array of a plan, uncompressed, without pickles."""
+"""The file ``solution.npz``: every array of a plan, uncompressed, without pickles."""
 
 from io import BytesIO
 

@@ -1,4 +1,4 @@
-"""Writes the output folder whole or not at all: beside its place first, then renamed into it."""
+"""The files of the output folder, written whole or not at all: beside its place first, then renamed into it."""
 
 import os
 import shutil
@@ -16,10 +16,11 @@ from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 
 RECORD = "solution.json"
+"""Always there; why there is no plan stands here too."""
 ARRAYS = "solution.npz"
 TEXTS = (RECORD, "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml")
 PICTURES = ("plan.png", "motion.gif", "report.html", "simulation.png")
-OWN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES))
+WRITTEN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES))
 """Files that a run writes; anything else in an old folder is the user's and is kept."""
 
 
@@ -61,7 +62,8 @@ def write_failure(
     Raises:
         ProblemError: when the folder cannot be written, or another folder is in its place.
     """
-    return write_folder(out / problem.name, {RECORD: failure_json(problem, status, diagnosis, timings or {}).encode()})
+    record = failure_json(problem, status, diagnosis, timings or {})
+    return write_folder(out / problem.name, {RECORD: record.encode()})
 
 
 def solution_texts(solution: Solution) -> dict[str, str]:
@@ -93,7 +95,7 @@ def check_target(target: Path) -> None:
 
 
 def write_folder(target: Path, files: Mapping[str, bytes]) -> Path:
-    """Put a folder with these files in its place; an old one of ours gives way, the user's own files in it stay.
+    """Put a folder with these files in its place; a folder of an earlier run gives way, the user's files in it stay.
 
     Args:
         target: the folder.
@@ -125,17 +127,18 @@ def _assemble(workshop: Path, files: Mapping[str, bytes]) -> None:
 
 def _swap(workshop: Path, target: Path) -> None:
     """Rename the new folder into its place; put the old one back when that fails."""
-    new, old = workshop / "new", workshop / "old"
+    new = workshop / "new"
+    old = workshop / "old"
     if not target.is_dir():
         new.rename(target)
         return
     for entry in target.iterdir():
-        if entry.name not in OWN_FILES:
+        if entry.name not in WRITTEN_FILES:
             _copy(entry, new / entry.name)
     try:
         target.rename(old)
         new.rename(target)
-    except BaseException:
+    except BaseException:  # Ctrl-C between the two renames must not lose the old folder
         if old.exists() and not target.exists():
             old.rename(target)
         raise

@@ -1,4 +1,4 @@
-"""The arm as MJCF: three hinges a body, world frame (FORMATS: arm.mjcf.xml)."""
+"""The file ``arm.mjcf.xml``: the arm for MuJoCo, three hinges a body, in the world frame."""
 
 from itertools import groupby
 from xml.etree import ElementTree as ET

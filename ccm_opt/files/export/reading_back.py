@@ -1,4 +1,4 @@
-"""Reads an output folder again, trusting nothing in it."""
+"""Reads an output folder again for check, simulate and export, trusting nothing in it."""
 
 import json
 import zipfile

@@ -1,4 +1,7 @@
-"""``solution.json``: what was asked, what came out, how every limit was met; strict JSON, without NaN or infinity."""
+"""The file ``solution.json``: what was asked, what came out, how every limit was met, or why there is no plan.
+
+Strict JSON, without NaN or infinity.
+"""
 
 import json
 import math

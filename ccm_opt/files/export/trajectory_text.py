@@ -1,4 +1,4 @@
-"""The timed motion as text: ``trajectory.csv`` for spreadsheets, ``trajectory.yaml`` in the shape of a ROS message."""
+"""The files ``trajectory.csv``, for spreadsheets, and ``trajectory.yaml``, in the shape of a ROS message."""
 
 import json
 from collections.abc import Iterator
@@ -54,14 +54,16 @@ def _rows(table: FloatArray) -> list[str]:
 
 
 def _csv(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
-    yield ",".join(["time", *(_column(name, place) for place in range(len(_QUANTITIES)) for name in names)])
+    headings = [_column(name, place) for place in range(len(_QUANTITIES)) for name in names]
+    yield ",".join(["time", *headings])
     for time, *rows in zip(times, *columns, strict=True):
         yield ",".join([f"{time:.12g}", *rows])
     yield ""
 
 
 def _column(name: str, place: int) -> str:
-    return f"{name}_{(_FEED_QUANTITIES if name == FEED else _QUANTITIES)[place]}"
+    quantities = _FEED_QUANTITIES if name == FEED else _QUANTITIES
+    return f"{name}_{quantities[place]}"
 
 
 def _yaml(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""The arm as URDF: three revolutes a ball, two massless links between, world frame (FORMATS: arm.urdf)."""
+"""The file ``arm.urdf``: the arm as URDF, three revolutes a ball, two massless links between, in the world frame."""
 
 from collections.abc import Iterable
 from xml.etree import ElementTree as ET
@@ -10,8 +10,10 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import base_position
 from ccm_opt.problem import Limits
 
-UNLIMITED_EFFORT = 1e6  # [N m] or [N]: URDF has no way to say "no limit"
-UNLIMITED_VELOCITY = 1e3  # [m/s]
+UNLIMITED_EFFORT = 1e6
+"""Written where there is no limit, since URDF has no way to say so [N m] or [N]."""
+UNLIMITED_VELOCITY = 1e3
+"""Likewise [m/s]."""
 
 
 def urdf_text(arm: Arm, name: str, limits: Limits) -> str:
@@ -74,8 +76,9 @@ def _place(
 
 
 def _add_limit(joint: ET.Element, span: tuple[float, float], velocity: float, effort: float) -> None:
-    lower, upper = (number(value) for value in span)
-    ET.SubElement(joint, "limit", lower=lower, upper=upper, velocity=number(velocity), effort=number(effort))
+    low, high = span
+    bounds = {"lower": number(low), "upper": number(high)}
+    ET.SubElement(joint, "limit", bounds, velocity=number(velocity), effort=number(effort))
 
 
 def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> None:
@@ -86,7 +89,8 @@ def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> Non
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz=numbers((0.5 * arm.link_length, 0.0, 0.0)), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=number(arm.masses[k]))
-    axial, across = number(arm.inertia_axial[k]), number(arm.inertia_transverse[k])
+    axial = number(arm.inertia_axial[k])
+    across = number(arm.inertia_transverse[k])
     ET.SubElement(inertial, "inertia", ixx=axial, iyy=across, izz=across, ixy="0", ixz="0", iyz="0")
     for purpose in ("visual", "collision"):
         _add_capsule(link, arm, purpose)

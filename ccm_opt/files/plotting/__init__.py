@@ -1,1 +1,1 @@
-"""Pictures of plans; the only part of the package that loads matplotlib."""
+"""Pictures of plans, simulations and comparisons, and the film; nothing else in the package draws."""

@@ -1,4 +1,4 @@
-"""The arm in space, drawn again and again: what stands still is drawn once, and only the arm in every frame."""
+"""The arm in space as a picture that is brought up to date: what stands still is drawn once, the arm in every frame."""
 
 from typing import Any
 
@@ -11,7 +11,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.files.plotting import style
 from ccm_opt.jointed.arm import Arm
 
-SIZE, DOTS_PER_INCH = 4.8, 100
+_SIDE = 4.8
+"""Width and height of the picture [inch]."""
 
 
 class ArmView:
@@ -21,19 +22,17 @@ class ArmView:
         arm: the arm; all that it can reach is in the picture.
         elevation: of the eye above the horizon [deg].
         azimuth: of the eye [deg].
+        dots_per_inch: resolution; the picture is 4.8 inches wide.
     """
 
-    def __init__(self, arm: Arm, elevation: float = 18.0, azimuth: float = -70.0) -> None:
-        self._canvas, self._axes = _blank()
+    def __init__(self, arm: Arm, elevation: float = 18.0, azimuth: float = -70.0, dots_per_inch: int = 100) -> None:
+        self._canvas, self._axes = _blank(dots_per_inch)
         self._axes.view_init(elevation, azimuth)
         self._frame(arm)
         self._canvas.draw()
         self._still = self._canvas.copy_from_bbox(self._axes.figure.bbox)
         width = self._points_a_metre(arm) * 2.0 * arm.radius
-        looks = ((max(width, 1.0), style.GOAL_ARM), (1.0, style.GOAL_ARM_EDGE))
-        self._lines: list[Any] = [
-            self._axes.plot([], [], [], linewidth=line, color=color, solid_capstyle="round")[0] for line, color in looks
-        ]
+        self._lines = [self._line(max(width, 1.0), style.GOAL_ARM), self._line(1.0, style.GOAL_ARM_EDGE)]
         self._lines[1].set(marker="o", markersize=2.5)
 
     def show(self, points: FloatArray) -> npt.NDArray[np.uint8]:
@@ -51,6 +50,11 @@ class ArmView:
             self._axes.draw_artist(line)
         return np.asarray(self._canvas.buffer_rgba())
 
+    def _line(self, width: float, colour: str) -> Any:
+        """A line without points, to be moved by ``show``."""
+        (line,) = self._axes.plot([], [], [], linewidth=width, color=colour, solid_capstyle="round")
+        return line
+
     def _frame(self, arm: Arm) -> None:
         """Limits, equal on all axes, and the labels."""
         x, z = arm.base
@@ -63,10 +67,10 @@ class ArmView:
     def _points_a_metre(self, arm: Arm) -> float:
         """Scale of the picture near the base, in points (1/72 inch) a metre."""
         across = float(np.ptp(self._axes.get_xlim()))
-        return 0.6 * SIZE * 72.0 / across if arm.radius > 0.0 else 0.0
+        return 0.6 * _SIDE * 72.0 / across if arm.radius > 0.0 else 0.0
 
 
-def _blank() -> tuple[Any, Any]:
+def _blank(dots_per_inch: int) -> tuple[Any, Any]:
     """A canvas and its axes in space, untyped in matplotlib."""
-    figure = Figure(figsize=(SIZE, SIZE), dpi=DOTS_PER_INCH)
+    figure = Figure(figsize=(_SIDE, _SIDE), dpi=dots_per_inch)
     return FigureCanvasAgg(figure), figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d")

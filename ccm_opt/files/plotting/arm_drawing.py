@@ -1,4 +1,4 @@
-"""Draws the arm: its body as the union of capsules, its links as a line, the path of its tip."""
+"""Draws the arm into a picture: its body as the union of capsules, its links as a line, the path of its tip."""
 
 import numpy as np
 import shapely
@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.room import polygon_patch
+from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 
 
 def draw_body(

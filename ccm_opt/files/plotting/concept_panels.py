@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.room import draw_obstacle
+from ccm_opt.files.plotting.workspace_drawing import draw_obstacle
 from ccm_opt.freespace.workspace import Workspace
 
 DOTS_PER_INCH = 200

@@ -19,7 +19,7 @@ from ccm_opt.files.plotting.concept_panels import (
     picture,
     title,
 )
-from ccm_opt.files.plotting.room import polygon_patch
+from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 from ccm_opt.freespace.corridor import Corridor, Route
 from ccm_opt.freespace.free_space import FreeSpace
 

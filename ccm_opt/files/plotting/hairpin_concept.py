@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.concept_panels import draw_obstacles, look_at, panels, picture, title
-from ccm_opt.files.plotting.room import polygon_patch
+from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 from ccm_opt.freespace.workspace import Workspace
 
 HEIGHT = 5.0

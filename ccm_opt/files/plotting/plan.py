@@ -1,52 +1,44 @@
-"""``plan.png``: the whole motion in one picture."""
+"""The picture ``plan.png``: the whole motion, with start, poses on the way, goal and path of the tip."""
 
 from dataclasses import dataclass
-from io import BytesIO
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.arm_drawing import draw_body, draw_poses, draw_tip_path
-from ccm_opt.files.plotting.room import draw_workspace
+from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
+from ccm_opt.files.plotting.png import figure_png
+from ccm_opt.files.plotting.workspace_drawing import draw_workspace
 from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.problem import Goal, TipGoal
 from ccm_opt.solution import Solution
 
-DOTS_PER_INCH = 120
-LONGEST_SIDE = 6.0
-"""Longest side of the drawing [inch]."""
-LEFT, RIGHT, TOP, BOTTOM = 0.65, 0.2, 0.45, 0.95
-"""Margins round the drawing [inch]: axis labels, title, legend."""
 
-
-def plan_png(solution: Solution) -> bytes:
+def plan_png(solution: Solution, settings: PictureSettings = PICTURES) -> bytes:
     """The picture of a plan: workspace, start, poses on the way, goal, path of the tip.
 
     Args:
         solution: the plan.
+        settings: sizes.
 
     Returns:
         The content of a PNG file.
     """
-    with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
-        buffer = BytesIO()
-        FigureCanvasAgg(plan_figure(solution)).print_png(buffer)  # type: ignore[no-untyped-call]
-    return buffer.getvalue()
+    return figure_png(lambda: plan_figure(solution, settings))
 
 
-def plan_figure(solution: Solution) -> Figure:
+def plan_figure(solution: Solution, settings: PictureSettings = PICTURES) -> Figure:
     """The same picture as a matplotlib figure, made without pyplot."""
-    problem, points = solution.problem, solution.joint_positions
-    layout = _layout(problem.workspace.boundary.bounds)
-    figure = Figure(figsize=layout.size, dpi=DOTS_PER_INCH)
+    problem = solution.problem
+    points = solution.joint_positions
+    layout = _layout(problem.workspace.boundary.bounds, settings)
+    figure = Figure(figsize=layout.size, dpi=settings.dots_per_inch)
     axes = figure.add_axes(layout.place)
-    draw_workspace(axes, problem.workspace)
-    _draw_motion(axes, points, problem.arm.radius)
+    draw_workspace(axes, problem.workspace, settings)
+    _draw_motion(axes, points, problem.arm.radius, settings.poses_on_the_way)
     for stop, k in zip(problem.stops, solution.trajectory.stops, strict=True):
         draw_body(axes, points[k], 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
         _draw_goal(axes, stop.goal, points[k], label="")
@@ -63,18 +55,21 @@ class _Layout:
     place: tuple[float, float, float, float]
 
 
-def _layout(bounds: tuple[float, float, float, float]) -> _Layout:
+def _layout(bounds: tuple[float, float, float, float], settings: PictureSettings) -> _Layout:
+    """A figure as large as the room at its scale, with margins for labels, title and legend."""
     xmin, ymin, xmax, ymax = bounds
-    scale = LONGEST_SIDE / max(xmax - xmin, ymax - ymin)
-    width, height = max(2.6, scale * (xmax - xmin)), max(1.2, scale * (ymax - ymin))
-    across, up = LEFT + width + RIGHT, BOTTOM + height + TOP
-    return _Layout((across, up), (LEFT / across, BOTTOM / up, width / across, height / up))
+    scale = settings.longest_side / max(xmax - xmin, ymax - ymin)
+    width = max(settings.least_width, scale * (xmax - xmin))
+    height = max(settings.least_height, scale * (ymax - ymin))
+    across = settings.left + width + settings.right
+    up = settings.bottom + height + settings.top
+    return _Layout((across, up), (settings.left / across, settings.bottom / up, width / across, height / up))
 
 
-def _draw_motion(axes: Axes, points: FloatArray, radius: float) -> None:
+def _draw_motion(axes: Axes, points: FloatArray, radius: float, on_the_way: int) -> None:
     """Start, poses on the way, end, path of the tip."""
     draw_body(axes, points[0], radius, style.START, style.START_EDGE, label="start", zorder=3)
-    draw_poses(axes, points[_even_steps(points, style.POSES_ON_THE_WAY)])
+    draw_poses(axes, points[_even_steps(points, on_the_way)])
     draw_body(axes, points[-1], radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="end", zorder=6)
     draw_tip_path(axes, points[:, -1])
     axes.plot(*points[0, 0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")

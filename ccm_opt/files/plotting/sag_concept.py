@@ -17,7 +17,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.concept_panels import SMALL, draw_obstacles, look_at, panels, picture, title
-from ccm_opt.files.plotting.room import polygon_patch
+from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 
 HEIGHT = 2.75
 SAMPLES = 101

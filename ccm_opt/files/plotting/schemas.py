@@ -2,26 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import BytesIO
 
 import numpy as np
-from matplotlib import colormaps, rc_context
+from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.room import draw_obstacle
+from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
+from ccm_opt.files.plotting.png import figure_png
+from ccm_opt.files.plotting.workspace_drawing import draw_obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.problem import TipGoal
 
-DOTS_PER_INCH = 120
-SIDE = 2.5
+_SIDE = 2.5
 """Width and height of one drawing [inch]."""
 _POINTS = 161
+"""Points along a curve."""
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,24 @@ class SchemaPanel:
     subgoal: TipGoal | None = None
 
 
-def schemas_png(panels: Sequence[SchemaPanel], columns: int = 1, shown: int = 14) -> bytes:
+def schemas_png(
+    panels: Sequence[SchemaPanel], columns: int = 1, shown: int = 14, settings: PictureSettings = PICTURES
+) -> bytes:
     """The picture of some schemas.
 
     Args:
         panels: its parts, row by row.
         columns: parts in a row.
         shown: configurations drawn in each part at most, evenly chosen; the first and the last always.
+        settings: resolution.
 
     Returns:
         The content of a PNG file.
     """
-    with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
+
+    def draw() -> Figure:
         rows = -(-len(panels) // columns)
-        figure = Figure(figsize=(2.0 * SIDE * columns, SIDE * rows), dpi=DOTS_PER_INCH, layout="constrained")
+        figure = Figure(figsize=(2.0 * _SIDE * columns, _SIDE * rows), dpi=settings.dots_per_inch, layout="constrained")
         grid = figure.subplots(rows, 2 * columns, squeeze=False)
         for k, panel in enumerate(panels):
             row, column = divmod(k, columns)
@@ -64,9 +68,9 @@ def schemas_png(panels: Sequence[SchemaPanel], columns: int = 1, shown: int = 14
             _draw_curvature(grid[row, 2 * column + 1], panel, shown)
         for axes in grid.ravel()[2 * len(panels) :]:
             axes.set_axis_off()
-        buffer = BytesIO()
-        FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]
-    return buffer.getvalue()
+        return figure
+
+    return figure_png(draw)
 
 
 def _draw_configurations(axes: Axes, panel: SchemaPanel, shown: int) -> None:

@@ -1,1 +1,1 @@
-"""``report.html``: one self-contained page of a plan, to be opened in any browser."""
+"""The page ``report.html``: one self-contained file for a plan, to be opened in any browser."""

@@ -1,20 +1,27 @@
-"""What the page plots over time: bends, and how much of every limit is used."""
+"""The charts of the page ``report.html``: bends over time, and how much of every limit is used."""
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.solution import Solution
 
-MOST_LINES = 24
-"""Joints whose bends are drawn; of more, evenly spread ones."""
-
 Chart = dict[str, object]
+"""Title, lines and range of a chart, as the page's script reads them."""
 
 
-def charts(solution: Solution, frames: IntArray) -> list[Chart]:
-    """The charts of a plan at given samples."""
-    joints, limits, links = solution.joints, solution.problem.limits, solution.problem.arm.links
-    shown = np.unique(np.linspace(0, links - 1, min(links, MOST_LINES)).astype(int))
+def charts(solution: Solution, frames: IntArray, settings: ReportSettings = REPORT) -> list[Chart]:
+    """The charts of a plan.
+
+    Args:
+        solution: the plan.
+        frames: numbers of the samples that are shown.
+        settings: number of lines.
+    """
+    joints = solution.joints
+    limits = solution.problem.limits
+    links = solution.problem.arm.links
+    shown = np.unique(np.linspace(0, links - 1, min(links, settings.most_lines)).astype(int))
     found = [_chart("joint bends [deg], base to tip", np.rad2deg(solution.trajectory.bend_angles[frames][:, shown]).T)]
     shares = {
         "greatest share of the velocity limits": np.abs(joints.velocities) / limits.velocity,
@@ -33,7 +40,8 @@ def charts(solution: Solution, frames: IntArray) -> list[Chart]:
 
 
 def _chart(title: str, series: FloatArray) -> Chart:
-    low, high = float(series.min(initial=0.0)), float(series.max(initial=0.0))
+    low = float(series.min(initial=0.0))
+    high = float(series.max(initial=0.0))
     text = f"{title}: {low:.3g} to {high:.3g}"
     return {
         "title": text,

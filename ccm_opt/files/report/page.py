@@ -1,4 +1,4 @@
-"""The page: a template filled with a plan's scene, motion, figures and checks."""
+"""The page ``report.html``: the template ``page.html`` filled with a plan's scene, motion, figures and checks."""
 
 import json
 from html import escape
@@ -8,31 +8,31 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.files.report.charts import charts
+from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.room_svg import goal_marks, scene_paths, view_box
 from ccm_opt.problem import Goal, TipGoal
 from ccm_opt.solution import Check, Solution
 
-MOST_NUMBERS = 60_000
-"""Coordinates in the page; more links mean fewer frames."""
-MOST_FRAMES, LEAST_FRAMES = 240, 40
 UNITS = {"per_m": "1/m", "Nm": "N m", "rad": "rad", "m": "m", "s": "s", "N": "N"}
 """Endings of the names of metrics, and how their units are written."""
 
 
-def report_html(solution: Solution) -> str:
+def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
     """The report of a plan.
 
     Args:
         solution: the plan.
+        settings: number of frames and lines.
 
     Returns:
         A whole HTML page that loads nothing.
     """
     problem = solution.problem
-    frames = _frames(solution)
+    frames = _frames(solution, settings)
     xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
     extent = max(xmax - xmin, ymax - ymin)
-    thin = 0.003 * extent
+    thin = settings.line_width * extent
+    mark = settings.mark_size * extent
     goals: list[Goal] = [*(stop.goal for stop in problem.stops), problem.goal]
     points = solution.joint_positions
     ends = points[[*solution.trajectory.stops, len(points) - 1], -1]
@@ -41,9 +41,9 @@ def report_html(solution: Solution) -> str:
         "name": escape(problem.name),
         "status": "solved and verified",
         "description": escape(problem.description or _summary(solution)),
-        "viewbox": view_box(problem.workspace),
+        "viewbox": view_box(problem.workspace, settings.margin),
         "scene": scene_paths(problem.workspace, thin),
-        "goals": goal_marks([_place(goal, end) for goal, end in zip(goals, ends, strict=True)], 0.018 * extent, thin),
+        "goals": goal_marks([_place(goal, end) for goal, end in zip(goals, ends, strict=True)], mark, thin),
         "body": f"{max(2.0 * problem.arm.radius, thin):.5g}",
         "thin": f"{thin:.5g}",
         "dash": f"{4 * thin:.5g} {2 * thin:.5g}",
@@ -52,7 +52,7 @@ def report_html(solution: Solution) -> str:
         "timings": "".join(
             f"<tr><td>{escape(k)}</td><td class=n>{v:.2f} s</td></tr>" for k, v in solution.timings.items()
         ),
-        "data": _data(solution, frames),
+        "data": _data(solution, frames, settings),
     }
     page = files("ccm_opt.files.report").joinpath("page.html").read_text(encoding="utf-8")
     for key, text in fields.items():
@@ -60,21 +60,24 @@ def report_html(solution: Solution) -> str:
     return page
 
 
-def _frames(solution: Solution) -> IntArray:
+def _frames(solution: Solution, settings: ReportSettings) -> IntArray:
     """Numbers of the samples shown, evenly spread in time, the last included."""
     per_pose = 2 * (solution.problem.arm.links + 1)
-    count = int(np.clip(MOST_NUMBERS // per_pose, LEAST_FRAMES, MOST_FRAMES))
+    count = int(np.clip(settings.most_numbers // per_pose, settings.least_frames, settings.most_frames))
     time = solution.trajectory.time
     return np.unique(np.searchsorted(time, np.linspace(0.0, time[-1], count)))
 
 
 def _place(goal: Goal, end: FloatArray) -> tuple[FloatArray, float | None]:
     """Where a goal's mark stands and points: for a whole pose, at its tip."""
-    return (goal.position, goal.heading) if isinstance(goal, TipGoal) else (end, None)
+    if isinstance(goal, TipGoal):
+        return goal.position, goal.heading
+    return end, None
 
 
 def _summary(solution: Solution) -> str:
-    arm, workspace = solution.problem.arm, solution.problem.workspace
+    arm = solution.problem.arm
+    workspace = solution.problem.workspace
     return f"{arm.links} links of {1e3 * arm.link_length:.4g} mm among {len(workspace.obstacles)} obstacles."
 
 
@@ -94,11 +97,11 @@ def _check_row(check: Check) -> str:
     )
 
 
-def _data(solution: Solution, frames: IntArray) -> str:
+def _data(solution: Solution, frames: IntArray, settings: ReportSettings) -> str:
     """Everything the page's script needs, as JSON that cannot end its script element."""
     content = {
         "time": np.round(solution.trajectory.time[frames], 4).tolist(),
         "poses": np.round(solution.joint_positions[frames], 5).tolist(),
-        "charts": charts(solution, frames),
+        "charts": charts(solution, frames, settings),
     }
     return json.dumps(content, separators=(",", ":")).replace("</", "<\\/")

@@ -1,4 +1,4 @@
-"""The workspace as SVG, in metres, y up (the page turns it over)."""
+"""The workspace of the page ``report.html`` as SVG, in metres, y up (the page turns it over)."""
 
 from html import escape
 
@@ -9,13 +9,16 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.geometry.angles import unit_vector
 
-MARGIN = 0.03
 
+def view_box(workspace: Workspace, margin_share: float) -> str:
+    """The part of the plane that is shown, y down.
 
-def view_box(workspace: Workspace) -> str:
-    """The part of the plane that is shown: the boundary and a little more, y down."""
+    Args:
+        workspace: its boundary is shown whole.
+        margin_share: room round the boundary, as a share of its longest side.
+    """
     xmin, ymin, xmax, ymax = workspace.boundary.bounds
-    margin = MARGIN * max(xmax - xmin, ymax - ymin)
+    margin = margin_share * max(xmax - xmin, ymax - ymin)
     return f"{xmin - margin:.6g} {-ymax - margin:.6g} {xmax - xmin + 2 * margin:.6g} {ymax - ymin + 2 * margin:.6g}"
 
 

@@ -1,31 +1,22 @@
-"""Pictures of a comparison: how many problems are solved in what time, and every figure of two methods by pairs."""
+"""The pictures of a comparison: problems solved within a time, and every figure of two methods by pairs."""
 
+import math
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from io import BytesIO
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.picture_settings import COMPARISON_PICTURES, ComparisonPictureSettings
+from ccm_opt.files.plotting.png import figure_png
 
-DOTS_PER_INCH = 120
 COLOURS = ("#2a6f97", "#c1440e", "#1b7f3b", "#7a4fa0", "#8d887d")
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
-MOST_COLUMNS = 3
-MANY_DECADES = 1e3
-"""Ratio of the ends from which an axis is marked by powers of ten alone."""
-LEAST_ROOM = 1e-3
-"""Room beyond the points of a linear axis, at least: smaller differences are not worth a picture."""
-WIDE_RANGE = 1.1
-"""Least ratio of the ends of a logarithmic axis."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +53,13 @@ class PairedPanel:
     logarithmic: bool
 
 
-def success_png(methods: Sequence[MethodRuns]) -> bytes:
+def success_png(methods: Sequence[MethodRuns], settings: ComparisonPictureSettings = COMPARISON_PICTURES) -> bytes:
     """Share of the problems that are solved within a CPU time, one line a method; content of a PNG file."""
-    with _fonts():
-        return _png(_success_figure(methods))
+    return figure_png(lambda: _success_figure(methods, settings))
 
 
-def _success_figure(methods: Sequence[MethodRuns]) -> Figure:
-    figure = Figure(figsize=(6.4, 4.0), dpi=DOTS_PER_INCH, layout="constrained")
+def _success_figure(methods: Sequence[MethodRuns], settings: ComparisonPictureSettings) -> Figure:
+    figure = Figure(figsize=(6.4, 4.0), dpi=settings.dots_per_inch, layout="constrained")
     axes = figure.add_subplot()
     end = _end_of_time(methods)
     for k, method in enumerate(methods):
@@ -96,38 +86,47 @@ def _mostly_low(methods: Sequence[MethodRuns]) -> bool:
 
 
 def _draw_curve(axes: Axes, method: MethodRuns, number: int, end: float) -> None:
-    colour, line = COLOURS[number % len(COLOURS)], LINES[number % len(LINES)]
-    times, count = np.sort(method.seconds[method.solved]), max(1, len(method.solved))
+    colour = COLOURS[number % len(COLOURS)]
+    line = LINES[number % len(LINES)]
+    times = np.sort(method.seconds[method.solved])
+    count = max(1, len(method.solved))
     shares = np.arange(len(times) + 1) / count
     begin = float(times[0]) if len(times) else 0.1
     label = f"{method.name}: {len(times)} of {len(method.solved)}"
     places = np.concatenate(([begin], times, [end]))
     axes.step(places, np.append(shares, shares[-1]), where="post", color=colour, linestyle=line, label=label, zorder=3)
     low, high = method.share_interval
-    place = end * 1.04**number
+    place = end * 1.04**number  # beside each other, where they would hide each other
     axes.plot([place, place], [low, high], color=colour, linewidth=2.2, alpha=0.6, zorder=2)
 
 
-def paired_png(first: MethodRuns, second: MethodRuns, panels: Sequence[PairedPanel]) -> bytes:
+def paired_png(
+    first: MethodRuns,
+    second: MethodRuns,
+    panels: Sequence[PairedPanel],
+    settings: ComparisonPictureSettings = COMPARISON_PICTURES,
+) -> bytes:
     """Every problem that both methods solve as a point, one panel a figure; content of a PNG file.
 
     Args:
         first: on the horizontal axes.
         second: on the vertical axes.
         panels: the figures.
+        settings: sizes.
     """
-    with _fonts():
-        return _png(_paired_figure(first, second, panels))
+    return figure_png(lambda: _paired_figure(first, second, panels, settings))
 
 
-def _paired_figure(first: MethodRuns, second: MethodRuns, panels: Sequence[PairedPanel]) -> Figure:
-    columns = min(MOST_COLUMNS, len(panels))
-    rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(3.1 * columns, 3.2 * rows + 0.4), dpi=DOTS_PER_INCH, layout="constrained")
+def _paired_figure(
+    first: MethodRuns, second: MethodRuns, panels: Sequence[PairedPanel], settings: ComparisonPictureSettings
+) -> Figure:
+    columns = min(settings.most_columns, len(panels))
+    rows = math.ceil(len(panels) / columns)
+    figure = Figure(figsize=(3.1 * columns, 3.2 * rows + 0.4), dpi=settings.dots_per_inch, layout="constrained")
     both = first.solved & second.solved
     for k, panel in enumerate(panels):
         axes = figure.add_subplot(rows, columns, k + 1)
-        _draw_panel(axes, first.figures[panel.key][both], second.figures[panel.key][both], panel)
+        _draw_panel(axes, first.figures[panel.key][both], second.figures[panel.key][both], panel, settings)
         axes.set_xlabel(first.name)
         axes.set_ylabel(second.name)
     title = f"{first.name} and {second.name} on the {int(np.sum(both))} problems that both solve"
@@ -135,15 +134,19 @@ def _paired_figure(first: MethodRuns, second: MethodRuns, panels: Sequence[Paire
     return figure
 
 
-def _draw_panel(axes: Axes, x: FloatArray, y: FloatArray, panel: PairedPanel) -> None:
+def _draw_panel(
+    axes: Axes, x: FloatArray, y: FloatArray, panel: PairedPanel, settings: ComparisonPictureSettings
+) -> None:
     kept = np.isfinite(x) & np.isfinite(y)
     if panel.logarithmic:
         kept &= (x > 0.0) & (y > 0.0)
         axes.set_xscale("log")
         axes.set_yscale("log")
-    x, y = x[kept], y[kept]
-    low, high = _ends(np.concatenate((x, y)), logarithmic=panel.logarithmic)
-    if panel.logarithmic and high < MANY_DECADES * low:
+    x = x[kept]
+    y = y[kept]
+    values = np.concatenate((x, y))
+    low, high = _logarithmic_ends(values, settings) if panel.logarithmic else _linear_ends(values, settings)
+    if panel.logarithmic and high < settings.many_decades * low:
         _plain_ticks(axes.xaxis)
         _plain_ticks(axes.yaxis)
     axes.plot([low, high], [low, high], color=style.WALL_EDGE, linewidth=0.9, zorder=1)
@@ -155,16 +158,24 @@ def _draw_panel(axes: Axes, x: FloatArray, y: FloatArray, panel: PairedPanel) ->
     _dress(axes)
 
 
-def _ends(values: FloatArray, *, logarithmic: bool) -> tuple[float, float]:
-    """Both ends of an axis with a little room."""
+def _linear_ends(values: FloatArray, settings: ComparisonPictureSettings) -> tuple[float, float]:
+    """Both ends of a linear axis, with a little room."""
     if len(values) == 0:
-        return (0.1, 1.0) if logarithmic else (0.0, 1.0)
-    low, high = float(np.min(values)), float(np.max(values))
-    if logarithmic:
-        room = max((high / low) ** 0.06, WIDE_RANGE)
-        return low / room, high * room
-    room = max(0.06 * (high - low), LEAST_ROOM)
+        return 0.0, 1.0
+    low = float(np.min(values))
+    high = float(np.max(values))
+    room = max(settings.room * (high - low), settings.least_range)
     return low - room, high + room
+
+
+def _logarithmic_ends(values: FloatArray, settings: ComparisonPictureSettings) -> tuple[float, float]:
+    """Both ends of a logarithmic axis, with a little room."""
+    if len(values) == 0:
+        return 0.1, 1.0
+    low = float(np.min(values))
+    high = float(np.max(values))
+    factor = max((high / low) ** settings.room, settings.least_ratio)
+    return low / factor, high * factor
 
 
 def _plain_ticks(axis: Axis) -> None:
@@ -181,13 +192,3 @@ def _dress(axes: Axes) -> None:
     for name, spine in axes.spines.items():
         spine.set_visible(name in {"left", "bottom"})
         spine.set_color(style.WALL_EDGE)
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]
-    return buffer.getvalue()
-
-
-def _fonts() -> AbstractContextManager[None]:
-    return rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE})

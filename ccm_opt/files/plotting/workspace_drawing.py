@@ -1,4 +1,4 @@
-"""Draws the workspace: boundary, obstacles, their names."""
+"""Draws the workspace into a picture: boundary, obstacles, their names."""
 
 import shapely
 from matplotlib.axes import Axes
@@ -6,15 +6,16 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 
 
-def draw_workspace(axes: Axes, workspace: Workspace) -> None:
+def draw_workspace(axes: Axes, workspace: Workspace, settings: PictureSettings = PICTURES) -> None:
     """Draw boundary and obstacles; names only when they are few."""
     _frame(axes, workspace.boundary)
     for obstacle in workspace.obstacles:
         draw_obstacle(axes, obstacle)
-    if len(workspace.obstacles) <= style.MAX_NAMED_OBSTACLES:
+    if len(workspace.obstacles) <= settings.most_named_obstacles:
         for obstacle in workspace.obstacles:
             _name(axes, obstacle)
 

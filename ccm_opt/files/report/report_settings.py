@@ -1,0 +1,30 @@
+"""How large the page of a plan becomes: frames of its motion, lines of its charts, room round its drawing."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """How large the page of a plan becomes; all of them are taste.
+
+    Attributes:
+        most_numbers: coordinates in the page; more links mean fewer frames.
+        most_frames: of the motion.
+        least_frames: of the motion, even where that takes more numbers.
+        most_lines: joints whose bends are drawn; of more, evenly spread ones.
+        line_width: of thin lines, as a share of the room's extent.
+        mark_size: radius of the mark of a goal, likewise.
+        margin: round the boundary, likewise.
+    """
+
+    most_numbers: int = 60_000
+    most_frames: int = 240
+    least_frames: int = 40
+    most_lines: int = 24
+    line_width: float = 0.003
+    mark_size: float = 0.018
+    margin: float = 0.03
+
+
+REPORT = ReportSettings()
+"""Used where no other settings are given."""
