@@ -1,6 +1,4 @@
-"""Cubic spirals against their closed forms, and the centre path of corridors (section 4.1)."""
-
-from itertools import pairwise
+"""Cubic spirals against their closed forms (section 4.1)."""
 
 import numpy as np
 import pytest
@@ -11,9 +9,6 @@ from scipy.integrate import quad, solve_ivp
 from ccm_opt.continuum.cubic_spiral import LARGEST_TURN, CubicSpiral, chord_ratio, join_poses
 from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import wrap
-from ccm_opt.nlp.centre_path import CentrePath, centre_path
-
-from .nlp_corridors import box, corridor, s_bend
 
 COORDINATE = st.floats(-2.0, 2.0)
 POINT = st.tuples(COORDINATE, COORDINATE).map(np.array)
@@ -149,57 +144,3 @@ def test_turns_that_no_cubic_spiral_makes_are_refused() -> None:
         join_poses(np.zeros(2), np.pi, np.array([1.0, 0.0]), np.pi)
     with pytest.raises(ProblemError, match="no two cubic spirals"):
         join_poses(np.zeros(2), 0.0, np.zeros(2), 1.0)
-
-
-def dense(path: CentrePath) -> np.ndarray:
-    """Points all along a centre path."""
-    points = path.points()
-    t = np.linspace(0.0, 1.0, 20)[:, None]
-    return np.concatenate([a + t * (b - a) for a, b in pairwise(points)])
-
-
-def test_the_centre_path_of_the_s_bend_is_smooth_and_inside() -> None:
-    """It joins the ends, stays in the regions, keeps to the middle of the passages and turns with bounded curvature."""
-    way = s_bend()
-    path = centre_path(way, np.zeros(2), np.array([0.9, 0.5]))
-    assert path.smooth
-    points = dense(path)
-    inside = [np.all(points @ r.normals.T <= r.offsets + 1e-9, axis=1) for r in way.regions]
-    assert np.any(inside, axis=0).all()
-    np.testing.assert_allclose(path.points()[[0, -1]], [[0.0, 0.0], [0.9, 0.5]])
-    np.testing.assert_allclose(path.corners[1:3], [[0.4, 0.0], [0.4, 0.5]], atol=1e-12)
-    legs = np.diff(path.points(), axis=0)
-    bends = np.abs(np.diff(np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))))
-    assert bends.max() < 0.15
-    assert 0.0 < path.peak_curvature < 10.0
-
-
-def test_a_path_that_must_be_short_moves_to_the_taut_one() -> None:
-    """With little length to spare the crossings leave the middle of the overlaps."""
-    way = s_bend()
-    free = centre_path(way, np.zeros(2), np.array([0.9, 0.5]))
-    short = centre_path(way, np.zeros(2), np.array([0.9, 0.5]), longest=1.02 * way.route.length)
-    lengths = [float(np.hypot(*np.diff(path.corners, axis=0).T).sum()) for path in (free, short)]
-    assert lengths[1] < lengths[0]
-
-
-@settings(max_examples=25, deadline=None)
-@given(width=st.floats(0.05, 0.4), rise=st.floats(0.3, 1.0), start=st.floats(0.0, 1.0))
-def test_turns_of_an_elbow_never_leave_it(width: float, rise: float, start: float) -> None:
-    """Whatever the width, the turn round the inner corner stays inside; narrower passages turn tighter."""
-    regions = (box(-1.0, 0.0, width, width), box(0.0, 0.0, width, rise + width))
-    way = corridor(regions, [(-0.9, start * width), (0.0, width), (0.5 * width, rise)])
-    path = centre_path(way, np.array([-0.9, start * width]), np.array([0.5 * width, rise]))
-    assert path.smooth
-    points = dense(path)
-    inside = [np.all(points @ r.normals.T <= r.offsets + 1e-9, axis=1) for r in regions]
-    assert np.any(inside, axis=0).all()
-
-
-def test_a_single_region_is_crossed_straight() -> None:
-    """Without a region to turn into the path is the straight line."""
-    path = centre_path(
-        corridor((box(0, 0, 1, 1),), [(0.1, 0.1), (0.9, 0.8)]), np.array([0.1, 0.1]), np.array([0.9, 0.8])
-    )
-    np.testing.assert_array_equal(path.points(), [[0.1, 0.1], [0.9, 0.8]])
-    assert path.peak_curvature == 0.0

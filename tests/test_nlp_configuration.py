@@ -18,7 +18,7 @@ from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import attempts, find_configuration, winding_profiles
 from ccm_opt.nlp.infeasibility import FailedAttempt, broken_rows
 from ccm_opt.nlp.initial_guess import initial_guess
-from ccm_opt.nlp.multiple_shooting import build_configuration_nlp, pack, unpack
+from ccm_opt.nlp.multiple_shooting import build_configuration_nlp, pack_variables, unpack_variables
 from ccm_opt.nlp.polish import heading_basis, polished_configuration
 from ccm_opt.nlp.solver import built_solver, solve_nlp
 from tests.conftest import PROBLEMS
@@ -206,7 +206,7 @@ def test_pack_and_unpack_are_inverse() -> None:
     """States and controls survive the column of variables."""
     rng = np.random.default_rng(0)
     states, controls = rng.normal(size=(4, 5)), rng.normal(size=(3, 12))
-    back = unpack(pack(states, controls))
+    back = unpack_variables(pack_variables(states, controls))
     np.testing.assert_array_equal(back[0], states)
     np.testing.assert_array_equal(back[1], controls)
 

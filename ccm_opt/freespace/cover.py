@@ -53,7 +53,8 @@ class RegionSpan:
 
         # The covered part reaches from the station after the last one outside before the known span to the station
         # before the first one outside behind it.
-        entered, left = 0.0, taut.length
+        entered = 0.0
+        left = taut.length
         before = outside[outside < first]
         if len(before):
             entered = float(taut.stations[np.searchsorted(taut.stations, before[-1], side="right")])

@@ -7,14 +7,15 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.corridor import Corridor
+from ccm_opt.nlp.configuration_settings import DEFAULT_CONFIGURATION, ConfigurationSettings
 
 END_TOLERANCE = 1e-6
-"""A base or goal this near its region counts as inside [m]."""
+"""Rounding: a base or goal this near its region counts as inside [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationTask:
-    """One question to the configuration NLP.
+    """What one configuration NLP is asked for.
 
     Attributes:
         base: position of the base, shape (2,) [m].
@@ -31,6 +32,7 @@ class ConfigurationTask:
         bending_weight: of the arm's bending in the objective.
         clearance_weight: of nearness to walls in the objective.
         side_gaps: how far behind each side of each region the walls begin [m]; needed for the clearance's weight.
+        settings: numbers of the method.
     """
 
     base: FloatArray
@@ -46,6 +48,7 @@ class ConfigurationTask:
     bending_weight: float = 1.0
     clearance_weight: float = 0.0
     side_gaps: tuple[FloatArray, ...] = ()
+    settings: ConfigurationSettings = DEFAULT_CONFIGURATION
 
     def __post_init__(self) -> None:
         low, high = self.base_heading_range

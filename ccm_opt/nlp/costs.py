@@ -7,13 +7,7 @@ leave no direction of the variables without curvature.
 import casadi as ca
 
 from ccm_opt.arrays import FloatArray
-
-KNOT_WEIGHT = 4.0
-BOUND_WEIGHT = 0.1
-SLOPE_WEIGHT = 1e-3
-NEARNESS_WEIGHT = 10.0
-NEARNESS_DISTANCE = 0.03
-"""Sides of regions farther away than this, in units of the arm's length, cost nothing."""
+from ccm_opt.nlp.configuration_settings import DEFAULT_CONFIGURATION, ConfigurationSettings
 
 
 def bending(squared_curvature: ca.SX) -> ca.SX:
@@ -38,23 +32,33 @@ def curvature_steps(state: ca.SX, control: ca.SX) -> ca.SX:
     return ca.sumsqr(values[1:] - values[:-1])
 
 
-def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
+def nearness(
+    points: ca.SX, normals: FloatArray, offsets: FloatArray, settings: ConfigurationSettings = DEFAULT_CONFIGURATION
+) -> ca.SX:
     """Σ max(0, 1 - slack/D)² of points behind sides of their region: what they lack to the distance D of each.
 
     Args:
         points: shape (2, m).
         normals: of the sides, shape (k, 2).
         offsets: shape (k,).
+        settings: the distance D, and the weight of the sum.
     """
     slack = ca.repmat(ca.DM(offsets), 1, points.shape[1]) - ca.DM(normals) @ points
-    return NEARNESS_WEIGHT * ca.sumsqr(ca.fmax(1.0 - slack / NEARNESS_DISTANCE, 0.0)) / points.shape[1]
+    lacking = ca.fmax(1.0 - slack / settings.nearness_distance, 0.0)
+    return settings.nearness_weight * ca.sumsqr(lacking) / points.shape[1]
 
 
-def configuration_cost(state: ca.SX, control: ca.SX, squared_curvature: ca.SX, weight: ca.SX) -> ca.SX:
-    """Objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + a small slope term."""
+def configuration_cost(
+    state: ca.SX,
+    control: ca.SX,
+    squared_curvature: ca.SX,
+    weight: ca.SX,
+    settings: ConfigurationSettings = DEFAULT_CONFIGURATION,
+) -> ca.SX:
+    """Objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + a small slope term, with the weights usual."""
     return (
         weight * bending(squared_curvature)
-        + KNOT_WEIGHT * uneven_knots(control)
-        + BOUND_WEIGHT * curvature_bounds(control)
-        + SLOPE_WEIGHT * curvature_steps(state, control)
+        + settings.knot_weight * uneven_knots(control)
+        + settings.bound_weight * curvature_bounds(control)
+        + settings.slope_weight * curvature_steps(state, control)
     )

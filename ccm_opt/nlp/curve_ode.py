@@ -12,11 +12,15 @@ import casadi as ca
 import numpy as np
 
 STATES = 5
+"""Size of X."""
 CONTROLS = 12
+"""Size of U."""
 PIECES = 4
+"""Cubic pieces of a segment's curvature."""
 SUBSTEPS = 2
 """Chords a piece is cut into, for quadrature and for containment."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
+"""Gauss points of one chord."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,9 @@ def piece_polynomials(widths: ca.SX, values: ca.SX) -> ca.SX:
     moments = natural_spline_moments(widths, values)
     rows = []
     for i in range(PIECES):
-        a, left, right = widths[i], moments[i], moments[i + 1]
+        a = widths[i]
+        left = moments[i]
+        right = moments[i + 1]
         slope = (values[i + 1] - values[i]) / a - a * (2 * left + right) / 6
         rows.append(ca.horzcat(values[i], slope, left / 2, (right - left) / (6 * a)))
     return ca.vertcat(*rows)
@@ -89,7 +95,8 @@ def bernstein_coefficients(polynomial: ca.SX, width: ca.SX) -> ca.SX:
 
 def chord_vector(polynomial: ca.SX, heading: ca.SX, start: ca.SX, width: ca.SX) -> ca.SX:
     """∫ (cos θ, sin θ) ds over one sub-step by four Gauss points, (2, 1)."""
-    x, y = ca.SX(0), ca.SX(0)
+    x = ca.SX(0)
+    y = ca.SX(0)
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
         theta = heading + turn(polynomial, start + width * (node + 1) / 2)
         x += weight / 2 * ca.cos(theta)
@@ -99,18 +106,25 @@ def chord_vector(polynomial: ca.SX, heading: ca.SX, start: ca.SX, width: ca.SX) 
 
 def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
     """Integrate one segment: X_{k+1} = F(X_k, U_k) and what costs and constraints need on the way."""
-    position, heading = state[:2], state[2]
-    values, widths = ca.vertcat(state[3], control[:4]), control[4:8]
+    position = state[:2]
+    heading = state[2]
+    values = ca.vertcat(state[3], control[:4])
+    widths = control[4:8]
     polynomials = piece_polynomials(widths, values)
-    points, bernstein, bending = [position], [], ca.SX(0)
+
+    points = [position]
+    bernstein = []
+    bending = ca.SX(0)
     for i in range(PIECES):
-        polynomial, step = polynomials[i, :], widths[i] / SUBSTEPS
+        polynomial = polynomials[i, :]
+        step = widths[i] / SUBSTEPS
         for j in range(SUBSTEPS):
             position += chord_vector(polynomial, heading, j * step, step)
             points.append(position)
         heading += turn(polynomial, widths[i])
         bernstein.append(bernstein_coefficients(polynomial, widths[i]))
         bending += squared_curvature(polynomial, widths[i])
+
     end = ca.vertcat(position, heading, values[4], state[4] + ca.sum1(widths))
     return SegmentFlow(end, ca.horzcat(*points), ca.vertcat(*bernstein), bending)
 
@@ -118,6 +132,7 @@ def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
 @cache
 def segment_function() -> ca.Function:
     """(X, U) -> (X_{k+1}, points, Bernstein coefficients, ∫κ²) as one CasADi function."""
-    state, control = ca.SX.sym("X", STATES), ca.SX.sym("U", CONTROLS)
+    state = ca.SX.sym("X", STATES)
+    control = ca.SX.sym("U", CONTROLS)
     flow = segment_flow(state, control)
     return ca.Function("segment", [state, control], [flow.end, flow.points, flow.bernstein, flow.bending])

@@ -7,6 +7,7 @@ import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ConfigurationNotFound
+from ccm_opt.geometry.angles import WHOLE_TURN
 from ccm_opt.nlp.check import shortfalls
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.infeasibility import FailedAttempt, beyond_reach, diagnose
@@ -15,10 +16,6 @@ from ccm_opt.nlp.multiple_shooting import build_configuration_nlp
 from ccm_opt.nlp.path_profile import PathProfile, path_profile
 from ccm_opt.nlp.polish import polished_configuration
 from ccm_opt.nlp.solver import solve_nlp
-
-SEGMENT_TOTALS = (4, 6, 8)
-"""Segments in total at the attempts after the first."""
-_WINDINGS = 3
 
 
 def find_configuration(task: ConfigurationTask, most_attempts: int | None = None) -> Configuration:
@@ -85,21 +82,22 @@ def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathPro
 def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
     """The path's headings with the fewest whole turns at its ends: the nearest winding, then its neighbours."""
     low, high = task.base_heading_range
-    base = (0, 1, -1) if high - low < 2.0 * np.pi else (0,)
+    # A base that turns freely meets the path's heading as it is; a fixed one may have to wind round to it.
+    base = (0, 1, -1) if high - low < WHOLE_TURN else (0,)
     tip = (0,) if task.goal_heading is None else (0, 1, -1)
     profiles = [path_profile(task, *turns) for turns in product(base, tip)]
-    return sorted(profiles, key=lambda profile: profile.end_turns)[:_WINDINGS]
+    return sorted(profiles, key=lambda profile: profile.end_turns)[: task.settings.windings]
 
 
 def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
-    """Region of each segment: ``segments_per_region`` each, then 4, 6 and 8 in all, shared by curve length."""
+    """Region of each segment: ``segments_per_region`` each, then the totals of the settings, shared by curve length."""
     count = len(task.corridor.regions)
     shares = np.full(count, task.segments_per_region)
     plans = [shares.copy()]
     lengths = curve_shares(task, profile)
-    for total in SEGMENT_TOTALS:
+    for total in task.settings.segment_totals:
         while shares.sum() < total:
-            shares[np.argmax(lengths / shares)] += 1
+            shares[np.argmax(lengths / shares)] += 1  # to the region whose segments are longest
         if shares.sum() > plans[-1].sum():
             plans.append(shares.copy())
     return [tuple(np.repeat(np.arange(count), plan).tolist()) for plan in plans]

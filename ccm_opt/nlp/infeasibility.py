@@ -10,7 +10,7 @@ from ccm_opt.errors import Diagnosis
 from ccm_opt.nlp.check import Shortfall
 from ccm_opt.nlp.configuration_task import END_TOLERANCE, ConfigurationTask
 from ccm_opt.nlp.curve_ode import PIECES
-from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, unpack
+from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, unpack_variables
 from ccm_opt.nlp.solver import NLPResult
 
 _ADVICE = {
@@ -20,10 +20,7 @@ _ADVICE = {
     "spacing": ("use more segments per region",),
     "base": ("free the base heading",),
 }
-
-
-ROWS_TOLD = 3
-"""Rows that a reason names."""
+"""What helps against a row whose name holds the word, the first that fits."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +64,8 @@ class FailedAttempt:
 def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diagnosis:
     """A diagnosis from all failed attempts; the one that came nearest speaks for them."""
     nearest = min(attempts, key=lambda attempt: attempt.result.violation)
-    result, row, rows = nearest.result, nearest.result.worst_row, broken_rows(nearest)
+    result = nearest.result
+    rows = broken_rows(nearest)
     what = "; ".join(broken.words for broken in rows) or nearest.words
     reason = (
         f"no configuration of {task.length:g} m reaches the goal through {len(task.corridor.regions)} region(s); "
@@ -75,7 +73,7 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
     )
     evidence: dict[str, object] = {
         "solver_status": result.status,
-        "worst_row": row,
+        "worst_row": result.worst_row,
         "violation": result.violation * task.length,
         "route_length": task.corridor.route.length,
         "arm_length": task.length,
@@ -83,7 +81,7 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
         "rows": [asdict(broken) for broken in rows],
         "attempts": [attempt.words for attempt in attempts],
     }
-    return Diagnosis(reason, "configuration", _advice(row), evidence)
+    return Diagnosis(reason, "configuration", _advice(result.worst_row), evidence)
 
 
 def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
@@ -96,8 +94,10 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
             ("use a longer arm", "move the goal nearer"),
             {"distance": distance, "arm_length": task.length, "worst_row": "length", "solver_status": "not started"},
         )
-    first, last = task.corridor.regions[0], task.corridor.regions[-1]
-    ends = (("base", first, task.base, task.mount_length), ("goal", last, task.goal, 0.0))
+    ends = (
+        ("base", task.corridor.regions[0], task.base, task.mount_length),
+        ("goal", task.corridor.regions[-1], task.goal, 0.0),
+    )
     for name, region, point, allowed in ends:
         outside = float((region.normals @ point - region.offsets).max())
         if outside > allowed + END_TOLERANCE:
@@ -120,7 +120,7 @@ def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
     for name, violation in attempt.result.broken:
         row = _broken_row(attempt, name, violation)
         found.setdefault((row.constraint, row.segment), row)
-    return tuple(found.values())[:ROWS_TOLD]
+    return tuple(found.values())[: attempt.nlp.task.settings.rows_reported]
 
 
 def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRow:
@@ -132,25 +132,29 @@ def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRo
         piece = PIECES
     arc, place = _where(attempt, max(segment, 0), piece)
     where = f"{arc:.3f} m from the base, at ({place[0]:.3f}, {place[1]:.3f}),"
-    if "side" in name:
-        kind, words = "region", f"it leaves its region by {1e3 * violation * task.length:.3g} mm"
-    elif "gap in heading" in name:
-        kind, words = "heading", f"it cannot turn enough, {np.rad2deg(violation):.3g}° are missing"
-    elif "curvature" in name:
-        kind, words = "curvature", f"it bends by {violation / task.length:.3g} 1/m more than allowed"
-    elif "spacing" in name:
-        kind, words = "spacing", "its knots come too close"
-    elif name.startswith("base"):
-        kind, words = "length", f"it misses the base by {1e3 * violation * task.length:.3g} mm"
-    else:
-        kind, words = "length", f"it cannot join its neighbours, {1e3 * violation * task.length:.3g} mm are missing"
+    kind, words = _meaning(name, violation, task.length)
     return BrokenRow(kind, name, violation, segment, arc, place, f"{where} {words}")
+
+
+def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
+    """The kind of a row, and by how much it is violated, in words and for an arm of a length [m]."""
+    if "side" in name:
+        return "region", f"it leaves its region by {1e3 * violation * length:.3g} mm"
+    if "gap in heading" in name:
+        return "heading", f"it cannot turn enough, {np.rad2deg(violation):.3g}° are missing"
+    if "curvature" in name:
+        return "curvature", f"it bends by {violation / length:.3g} 1/m more than allowed"
+    if "spacing" in name:
+        return "spacing", "its knots come too close"
+    if name.startswith("base"):
+        return "length", f"it misses the base by {1e3 * violation * length:.3g} mm"
+    return "length", f"it cannot join its neighbours, {1e3 * violation * length:.3g} mm are missing"
 
 
 def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tuple[float, float]]:
     """Arc length [m] and place (x, y) [m] of a piece's start in the solver's last iterate, on the segment's chord."""
     task = attempt.nlp.task
-    states, controls = unpack(attempt.result.variables)
+    states, controls = unpack_variables(attempt.result.variables)
     widths = controls[segment, 4:8]
     share = float(widths[:piece].sum() / max(float(widths.sum()), 1e-12))
     point = task.base + task.length * (states[segment, :2] + share * (states[segment + 1, :2] - states[segment, :2]))
@@ -159,4 +163,5 @@ def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tup
 
 
 def _advice(row: str) -> tuple[str, ...]:
+    """What to try against a row."""
     return next((advice for word, advice in _ADVICE.items() if word in row), _ADVICE["gap"])

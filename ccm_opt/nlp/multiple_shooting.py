@@ -9,27 +9,21 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.nlp import constraints
+from ccm_opt.nlp.configuration_settings import DEFAULT_CONFIGURATION, ConfigurationSettings
 from ccm_opt.nlp.configuration_task import END_TOLERANCE, ConfigurationTask
 from ccm_opt.nlp.costs import configuration_cost, nearness
 from ccm_opt.nlp.curve_ode import CONTROLS, PIECES, STATES, SegmentFlow, segment_function
 
 STAGE = STATES + CONTROLS
-LEAST_PIECE = 4e-3
-"""Least arc length between knots, in units of the arm's length."""
-LEAST_SPACING = 0.08
-"""Least share of its segment that a piece keeps while knots are free."""
-SHRINK = 1e-5
-"""Regions shrink by this in units of the arm's length, so that quadrature and polish stay inside the real ones."""
-CURVATURE_RESERVE = 1e-3
-"""Share of the curvature limit kept for the polish."""
-_ROW_SIZES = (4, 6, 8, 12, 16, 24, 32, 48, 64)
+"""Variables of one segment."""
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
-    """The symbolic part, shared by all tasks of one size.
+class ShootingProgram:
+    """The symbolic part, shared by all tasks of one size and one choice of settings.
 
     Attributes:
+        settings: weights of the objective, and the solver's patience.
         segments: number of curvature segments.
         half_planes: rows kept for each segment's region; unused ones are padded.
         variables: X_0, U_0, X_1, U_1, .., X_K in one column.
@@ -42,6 +36,7 @@ class Program:
         upper: shape (rows,).
     """
 
+    settings: ConfigurationSettings
     segments: int
     half_planes: int
     variables: ca.SX
@@ -55,10 +50,12 @@ class Program:
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationNLP:
-    """One task's NLP: a program with its numbers. Lengths are in units of the arm's, the base is the origin.
+    """One task's NLP: the symbolic program with the task's numbers.
+
+    Lengths are in units of the arm's, the base is the origin.
 
     Attributes:
-        task: the question it answers.
+        task: what is asked for.
         program: the symbolic part.
         regions: index of the corridor's region for each segment.
         tip_heading: heading the tip must take, whole turns included, or None [rad].
@@ -68,7 +65,7 @@ class ConfigurationNLP:
     """
 
     task: ConfigurationTask
-    program: Program
+    program: ShootingProgram
     regions: tuple[int, ...]
     tip_heading: float | None
     lower: FloatArray
@@ -106,8 +103,9 @@ def build_configuration_nlp(
         regions = tuple(np.repeat(np.arange(len(task.corridor.regions)), task.segments_per_region).tolist())
     if tip_heading is None:
         tip_heading = task.goal_heading
-    half_planes = padded_rows(max(len(region.offsets) for region in task.corridor.regions))
-    program = symbolic_program(len(regions), half_planes)
+    most = max(len(region.offsets) for region in task.corridor.regions)
+    half_planes = padded_rows(most, task.settings.half_plane_counts)
+    program = symbolic_program(len(regions), half_planes, task.settings)
     lower, upper = _variable_bounds(task, len(regions), tip_heading)
     parameters = _parameter_values(task, regions, half_planes)
     if task.fixed_knots:
@@ -118,57 +116,65 @@ def build_configuration_nlp(
 
 def _nearness(nlp: ConfigurationNLP) -> ca.SX:
     """What nearness of the curve's points to the walls behind their regions' sides costs."""
-    task, total = nlp.task, ca.SX(0)
+    task = nlp.task
+    total = ca.SX(0)
     variables = nlp.program.variables
     for k, index in enumerate(nlp.regions):
         stage = variables[STAGE * k : STAGE * (k + 1)]
         points = SegmentFlow(*segment_function()(stage[:STATES], stage[STATES:])).points
         region = task.corridor.regions[index]
         walls = (region.offsets + task.side_gaps[index] - region.normals @ task.base) / task.length
-        total += nearness(points, region.normals, walls) / len(nlp.regions)
+        total += nearness(points, region.normals, walls, task.settings) / len(nlp.regions)
     return task.clearance_weight * total
 
 
-def padded_rows(count: int) -> int:
+def padded_rows(count: int, sizes: tuple[int, ...]) -> int:
     """The number of half-planes a solver is built for, the next of a few sizes so that solvers are shared."""
-    return next((size for size in _ROW_SIZES if size >= count), count)
+    return next((size for size in sizes if size >= count), count)
 
 
-def pack(states: FloatArray, controls: FloatArray) -> FloatArray:
+def pack_variables(states: FloatArray, controls: FloatArray) -> FloatArray:
     """One column of variables from states (K + 1, 5) and controls (K, 12)."""
     return np.append(np.hstack((states[:-1], controls)).ravel(), states[-1])
 
 
-def unpack(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
+def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
     """States (K + 1, 5) and controls (K, 12) from one column of variables."""
     stages = variables[:-STATES].reshape(-1, STAGE)
     return np.vstack((stages[:, :STATES], variables[-STATES:])), stages[:, STATES:]
 
 
 @cache
-def symbolic_program(segments: int, half_planes: int) -> Program:
+def symbolic_program(
+    segments: int, half_planes: int, settings: ConfigurationSettings = DEFAULT_CONFIGURATION
+) -> ShootingProgram:
     """Symbols, objective and rows for a number of segments and half-planes a region."""
     states = [ca.SX.sym(f"X{k}", STATES) for k in range(segments + 1)]
     controls = [ca.SX.sym(f"U{k}", CONTROLS) for k in range(segments)]
     normals = [ca.SX.sym(f"A{k}", half_planes, 2) for k in range(segments)]
     offsets = [ca.SX.sym(f"b{k}", half_planes) for k in range(segments)]
-    fraction, stub, weight = ca.SX.sym("fraction"), ca.SX.sym("stub"), ca.SX.sym("bending")
-    objective, blocks = ca.SX(0), []
+    fraction = ca.SX.sym("fraction")
+    stub = ca.SX.sym("stub")
+    weight = ca.SX.sym("bending")
+
+    objective = ca.SX(0)
+    blocks: list[constraints.RowBlock] = []
     for k in range(segments):
         flow = SegmentFlow(*segment_function()(states[k], controls[k]))
-        objective += configuration_cost(states[k], controls[k], flow.bending, weight)
+        objective += configuration_cost(states[k], controls[k], flow.bending, weight, settings)
+        ends = (k == 0, k == segments - 1)
         blocks += [
             constraints.gap_closing(k, flow, states[k + 1]),
             constraints.knot_spacing(k, controls[k], fraction),
             constraints.certified_curvature(k, controls[k], flow),
-            constraints.certified_containment(
-                k, controls[k], flow, normals[k], offsets[k], (k == 0, k == segments - 1)
-            ),
+            constraints.certified_containment(k, controls[k], flow, normals[k], offsets[k], ends),
         ]
-    blocks.insert(1, constraints.base_position(states[0], stub))  # after the first gap: FATROP's order of rows
+    blocks.insert(1, constraints.base_at_stub_end(states[0], stub))  # after the first gap: FATROP's order of rows
+
     stages = [symbol for pair in zip(states[:-1], controls, strict=True) for symbol in pair]
     region_symbols = [symbol for pair in zip(normals, offsets, strict=True) for symbol in (ca.vec(pair[0]), pair[1])]
-    return Program(
+    return ShootingProgram(
+        settings,
         segments,
         half_planes,
         ca.vertcat(*stages, states[-1]),
@@ -182,7 +188,7 @@ def symbolic_program(segments: int, half_planes: int) -> Program:
 
 
 @cache
-def _with_fixed_knots(program: Program) -> Program:
+def _with_fixed_knots(program: ShootingProgram) -> ShootingProgram:
     """Spacing rows as equations a_i = L_k / 4; the last of the four follows from the others."""
     upper = program.upper.copy()
     for row, name in enumerate(program.row_names):
@@ -194,19 +200,25 @@ def _with_fixed_knots(program: Program) -> Program:
 def _variable_bounds(
     task: ConfigurationTask, segments: int, tip_heading: float | None
 ) -> tuple[FloatArray, FloatArray]:
-    limit = task.curvature_limit * task.length * (1.0 - CURVATURE_RESERVE)
+    """Lower and upper bounds of the variables, each of shape (variables,).
+
+    What is known is a variable with equal bounds: base, goal, arc length at both ends, headings that are asked for.
+    """
+    limit = task.curvature_limit * task.length * (1.0 - task.settings.curvature_reserve)
     state = np.array([np.inf, np.inf, np.inf, limit, 1.0])
     control = np.repeat([limit, 1.0, limit], 4)
-    upper = pack(np.tile(state, (segments + 1, 1)), np.tile(control, (segments, 1)))
+    upper = pack_variables(np.tile(state, (segments + 1, 1)), np.tile(control, (segments, 1)))
     lower = -upper
-    states, controls = unpack(lower)
+    states, controls = unpack_variables(lower)
     states[:, 4] = task.stub / task.length
-    controls[:, 4:8], controls[:, 8:] = LEAST_PIECE, 0.0
-    lower = pack(states, controls)
+    controls[:, 4:8] = task.settings.least_piece
+    controls[:, 8:] = 0.0  # the bounds on |κ|
+    lower = pack_variables(states, controls)
+
     lower[2], upper[2] = task.base_heading_range
     lower[4] = upper[4] = task.stub / task.length
     if task.stub > 0.0:
-        lower[3] = upper[3] = 0.0
+        lower[3] = upper[3] = 0.0  # the curvature goes on from a straight stub
     lower[-5:-3] = upper[-5:-3] = (task.goal - task.base) / task.length
     lower[-1] = upper[-1] = 1.0
     if tip_heading is not None:
@@ -215,18 +227,22 @@ def _variable_bounds(
 
 
 def _parameter_values(task: ConfigurationTask, regions: tuple[int, ...], half_planes: int) -> FloatArray:
+    """Values of the parameters, in the order of ``ShootingProgram.parameters``."""
     blocks = [_half_planes(task, task.corridor.regions[index], half_planes) for index in regions]
-    fraction = 1.0 / PIECES if task.fixed_knots else LEAST_SPACING
+    fraction = 1.0 / PIECES if task.fixed_knots else task.settings.least_spacing
     return np.concatenate([*blocks, [fraction, task.stub / task.length, task.bending_weight]])
 
 
 def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> FloatArray:
     """Normals, column-major, then offsets of one region in the NLP's units; padded rows hold always."""
     offsets = (region.offsets - region.normals @ task.base) / task.length
+
+    # A base or goal that lies in the region stays in it: a side next to one moves by half of what is left there.
     ends = np.array([[0.0, 0.0], task.goal - task.base]) / task.length
     slack = offsets - ends @ region.normals.T
     room = np.where(slack > -END_TOLERANCE / task.length, slack, np.inf).min(axis=0)
-    offsets = offsets - np.minimum(SHRINK, np.where(room > 0.0, 0.5 * room, room))
+    offsets = offsets - np.minimum(task.settings.region_shrinkage, np.where(room > 0.0, 0.5 * room, room))
+
     padding = count - len(offsets)
     normals = np.vstack((region.normals, np.zeros((padding, 2))))
     return np.concatenate((normals.ravel(order="F"), offsets, np.ones(padding)))

@@ -10,8 +10,6 @@ from ccm_opt.geometry.angles import WHOLE_TURN, wrap
 from ccm_opt.geometry.polyline import arc_lengths, leg_headings, legs_at, points_at, without_repeats
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 
-_SAMPLES = 401
-
 
 @dataclass(frozen=True)
 class PathProfile:
@@ -66,11 +64,12 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
 
 def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArray:
     """Lengths of the taut path at which it passes from region to region, ends included, shape (regions + 1,)."""
-    t = np.linspace(0.0, profile.arcs[-1], _SAMPLES)
+    t = np.linspace(0.0, profile.arcs[-1], task.settings.path_samples)
     world = profile.point_at(t) * task.length + task.base
     inside = [np.all(world @ region.normals.T <= region.offsets + 1e-9, axis=1) for region in task.corridor.regions]
     crossings = [0.0]
     for here, there in pairwise(inside):
+        # Two regions overlap along a stretch of the path: it passes from one to the other in the middle of it.
         both = t[here & there & (t >= crossings[-1])]
         crossings.append(float(both.mean()) if len(both) else crossings[-1])
     return np.append(crossings, profile.arcs[-1])

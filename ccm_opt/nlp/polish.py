@@ -9,11 +9,12 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import Knots
 from ccm_opt.continuum.spline import piece_coefficients
 from ccm_opt.geometry.angles import unit_vector
-from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, unpack
+from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, unpack_variables
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-_ITERATIONS = 8
+"""Gauss points of a piece."""
 _POWERS = np.arange(1, 5)
+"""Of arc length in the integral of a cubic."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +43,16 @@ def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Conf
         In metres; with a mount the first segment is its straight stub.
     """
     task = nlp.task
-    states, controls = unpack(variables)
+    states, controls = unpack_variables(variables)
     widths = controls[:, 4:8] * (task.length - task.stub) / controls[:, 4:8].sum()
     values = np.append(states[0, 3], controls[:, :4]) / task.length
     heading, values = _newton(nlp, widths, float(states[0, 2]), values)
     curvatures = [values[4 * k : 4 * k + 5] for k in range(len(widths))]
-    lengths, knots = widths.sum(axis=1).tolist(), [_knots(row) for row in widths]
+    lengths = widths.sum(axis=1).tolist()
+    knots = [_knots(row) for row in widths]
     if task.stub > 0.0:
-        lengths, curvatures = [task.stub, *lengths], [np.zeros(5), *curvatures]
+        lengths = [task.stub, *lengths]
+        curvatures = [np.zeros(5), *curvatures]
         knots = [(0.25, 0.5, 0.75), *knots]
     return Configuration.chain(task.base, heading, lengths, curvatures, knots)
 
@@ -61,7 +64,9 @@ def heading_basis(widths: FloatArray) -> HeadingBasis:
         widths: arc lengths between knots, shape (K, 4) [m].
     """
     count = 4 * len(widths) + 1
-    start, rows, weights = np.zeros(count), [], []
+    start = np.zeros(count)
+    rows = []
+    weights = []
     for k, row in enumerate(widths):
         for width, coefficients in zip(row, piece_coefficients(row, np.eye(5)), strict=True):
             arcs = np.append(0.5 * width * (_NODES + 1.0), width)
@@ -76,12 +81,16 @@ def heading_basis(widths: FloatArray) -> HeadingBasis:
 
 def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: FloatArray) -> tuple[float, FloatArray]:
     """Least change of base heading and curvature, in units of the arm's length, that puts the tip on the goal."""
-    task, basis = nlp.task, heading_basis(widths)
+    task = nlp.task
+    basis = heading_basis(widths)
+
+    # A fixed base keeps its heading; behind a straight stub the curvature begins at zero.
     free = np.append(nlp.upper[2] > nlp.lower[2], np.full(len(values), fill_value=True))
     free[1] = task.stub == 0.0
     scale = np.append(1.0, np.full(len(values), 1.0 / task.length))[free]
+
     unknowns = np.append(heading, values)
-    for _ in range(_ITERATIONS):
+    for _ in range(task.settings.polish_steps):
         residual, jacobian = _tip_equations(nlp, basis, unknowns)
         if np.abs(residual).max() < 1e-13 * task.length:
             break
@@ -95,12 +104,14 @@ def _tip_equations(nlp: ConfigurationNLP, basis: HeadingBasis, unknowns: FloatAr
     """Tip position [m] and, when asked for, heading minus the goal's, with their Jacobian in (θ_0, values)."""
     task = nlp.task
     theta = unknowns[0] + basis.rows @ unknowns[1:]
-    cosine, sine = np.cos(theta), np.sin(theta)
+    cosine = np.cos(theta)
+    sine = np.sin(theta)
     stub = task.stub * unit_vector(unknowns[0])
     position = stub + np.array([basis.weights @ cosine, basis.weights @ sine])
     inner = np.stack((-(basis.weights * sine) @ basis.rows, (basis.weights * cosine) @ basis.rows))
     turning = np.array([-position[1], position[0]])
-    residual, jacobian = position - (task.goal - task.base), np.column_stack((turning, inner))
+    residual = position - (task.goal - task.base)
+    jacobian = np.column_stack((turning, inner))
     if nlp.tip_heading is None:
         return residual, jacobian
     miss = unknowns[0] + basis.tip @ unknowns[1:] - nlp.tip_heading

@@ -9,15 +9,13 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.ipopt_call import ipopt_call
-from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, Program
+from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, ShootingProgram
 
-MAX_ITERATIONS = 80
 _OPTIONS: dict[str, Any] = {
     "print_time": False,
     "error_on_fail": False,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
-    "ipopt.max_iter": MAX_ITERATIONS,
     "ipopt.tol": 1e-4,
     "ipopt.constr_viol_tol": 1e-7,
     "ipopt.acceptable_iter": 0,
@@ -31,11 +29,8 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.mumps_pivot_order": 0,
     "ipopt.mumps_scaling": 0,
 }
-FEASIBILITY = 1e-6
-"""Largest violation of a row, in the NLP's units, that counts as satisfied."""
-ROWS_KEPT = 40
-"""Rows that a result names."""
-_solvers: WeakKeyDictionary[Program, ca.Function] = WeakKeyDictionary()
+"""IPOPT's options but for the most iterations, which come from the settings."""
+_solvers: WeakKeyDictionary[ShootingProgram, ca.Function] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -49,6 +44,7 @@ class NLPResult:
         objective: value at the final iterate.
         violation: largest violation of any row, in units of the arm's length.
         worst_row: name of that row.
+        feasible: whether all rows hold, however the solver stopped.
         broken: names of the rows that are violated most, each with its violation, the worst first.
     """
 
@@ -58,12 +54,8 @@ class NLPResult:
     objective: float
     violation: float
     worst_row: str
+    feasible: bool
     broken: tuple[tuple[str, float], ...] = ()
-
-    @property
-    def feasible(self) -> bool:
-        """Whether all rows hold, however the solver stopped."""
-        return self.violation <= FEASIBILITY
 
 
 def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> NLPResult:
@@ -85,19 +77,22 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> NLPResult:
     if statistics["return_status"] == "User_Requested_Stop":
         raise KeyboardInterrupt  # no callback is set: only Ctrl-C asks for this
     variables = np.asarray(answer["x"], dtype=np.float64).ravel()
-    broken = _worst_rows(nlp, variables, np.asarray(answer["g"]).ravel())
+    worst = _worst_rows(nlp, variables, np.asarray(answer["g"]).ravel())
+    row, violation = worst[0]
+    allowed = program.settings.feasibility
     return NLPResult(
         variables,
         str(statistics["return_status"]),
         int(statistics["iter_count"]),
         float(answer["f"]),
-        broken[0][1],
-        broken[0][0],
-        tuple(row for row in broken if row[1] > FEASIBILITY),
+        violation,
+        row,
+        violation <= allowed,
+        tuple(pair for pair in worst if pair[1] > allowed),
     )
 
 
-def built_solver(program: Program) -> ca.Function:
+def built_solver(program: ShootingProgram) -> ca.Function:
     """The IPOPT solver of a program; built once, kept as long as the program lives."""
     if program not in _solvers:
         symbols = {
@@ -106,7 +101,8 @@ def built_solver(program: Program) -> ca.Function:
             "f": program.objective,
             "g": program.constraints,
         }
-        _solvers[program] = ca.nlpsol("configuration", "ipopt", symbols, _OPTIONS)
+        options = {**_OPTIONS, "ipopt.max_iter": program.settings.most_iterations}
+        _solvers[program] = ca.nlpsol("configuration", "ipopt", symbols, options)
     return _solvers[program]
 
 
@@ -117,5 +113,5 @@ def _worst_rows(nlp: ConfigurationNLP, variables: FloatArray, rows: FloatArray) 
     lower = np.concatenate((nlp.program.lower, nlp.lower))
     upper = np.concatenate((nlp.program.upper, nlp.upper))
     violation = np.nan_to_num(np.maximum(lower - values, values - upper), nan=np.inf)
-    worst = np.argsort(-violation, kind="stable")[:ROWS_KEPT]
+    worst = np.argsort(-violation, kind="stable")[: nlp.task.settings.rows_kept]
     return [(names[row], max(0.0, float(violation[row]))) for row in worst]
