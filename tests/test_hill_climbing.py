@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose, Weights
+from ccm_opt.hill_climbing.distance import Distance, DistanceWeights, Precision, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, Strategy, climb, end_of
-from ccm_opt.hill_climbing.operators import ALL, LEAST_SPACING, Moves, Operator, StepSizes
+from ccm_opt.hill_climbing.operators import ALL, Moves, Operator, StepSizes
 from ccm_opt.hill_climbing.world import World
 from ccm_opt.jointed.mapping import mean_headings
 
@@ -35,7 +35,7 @@ def arc(curvature: float, heading: float = 0.0) -> Configuration:
 def test_the_batch_agrees_with_single_configurations(curvature: list[float], heading: float) -> None:
     """Tips and mean headings of a batch are those that the configurations give one by one."""
     one = two_segments(curvature, heading)
-    batch = Shapes.of([one, two_segments(curvature[::-1])])
+    batch = Shapes.from_configurations([one, two_segments(curvature[::-1])])
     (position, *_), (tip_heading, *_) = batch.tips
     np.testing.assert_allclose(position, one.tip[0], atol=1e-6)
     assert tip_heading == pytest.approx(one.tip[1], abs=1e-10)
@@ -45,7 +45,7 @@ def test_the_batch_agrees_with_single_configurations(curvature: list[float], hea
 
 def test_every_operator_moves_its_own_number_both_ways() -> None:
     """At one scale there are two candidates for each of the paper's nine operators, and each changes one number."""
-    here = Shapes.of([arc(1.0)])
+    here = Shapes.from_configurations([arc(1.0)])
     candidates = Moves((0,), ALL, StepSizes(scales=(1.0,))).candidates(here)
     assert len(candidates) == 2 * len(ALL) == 18
     changes = np.column_stack(
@@ -66,10 +66,10 @@ def test_every_operator_moves_its_own_number_both_ways() -> None:
 def test_knots_keep_their_order(b: float, c: float, d: float) -> None:
     """No candidate exchanges interpolation points or brings them nearer than allowed, or than they were."""
     knots = (b, b + c, b + c + d)
-    here = Shapes.of([Configuration.chain(np.zeros(2), 0.0, [1.0], [np.ones(5)], [knots])])
+    here = Shapes.from_configurations([Configuration.chain(np.zeros(2), 0.0, [1.0], [np.ones(5)], [knots])])
     candidates = Moves((0,), (Operator.S_B, Operator.S_C, Operator.S_D)).candidates(here)
     gaps = np.diff(np.column_stack((np.zeros(len(candidates)), candidates.knots[:, 0], np.ones(len(candidates)))))
-    assert np.all(gaps >= min(LEAST_SPACING, *np.diff((0.0, *knots, 1.0))) - 1e-9)
+    assert np.all(gaps >= min(StepSizes().least_spacing, *np.diff((0.0, *knots, 1.0))) - 1e-9)
 
 
 @given(st.floats(-10.0, 10.0), st.integers(-2, 2))
@@ -78,7 +78,7 @@ def test_distance_vanishes_at_the_goal_and_forgets_whole_turns(heading: float, t
     """d² is zero at the goal whatever the winding, and positive for a tip elsewhere."""
     distance = Distance(TipPose(np.array([0.3, 0.4]), heading), 1.0)
     there = np.array([[0.3, 0.4], [0.3, 0.5]])
-    at, off = distance.of(there, np.full(2, heading + 2.0 * np.pi * turns), np.zeros(2))
+    at, off = distance.of_tips(there, np.full(2, heading + 2.0 * np.pi * turns), np.zeros(2))
     assert at == pytest.approx(0.0, abs=1e-20)
     assert off == pytest.approx(0.01)
 
@@ -86,8 +86,8 @@ def test_distance_vanishes_at_the_goal_and_forgets_whole_turns(heading: float, t
 def test_distance_counts_base_rotation_when_asked() -> None:
     """With a weight, the base's rotation from its reference adds to the distance; a free heading adds nothing."""
     goal = TipPose(np.zeros(2))
-    distance = Distance(goal, 1.0, Weights(base=2.0), base_heading=0.5)
-    assert distance.of(np.zeros((1, 2)), np.array([9.0]), np.array([0.8]))[0] == pytest.approx(2.0 * 0.09)
+    distance = Distance(goal, 1.0, DistanceWeights(base=2.0), base_heading=0.5)
+    assert distance.of_tips(np.zeros((1, 2)), np.array([9.0]), np.array([0.8]))[0] == pytest.approx(2.0 * 0.09)
 
 
 def test_threshold_implies_the_precision() -> None:
@@ -116,7 +116,7 @@ def test_steepest_takes_the_best_candidate() -> None:
     position, heading = arc(1.6, 0.5).tip
     distance = Distance(TipPose(position, heading), 1.0)
     first = next(climb(World(), arc(0.8, 0.1), Climb(distance, distance.threshold)))
-    assert distance(first)[0] == distance(Moves().candidates(Shapes.of([arc(0.8, 0.1)]))).min()
+    assert distance(first)[0] == distance(Moves().candidates(Shapes.from_configurations([arc(0.8, 0.1)]))).min()
 
 
 def test_a_climb_is_blocked_where_the_world_forbids_every_move() -> None:
@@ -167,10 +167,10 @@ def test_every_improving_move_is_asked_for_until_one_may_be_made() -> None:
         del here
         asked.extend(distance(there))
         sizes.append(len(there))
-        return distance(there) > 0.99 * float(distance(Shapes.of([arc(0.8, 0.1)]))[0])
+        return distance(there) > 0.99 * float(distance(Shapes.from_configurations([arc(0.8, 0.1)]))[0])
 
     first = next(climb(World(only_small), arc(0.8, 0.1), Climb(distance, distance.threshold)))
-    assert distance(first)[0] > 0.99 * distance(Shapes.of([arc(0.8, 0.1)]))[0]
+    assert distance(first)[0] > 0.99 * distance(Shapes.from_configurations([arc(0.8, 0.1)]))[0]
     assert np.all(np.diff(asked) >= 0.0)
     assert np.all(np.diff(sizes[:-1]) > 0)
 
@@ -187,5 +187,5 @@ def test_walls_push_a_climb_away() -> None:
     ends = [
         end_of(world, start, Climb(distance, distance.threshold, most_steps=400, push=push))[0] for push in (0.0, 0.1)
     ]
-    crowding = world.crowding(Shapes.of(ends))
+    crowding = world.crowding(Shapes.from_configurations(ends))
     assert crowding[1] < crowding[0]

@@ -41,7 +41,7 @@ def test_figure_3_left_arrives() -> None:
     problem = shared("open-space")
     follower = Follower.from_problem(problem)
     _, end = run(scm_0(follower.world, follower.start, goal_of(problem)))
-    tip = follower.tips(Shapes.of([end]))[0][0]
+    tip = follower.tips(Shapes.from_configurations([end]))[0][0]
     assert np.hypot(*(tip - goal_of(problem).position)) < problem.tolerances.position
 
 
@@ -51,7 +51,7 @@ def test_figure_3_right_is_caught() -> None:
     follower = Follower.from_problem(problem)
     with pytest.raises(SchemaStopped, match=r"SCM-0 stopped: (blocked|local minimum)") as stopped:
         run(scm_0(follower.world, follower.start, goal_of(problem)))
-    tip = follower.tips(Shapes.of([stopped.value.configuration]))[0][0]
+    tip = follower.tips(Shapes.from_configurations([stopped.value.configuration]))[0][0]
     assert np.hypot(*(tip - goal_of(problem).position)) > 0.02
 
 
@@ -146,4 +146,6 @@ def test_a_feed_axis_is_refused() -> None:
 def test_first_keyframe_is_the_start_exactly() -> None:
     """The follower's offset makes up for whatever the mapping and the merging of the start's segments changed."""
     follower = Follower.from_problem(shared("local-maximum"))
-    np.testing.assert_allclose(follower.headings(Shapes.of([follower.start]))[0], follower.ends.start, atol=1e-12)
+    np.testing.assert_allclose(
+        follower.headings(Shapes.from_configurations([follower.start]))[0], follower.ends.start, atol=1e-12
+    )

@@ -95,7 +95,7 @@ def test_passages_longer_than_the_arm_are_left_out() -> None:
 def test_the_clearance_field_is_near_the_true_distance() -> None:
     """Interpolated gaps err by no more than a cell."""
     problem = load_problem(PROBLEMS / "fold-and-reach.toml")
-    field = ClearanceField.of(problem.workspace, 0.02)
+    field = ClearanceField.from_workspace(problem.workspace, 0.02)
     points = np.random.default_rng(1).uniform([-0.5, -0.5], [1.2, 1.3], (200, 2))
     walls = [wall.core for wall in problem.workspace.walls]
     true = np.array([min(shapely.distance(shapely.Point(p), wall) for wall in walls) for p in points]) - 0.02

@@ -14,12 +14,12 @@ from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.continuum.segment_types import SegmentType, classify
 from ccm_opt.geometry.angles import wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.curve_track import Track
+from ccm_opt.hill_climbing.curve_track import SegmentTrack
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import Folds, merge_and_climb
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_3, scm_4, scm_5, scm_6, scm_7, scm_8
 from ccm_opt.hill_climbing.schemas.feeding import begin_feeding, pass_length, slide_boundary
-from ccm_opt.hill_climbing.steps import SchemaStopped, Step, run
+from ccm_opt.hill_climbing.steps import SchemaStep, SchemaStopped, run
 from ccm_opt.hill_climbing.world import World
 
 OPEN = World()
@@ -41,7 +41,7 @@ def nothing_allowed(here: Shapes, there: Shapes) -> BoolArray:
     return np.zeros(len(there), dtype=np.bool_)
 
 
-def tips(steps: tuple[Step, ...]) -> FloatArray:
+def tips(steps: tuple[SchemaStep, ...]) -> FloatArray:
     """Positions of the tips of all steps, shape (k, 2) [m]."""
     return np.array([step.configuration.tip[0] for step in steps])
 
@@ -207,7 +207,7 @@ def test_length_is_passed_on_with_the_subgoal_held() -> None:
     """SCM-3 with SCM-5: the arm keeps its length, the tip segment its curve, the boundary its pose."""
     start = fold()
     curve = scm_4(OPEN, start, TipPose(start.tip[0] + [0.5, -0.1], 0.3)).segment
-    begun = begin_feeding(OPEN, start, Track((curve,)))
+    begun = begin_feeding(OPEN, start, SegmentTrack((curve,)))
     steps, end = run(pass_length(OPEN, begun, 0.5))
     track = add_segment(start, curve)
     for step in steps:
@@ -224,7 +224,7 @@ def test_the_boundary_slides_along_the_tip_segment() -> None:
     """The boundary moves ahead on the curve; the tip stays where it is and the arm keeps its length."""
     start = fold()
     curve = scm_4(OPEN, start, TipPose(start.tip[0] + [0.5, -0.1], 0.3)).segment
-    _, fed = run(pass_length(OPEN, begin_feeding(OPEN, start, Track((curve,))), 0.6))
+    _, fed = run(pass_length(OPEN, begin_feeding(OPEN, start, SegmentTrack((curve,))), 0.6))
     steps, end = run(slide_boundary(OPEN, fed, 0.06))
     assert end.configuration.segments[0].length == pytest.approx(fed.configuration.segments[0].length + 0.06)
     for step in steps:

@@ -9,10 +9,14 @@ import numpy as np
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import CurvatureSegment
+from ccm_opt.geometry.angles import unit_vector
 
 _PIECES = 4
+"""Cubic pieces of a segment's curvature."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+"""Gauss points of a piece."""
 _POWERS = np.arange(1, _PIECES + 1)
+"""Of arc length in the integral of a cubic."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ class Shapes:
     moments: FloatArray
 
     @classmethod
-    def of(cls, configurations: Sequence[Configuration]) -> "Shapes":
+    def from_configurations(cls, configurations: Sequence[Configuration]) -> "Shapes":
         """Configurations of equally many segments as one batch."""
         chains = [c.segments for c in configurations]
         return cls(
@@ -106,8 +110,8 @@ class Shapes:
 
     def points(self, count: int) -> FloatArray:
         """Points at equal arc lengths, the base first, by chords: close, but not exact; shape (m, count + 1, 2) [m]."""
-        headings, step = self.mean_headings(count), (self.length / count)[:, None, None]
-        chords = step * np.stack((np.cos(headings), np.sin(headings)), axis=2)
+        step = (self.length / count)[:, None, None]
+        chords = step * unit_vector(self.mean_headings(count))
         start = np.zeros((len(self), 1, 2))
         points: FloatArray = self.base + np.concatenate((start, np.cumsum(chords, axis=1)), axis=1)
         return points
@@ -142,7 +146,9 @@ class Shapes:
         """Power coefficients of curvature on every piece, shape (m, segments * 4, 4)."""
         a = self._widths.reshape(*self.lengths.shape, _PIECES)
         moments = self._second_derivatives(a)
-        left, right, values = moments[..., :-1], moments[..., 1:], self.curvature
+        left = moments[..., :-1]
+        right = moments[..., 1:]
+        values = self.curvature
         linear = np.diff(values, axis=2) / a - a * (2.0 * left + right) / 6.0
         pieces = np.stack((values[..., :-1], linear, 0.5 * left, (right - left) / (6.0 * a)), axis=-1)
         return pieces.reshape(len(self), -1, 4)
@@ -153,8 +159,12 @@ class Shapes:
         rows = 6.0 * np.diff(slopes, axis=2)
         ends = self.moments
         middle = 2.0 * (a[..., :-1] + a[..., 1:])
-        r0, r1, r2 = rows[..., 0] - a[..., 0] * ends[..., 0], rows[..., 1], rows[..., 2] - a[..., 3] * ends[..., 1]
-        f0, f2 = a[..., 1] / middle[..., 0], a[..., 2] / middle[..., 2]
+        r0 = rows[..., 0] - a[..., 0] * ends[..., 0]
+        r1 = rows[..., 1]
+        r2 = rows[..., 2] - a[..., 3] * ends[..., 1]
+        # The outer unknowns are eliminated from the middle row, then found from the middle one.
+        f0 = a[..., 1] / middle[..., 0]
+        f2 = a[..., 2] / middle[..., 2]
         m1 = (r1 - f0 * r0 - f2 * r2) / (middle[..., 1] - f0 * a[..., 1] - f2 * a[..., 2])
         m0 = (r0 - a[..., 1] * m1) / middle[..., 0]
         m2 = (r2 - a[..., 2] * m1) / middle[..., 2]
@@ -182,8 +192,8 @@ class Shapes:
     @cached_property
     def _integrals(self) -> FloatArray:
         """Integral of the heading from the base to the start of each piece, shape (m, segments * 4) [rad m]."""
-        a, powers = self._widths, _POWERS
-        bends = (self._coefficients * a[..., None] ** (powers + 1) / (powers * (powers + 1))).sum(axis=2)
+        a = self._widths
+        bends = (self._coefficients * a[..., None] ** (_POWERS + 1) / (_POWERS * (_POWERS + 1))).sum(axis=2)
         pieces = (self._turned[:, :-1] + self.heading[:, None]) * a + bends
         integrals: FloatArray = np.cumsum(pieces, axis=1) - pieces
         return integrals

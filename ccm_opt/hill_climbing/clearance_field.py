@@ -8,9 +8,7 @@ from scipy.ndimage import map_coordinates
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
-
-CELLS = 160
-"""Cells of the grid along the longer side of the room."""
+from ccm_opt.hill_climbing.climbing_settings import DEFAULT_CLIMBING
 
 
 @dataclass(frozen=True)
@@ -28,11 +26,14 @@ class ClearanceField:
     gaps: FloatArray
 
     @classmethod
-    def of(cls, workspace: Workspace, need: float) -> "ClearanceField":
-        """The field of a room for an arm that needs a distance ``need`` from the walls [m]."""
+    def from_workspace(
+        cls, workspace: Workspace, need: float, cells: int = DEFAULT_CLIMBING.field_cells
+    ) -> "ClearanceField":
+        """The field of a room, ``cells`` along its longer side, for an arm that needs a distance ``need`` [m]."""
         xmin, ymin, xmax, ymax = workspace.boundary.bounds
-        cell = max(xmax - xmin, ymax - ymin) / CELLS
-        x, y = np.arange(xmin, xmax + cell, cell), np.arange(ymin, ymax + cell, cell)
+        cell = max(xmax - xmin, ymax - ymin) / cells
+        x = np.arange(xmin, xmax + cell, cell)
+        y = np.arange(ymin, ymax + cell, cell)
         nodes = np.asarray(shapely.points(*np.meshgrid(x, y, indexing="ij")))
         gaps = np.full(nodes.shape, np.inf)
         for wall in workspace.walls:

@@ -15,12 +15,13 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import headings_of, wrap
 
 SHORTEST = 1e-6
-"""Pieces shorter than this share of the track are left out."""
+"""Rounding: pieces shorter than this share of the track are left out."""
 _EVEN = np.array([0.0, *EVEN_KNOTS, 1.0])
+"""Even knots, the ends included."""
 
 
 @dataclass(frozen=True)
-class Track:
+class SegmentTrack:
     """Curvature segments end to end.
 
     Attributes:
@@ -38,15 +39,16 @@ class Track:
         """The segments of the first ``length`` metres, the last one cut, exactly."""
         return self._divided(length)[0]
 
-    def after(self, length: float) -> "Track":
+    def after(self, length: float) -> "SegmentTrack":
         """What follows the first ``length`` metres."""
-        return Track(self._divided(length)[1])
+        return SegmentTrack(self._divided(length)[1])
 
     def from_pose(self, position: FloatArray) -> Configuration:
         """The track as a curve that begins at a point (2,) [m]."""
         return Configuration(position, self.segments)
 
     def _divided(self, length: float) -> tuple[tuple[CurvatureSegment, ...], tuple[CurvatureSegment, ...]]:
+        """The segments of the first ``length`` metres, and the others; the one between is cut in two."""
         before: list[CurvatureSegment] = []
         least = SHORTEST * self.length
         for k, segment in enumerate(self.segments):
@@ -59,7 +61,7 @@ class Track:
         return tuple(before), ()
 
 
-def track_through(corners: FloatArray, sharpest: float) -> Track:
+def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
     """Straight lines between corners and a cubic spiral round each (section 4.1).
 
     A turn by α that begins and ends at the distance c from its corner has the length 2 c cos(α/2) / D(α) and the peak
@@ -78,16 +80,23 @@ def track_through(corners: FloatArray, sharpest: float) -> Track:
     turns = [wrap(float(after - before)) for before, after in pairwise(headings)]
     share = np.full(len(lengths), 0.5)
     share[[0, -1]] = 1.0
+    # A little short of all the room, so that the straights between two turns never vanish by rounding.
     reaches = [0.999 * min(share[k] * lengths[k], share[k + 1] * lengths[k + 1]) for k in range(len(turns))]
-    heading, segments = float(headings[0]), list[CurvatureSegment]()
+
+    heading = float(headings[0])
+    segments: list[CurvatureSegment] = []
     for k, length in enumerate(lengths):
-        straight = float(length) - (reaches[k - 1] if k > 0 else 0.0) - (reaches[k] if k < len(turns) else 0.0)
+        straight = float(length)
+        if k > 0:
+            straight -= reaches[k - 1]
+        if k < len(turns):
+            straight -= reaches[k]
         if straight > SHORTEST * lengths.sum():
             segments.append(CurvatureSegment(straight, heading, np.zeros(5)))
         if k < len(turns):
             segments.append(_spiral(heading, turns[k], float(reaches[k]), sharpest, corners[k + 1]))
             heading = segments[-1].end_heading
-    return Track(tuple(segments))
+    return SegmentTrack(tuple(segments))
 
 
 def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: FloatArray) -> CurvatureSegment:

@@ -30,7 +30,7 @@ class TipPose:
 
 
 @dataclass(frozen=True)
-class Weights:
+class DistanceWeights:
     """Weights of heading and base rotation beside position, whose weight is 1."""
 
     heading: float = 0.1
@@ -59,11 +59,11 @@ class Distance:
 
     goal: TipPose
     reach: float
-    weights: Weights = Weights()
+    weights: DistanceWeights = DistanceWeights()
     base_heading: float = 0.0
     precision: Precision = Precision()
 
-    def of(self, positions: FloatArray, headings: FloatArray, base_headings: FloatArray) -> FloatArray:
+    def of_tips(self, positions: FloatArray, headings: FloatArray, base_headings: FloatArray) -> FloatArray:
         """d² for tips (m, 2) [m], tip headings (m,) and base headings (m,) [rad]; shape (m,)."""
         distance: FloatArray = np.square((positions - self.goal.position) / self.reach).sum(axis=1)
         if self.goal.heading is not None:
@@ -76,7 +76,7 @@ class Distance:
     def __call__(self, shapes: Shapes) -> FloatArray:
         """d² for the tips of whole configurations, shape (m,)."""
         positions, headings = shapes.tips
-        return self.of(positions, headings, shapes.heading)
+        return self.of_tips(positions, headings, shapes.heading)
 
     @property
     def threshold(self) -> float:

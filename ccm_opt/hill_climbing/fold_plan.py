@@ -1,8 +1,8 @@
-"""The plan of section 4.3: fold the arm, move it in front of the obstacle, and reach the goal from there (Figure 5)."""
+"""The plan of section 4.3 of the paper: fold, move in front of the obstacle, reach the goal from there (Figure 5)."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -11,35 +11,17 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import heading_of
-from ccm_opt.hill_climbing.curve_track import Track
+from ccm_opt.hill_climbing.curve_track import SegmentTrack
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_4, scm_6, scm_7, scm_8
-from ccm_opt.hill_climbing.schemas.climbing import PATIENCE, PUSH
-from ccm_opt.hill_climbing.schemas.feeding import FEED, Feeding, begin_feeding, pass_length, slide_boundary
-from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step, run
+from ccm_opt.hill_climbing.schemas.feeding import Feeding, begin_feeding, pass_length, slide_boundary
+from ccm_opt.hill_climbing.steps import Schema, SchemaStep, SchemaStopped, run
 from ccm_opt.hill_climbing.world import World
 
 _Result = TypeVar("_Result")
 
-LEAST = 0.05
-"""The base segment keeps this share of the arm's length."""
-AHEAD = 0.06
-"""The boundary moves ahead by this share of the arm's length."""
 REACH = "4 reach from the subgoal"
-SLIDE = 0.4
-"""The boundary slides by this share of what was fed."""
-NEAR = 0.15
-"""The arm climbs to the goal when no more than this share of its length is left of the curve to it."""
-BACK = (0.0, 0.25, 0.5, 0.75)
-"""Shares of the steps of SCM-8 that are taken back where SCM-7 cannot go on from its end."""
-FED = 1e-6
-"""What is left of the curve counts as nothing below this share of the arm's length."""
-AT_ONCE = 0.5
-"""SCM-7 that gets farther than this share of its way does not begin earlier when it gets stuck."""
-LAST_CLIMB = 300
-"""Moves of SCM-0 at most after a merge."""
-MERGE_TOLERANCE = 0.1
-"""How far headings may move when the segments are merged [rad]; the arm goes there by SCM-2."""
+"""The stage of the plan between the fold and the merge."""
 
 
 def subgoals(base: FloatArray, obstacle: FloatArray) -> tuple[TipPose, TipPose]:
@@ -78,7 +60,7 @@ def fold_plan(
     Raises:
         SchemaStopped: naming the schema.
     """
-    yield Step("start", start, "1 start")
+    yield SchemaStep("start", start, "1 start")
     here = yield from (folds or Folds()).to(world, start, subgoal)
     here = yield from staged(scm_6(world, here), REACH)
     return (yield from reach(world, here, goal, sliding=sliding))
@@ -91,25 +73,33 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
     """
     selection = scm_1(world, start, subgoal)
     turned, _ = run(scm_8(world.of_curve, start, selection.configuration(start.base), as_far_as_free=True))
-    for back in BACK:
+    settings = world.settings.plans
+    for back in settings.taken_back:
         kept = turned[: len(turned) - int(back * len(turned))]
         try:
             ahead, here = run(scm_7(world.of_curve, kept[-1].configuration, subgoal))
         except SchemaStopped as stopped:
             failure = stopped
-            if _share_of_way(kept[-1].configuration, stopped.configuration, subgoal) > AT_ONCE:
-                break
-            continue
-        yield from (replace(step, stage="2 change the type") for step in kept)
-        yield from (replace(step, stage="3 proceed to the subgoal") for step in ahead)
-        return here
+            if _share_of_way(kept[-1].configuration, stopped.configuration, subgoal) > settings.most_of_way:
+                break  # what stopped it is far from where it began
+        else:
+            for step in kept:
+                yield replace(step, stage="2 change the type")
+            for step in ahead:
+                yield replace(step, stage="3 proceed to the subgoal")
+            return here
     raise failure
 
 
 def _share_of_way(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
     """How much of the way of the tip to a subgoal is made."""
-    before, after = (float(np.hypot(*(c.tip[0] - subgoal.position))) for c in (start, end))
+    before = float(np.hypot(*(start.tip[0] - subgoal.position)))
+    after = float(np.hypot(*(end.tip[0] - subgoal.position)))
     return 1.0 - after / before
+
+
+FoldOutcome: TypeAlias = tuple[tuple[SchemaStep, ...], Configuration] | SchemaStopped
+"""Steps and end of a fold, or how it stopped."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +110,7 @@ class Folds:
         known: steps and end, or how the fold stopped, by subgoal.
     """
 
-    known: dict[tuple[float, ...], tuple[tuple[Step, ...], Configuration] | SchemaStopped] = field(default_factory=dict)
+    known: dict[tuple[float, ...], FoldOutcome] = field(default_factory=dict)
 
     def to(self, world: World, start: Configuration, subgoal: TipPose) -> Schema:
         """``fold``, or what it came to when it was first asked for."""
@@ -131,6 +121,7 @@ class Folds:
             except SchemaStopped as stopped:
                 self.known[key] = stopped
         outcome = self.known[key]
+        # An exception is raised once only: another one of the same words stands for it.
         if isinstance(outcome, SchemaStopped):
             raise SchemaStopped(outcome.schema, outcome.configuration, outcome.reason)
         yield from outcome[0]
@@ -144,10 +135,10 @@ def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = 
     stops, the boundary moves ahead along the curve and the feed goes on; with ``sliding`` it does so all along.
     """
     curve = scm_4(world, start, goal, longest=start.length).segment
-    return (yield from trace(world, start, Track((curve,)), goal, sliding=sliding))
+    return (yield from trace(world, start, SegmentTrack((curve,)), goal, sliding=sliding))
 
 
-def trace(world: World, start: Configuration, track: Track, goal: TipPose, *, sliding: bool) -> Schema:
+def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose, *, sliding: bool) -> Schema:
     """Feed the arm along a track that begins at its tip, and climb to the goal when its end is near.
 
     A climb that stops is tried again when half of what was left is fed, and where the feed ends.
@@ -155,32 +146,53 @@ def trace(world: World, start: Configuration, track: Track, goal: TipPose, *, sl
     Raises:
         SchemaStopped: the feed does not come near enough, or the climb does not arrive.
     """
-    here, total = begin_feeding(world, start, track), start.length
-    yield Step("SCM-3", here.configuration, REACH)
-    most, near, moving = AHEAD * total if sliding else np.inf, NEAR * total, True
+    settings = world.settings.plans
+    total = start.length
+    step = world.settings.schemas.feed * total
+    least = settings.least_base_segment * total
+    slide = settings.boundary_ahead * total
+    most = np.inf
+    if sliding:
+        most = slide
+        slide *= settings.boundary_slide
+    near = settings.near_goal * total
+
+    here = begin_feeding(world, start, track)
+    yield SchemaStep("SCM-3", here.configuration, REACH)
+    moving = True
     while moving:
         before = here.out
-        here = yield from staged(pass_length(world, here, LEAST * total, most), REACH)
-        fed = here
-        ahead = min((SLIDE if sliding else 1.0) * AHEAD * total, fed.out - FEED * total)
+        fed = yield from staged(pass_length(world, here, least, most), REACH)
         if fed.left <= near:
-            near = max(0.5 * fed.left, FED * total)
-            try:
-                return (yield from _arrival(world, fed, goal))
-            except SchemaStopped:
-                pass  # nearer, perhaps
-        here = yield from staged(slide_boundary(world, here, ahead), REACH)
-        moving = fed.out - here.out + fed.out - before >= FEED * total
+            arrived = _arrival_if_any(world, fed, goal)
+            if arrived is not None:
+                steps, end = arrived
+                yield from steps
+                return end
+            near = max(0.5 * fed.left, settings.nothing_left * total)  # perhaps from nearer
+
+        here = yield from staged(slide_boundary(world, fed, min(slide, fed.out - step)), REACH)
+        # It goes on while feed and boundary together have moved by a step.
+        moving = fed.out - here.out + fed.out - before >= step
     return (yield from _arrival(world, here, goal))
+
+
+def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[SchemaStep, ...], Configuration] | None:
+    """Steps and end of the last part of Figure 5, or None where it does not arrive."""
+    try:
+        return run(_arrival(world, start, goal))
+    except SchemaStopped:
+        return None
 
 
 def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
     """The last part of Figure 5 from where little of the curve is left; no step is made unless it arrives."""
-    if start.left > NEAR * start.configuration.length:
+    if start.left > world.settings.plans.near_goal * start.configuration.length:
         reason = f"{start.left:.3f} m of the curve to the goal are left"
         raise SchemaStopped("SCM-3 with SCM-5", start.configuration, reason)
     steps, here = run(merge_and_climb(world, start.configuration, goal))
-    yield from (replace(step, stage="5 merge and climb") for step in steps)
+    for step in steps:
+        yield replace(step, stage="5 merge and climb")
     return here
 
 
@@ -202,16 +214,19 @@ def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
     """There by SCM-2, on by SCM-0."""
     if len(start.segments) < 2:
         raise ProblemError("got an arm of one segment, expected two that can be merged; climb with the one")
-    merged = merge_segments(start, len(start.segments) - 2, MERGE_TOLERANCE)
+    merged = merge_segments(start, len(start.segments) - 2, world.settings.plans.merge_tolerance)
     here = yield from scm_2(world, start, merged)
     return (yield from _last_climb(world, here, goal))
 
 
 def _last_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    return (yield from scm_0(world, start, goal, most_steps=LAST_CLIMB, push=PUSH, patience=PATIENCE))
+    """SCM-0 with the push and the patience of a plan."""
+    most = world.settings.plans.last_climb
+    settings = world.settings.schemas
+    return (yield from scm_0(world, start, goal, most_steps=most, push=settings.push, patience=settings.patience))
 
 
-def staged(schema: Generator[Step, None, _Result], stage: str) -> Generator[Step, None, _Result]:
+def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generator[SchemaStep, None, _Result]:
     """The same steps, marked as a part of a plan."""
     while True:
         try:

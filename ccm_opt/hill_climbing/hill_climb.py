@@ -10,27 +10,12 @@ import numpy as np
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.hill_climbing.candidate_moves import Shapes
+from ccm_opt.hill_climbing.climbing_settings import ClimbSettings
 from ccm_opt.hill_climbing.operators import Moves
 from ccm_opt.hill_climbing.world import World
 
 Objective: TypeAlias = Callable[[Shapes], FloatArray]
 """Distance of each configuration of a batch, shape (m,)."""
-LEAST_GAIN = 1e-4
-"""A move counts as an improvement when it takes away at least this share of the distance."""
-WORTH_PUSHING = 0.02
-"""The same while walls push: then the climb is not drawn out for the sake of the push."""
-EASING = 0.3
-"""Where push and distance balance, the push eases by this factor, as the weight of a barrier does."""
-LEAST_PUSH = 1e-6
-"""Weights of crowding below it are dropped."""
-TRIED_AT_ONCE = 4
-"""Candidates asked of the world in the first go, best first; as long as all are refused, ever more at once."""
-GROWTH = 3
-"""Factor from go to go: asking for one costs nearly as much as asking for ten."""
-MOST_TRIED = 96
-"""Improving candidates asked in all before the climb counts as blocked."""
-HEADWAY = 0.2
-"""A climb makes headway when it has taken away this share of the distance, which is a square."""
 
 
 class Strategy(StrEnum):
@@ -80,7 +65,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
     of the strategy until one may be moved to.
 
     Args:
-        world: says which moves are allowed.
+        world: says which moves are allowed, and brings the settings.
         start: where to begin; it is not yielded.
         task: what to aim at.
 
@@ -90,30 +75,41 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
     Returns:
         How it ended.
     """
-    here, push, last = Shapes.of([start]), task.push, 0
+    settings = world.settings.climb
+    here = Shapes.from_configurations([start])
     left = float(task.objective(here)[0])
+    push = task.push
     crowded = float(world.crowding(here)[0]) if push > 0.0 else 0.0
-    mark, marked = left, 0
+    last = 0  # operator of the last move
+    mark = left  # the distance at the last headway, and the move at which it was
+    marked = 0
     for count in range(task.most_steps):
         if left <= task.threshold:
             return Ending.ARRIVED
-        if left < (1.0 - HEADWAY) * mark:
-            mark, marked = left, count
+        if left < (1.0 - settings.headway) * mark:
+            mark = left
+            marked = count
         if count - marked > task.patience:
             return Ending.STALLED
         candidates = task.moves.candidates(here)
         distances = task.objective(candidates)
         crowding = world.crowding(candidates) if push > 0.0 else np.zeros(len(candidates))
+
+        # Where no allowed move improves distance and push together, the push eases until one does, or it is gone.
         while True:
-            values, gain = distances + push * crowding, WORTH_PUSHING if push > 0.0 else LEAST_GAIN
-            order = _order(values, (1.0 - gain) * (left + push * crowded), task.strategy, last)
-            chosen = _first_allowed(world, here, candidates, order)
+            gain = settings.gain_while_pushed if push > 0.0 else settings.least_gain
+            below = (1.0 - gain) * (left + push * crowded)
+            order = _order(distances + push * crowding, below, task.strategy, last)[: settings.most_tried]
+            chosen = _first_allowed(world, here, candidates, order, settings)
             if chosen is not None or push == 0.0:
                 break
-            push = EASING * push if push > LEAST_PUSH else 0.0
+            push = settings.easing * push if push > settings.least_push else 0.0
         if chosen is None:
             return Ending.BLOCKED if len(order) else Ending.LOCAL_MINIMUM
-        left, crowded, last = float(distances[chosen]), float(crowding[chosen]), chosen
+
+        left = float(distances[chosen])
+        crowded = float(crowding[chosen])
+        last = chosen
         here = candidates.take(np.array([chosen]))
         yield here
     return Ending.ARRIVED if left <= task.threshold else Ending.STEPS
@@ -121,10 +117,11 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
 def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configuration, Ending]:
     """Where a climb ends, and how."""
-    here, way = None, climb(world, start, task)
+    here = None
+    moves = climb(world, start, task)
     while True:
         try:
-            here = next(way)
+            here = next(moves)
         except StopIteration as end:
             ending: Ending = end.value
             return start if here is None else here.configuration(0), ending
@@ -134,16 +131,20 @@ def _order(values: FloatArray, below: float, strategy: Strategy, last: int) -> I
     """Improving candidates: best first, or in the order of the operators beginning with the one used last."""
     improving = np.flatnonzero(values < below)
     if strategy is Strategy.STEEPEST:
-        return improving[np.argsort(values[improving], kind="stable")][:MOST_TRIED]
+        return improving[np.argsort(values[improving], kind="stable")]
     turn = int(np.searchsorted(improving, last))
-    return np.roll(improving, -turn)[:MOST_TRIED]
+    return np.roll(improving, -turn)
 
 
-def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:
-    count = TRIED_AT_ONCE
+def _first_allowed(
+    world: World, here: Shapes, candidates: Shapes, order: IntArray, settings: ClimbSettings
+) -> int | None:
+    """The first candidate that the world lets the arm move to, or None; ever more are asked at once."""
+    count = settings.tried_at_once
     while len(order) > 0:
-        some, order = order[:count], order[count:]
-        count *= GROWTH
+        some = order[:count]
+        order = order[count:]
+        count *= settings.more_each_go
         passing = world.passes(here, candidates.take(some))
         if passing.any():
             return int(some[np.argmax(passing)])

@@ -28,10 +28,6 @@ UP_AND_DOWN = (Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.
 LEFT_AND_RIGHT = (Operator.S_B, Operator.S_C, Operator.S_D)
 ALL = (*UP_AND_DOWN, *LEFT_AND_RIGHT, Operator.ROTATE)
 """The paper's nine. ``LENGTH`` is no operator of the arm, which keeps its length: SCM-4 uses it to choose one."""
-LEAST_SPACING = 0.08
-"""Least distance of interpolation points, and of the outer ones from the ends, as a share of the segment.
-
-Points that are nearer already, as in a part of a divided segment, may keep their distance."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +38,8 @@ class StepSizes:
     is silent about step sizes; these are this package's choice.
 
     Attributes:
+        least_spacing: least distance of interpolation points, and of the outer ones from the ends, as a share of the
+            segment. Points that are nearer already, as in a part of a divided segment, may keep their distance.
         turn: change of C times the segment's length [rad].
         slide: change of S.
         rotation: turn of the base [rad].
@@ -49,6 +47,7 @@ class StepSizes:
         scales: factors on all of these, decreasing.
     """
 
+    least_spacing: float = 0.08
     turn: float = 0.6
     slide: float = 0.04
     rotation: float = 0.15
@@ -77,9 +76,10 @@ class Moves:
         pairs: list[tuple[Operator, int]] = [
             (o, k) for k in self.segments for o in self.operators if o is not Operator.ROTATE
         ]
-        pairs += [(Operator.ROTATE, 0)] * (Operator.ROTATE in self.operators)
+        if Operator.ROTATE in self.operators:
+            pairs.append((Operator.ROTATE, 0))  # the base has no segment
         many = here.take(np.zeros(len(pairs) * len(signed), dtype=np.intp))
-        least = min(LEAST_SPACING, float(_spacing(many.knots[-1:, self.segments])[0])) * (1.0 - 1e-9)
+        least = min(self.sizes.least_spacing, float(_spacing(many.knots[-1:, self.segments])[0])) * (1.0 - 1e-9)
         for k, (operator, segment) in enumerate(pairs):
             _apply(many, slice(k * len(signed), (k + 1) * len(signed)), operator, segment, signed, self.sizes)
         return many.take(np.flatnonzero(_spacing(many.knots[:, self.segments]) >= least))

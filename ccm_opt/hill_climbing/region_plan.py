@@ -1,4 +1,4 @@
-"""The plan of section 4.1, which the authors left as future work.
+"""The plan of section 4.1 of the paper, which its authors left as future work.
 
 (1) Free space is partitioned into convex regions. (2) Subgoals are the turns of a route through the connectivity graph
 of these regions. (3) The arm is decomposed: what lies before the first subgoal is folded and holds it, what lies after
@@ -17,28 +17,12 @@ from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.angles import heading_of, unit_vector
 from ccm_opt.geometry.polyline import arc_lengths
-from ccm_opt.hill_climbing.curve_track import Track, track_through, without_near
-from ccm_opt.hill_climbing.distance import Precision, TipPose
+from ccm_opt.hill_climbing.curve_track import SegmentTrack, track_through, without_near
+from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import REACH, Folds, staged, subgoals, trace
 from ccm_opt.hill_climbing.schemas import scm_6, scm_7
-from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step, run
+from ccm_opt.hill_climbing.steps import Schema, SchemaStep, SchemaStopped, run
 from ccm_opt.hill_climbing.world import World
-
-RUNS = (0.08, 0.05, 0.03, 0.015)
-"""Straight runs out of the first subgoal and into the goal that are tried, as shares of the arm's length."""
-CORNER_DISTANCE = 0.04
-"""Distance kept from corners where there is room, as a share of the arm's length."""
-FIRST = (0.15, 0.08)
-"""Places of the first subgoal on the route, as shares of the arm's length from the base; the nearer, the tighter the
-fold, so the farther is tried first."""
-NEAR_SUBGOAL = Precision(1.2e-3, 4e-3)
-"""How near the first subgoal counts, for an arm of many segments."""
-SPACING = 0.7
-"""Corners nearer to each other than this share of the run are taken as one."""
-SAMPLES = 200
-"""Points of a track that are looked at for contact."""
-SHARPEST = 0.85
-"""Share of the curvature's limit that a turn may use."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +35,7 @@ class Passage:
     """
 
     subgoal: TipPose
-    track: Track
+    track: SegmentTrack
 
 
 def region_plan(
@@ -75,11 +59,11 @@ def region_plan(
     Raises:
         SchemaStopped: naming the schema.
     """
-    yield Step("start", start, "1 start")
+    yield SchemaStep("start", start, "1 start")
     if len(start.segments) == 1:
         here = yield from (folds or Folds()).to(world, start, passage.subgoal)
     else:
-        nearer = scm_7(world.of_curve, start, passage.subgoal, NEAR_SUBGOAL)
+        nearer = scm_7(world.of_curve, start, passage.subgoal, world.settings.plans.near_subgoal)
         here = yield from staged(nearer, "3 proceed to the subgoal")
     here = yield from staged(_interface(world, here), REACH)
     return (yield from trace(world, here, passage.track, goal, sliding=True))
@@ -110,27 +94,37 @@ def passages(
         obstacle: the point of the obstacle ahead, shape (2,) [m], or None.
         routes: so many routes are looked at, shortest first.
     """
-    shrink = CORNER_DISTANCE * start.length
+    settings = world.settings.plans
+    shrink = settings.corner_distance * start.length
     firsts = []
     if obstacle is not None:
         firsts = [(first, np.array([first.position, goal.position])) for first in subgoals(start.base, obstacle)]
     for route in room.routes(start.base, goal.position, routes, shrink=shrink):
-        firsts += [_on_route(route.taut, share * start.length) for share in FIRST]
+        firsts += [_on_route(route.taut, share * start.length) for share in settings.first_subgoals]
     for first, way in firsts:
-        for share in RUNS:
-            try:
-                track = _track(world, room, first, way, goal, share * start.length, shrink)
-            except (ProblemError, UnreachableGoal):
-                continue  # no way, or one too sharp for the arm
-            if _is_open(world, first, track):
-                if track.length <= start.length:
-                    yield Passage(first, track)
-                break
+        track = _first_open_track(world, room, first, way, goal, start.length, shrink)
+        if track is not None and track.length <= start.length:
+            yield Passage(first, track)
 
 
-def _is_open(world: World, first: TipPose, track: Track) -> bool:
+def _first_open_track(
+    world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, length: float, shrink: float
+) -> SegmentTrack | None:
+    """The track with the longest straight runs that touches nothing, for an arm of a length [m]; None without any."""
+    for share in world.settings.plans.straight_runs:
+        try:
+            track = _track(world, room, first, way, goal, share * length, shrink)
+        except (ProblemError, UnreachableGoal):
+            continue  # no way, or one too sharp for the arm: a shorter run leaves more room to turn
+        if _is_open(world, first, track):
+            return track
+    return None
+
+
+def _is_open(world: World, first: TipPose, track: SegmentTrack) -> bool:
     """Whether a track touches no wall."""
-    places = track.from_pose(first.position).positions_at(np.linspace(0.0, track.length, SAMPLES))
+    samples = np.linspace(0.0, track.length, world.settings.plans.track_samples)
+    places = track.from_pose(first.position).positions_at(samples)
     return bool(np.all(world.gap(places) > 0.0))
 
 
@@ -146,7 +140,7 @@ def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
 
 def _track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, run: float, shrink: float
-) -> Track:
+) -> SegmentTrack:
     """Straight passages and turns from the first subgoal to the goal, along the taut way between their runs.
 
     Raises:
@@ -161,5 +155,9 @@ def _track(
             raise ProblemError("no route leads from the first subgoal to the goal; choose another subgoal")
         way = found[0].taut
     taut = room.taut_path(np.array([entry, *way[1:-1], last]), shrink)
-    corners = [first.position, *taut] + ([] if goal.heading is None else [goal.position])
-    return track_through(without_near(corners, SPACING * run), SHARPEST * world.curvature_limit)
+    corners = [first.position, *taut]
+    if goal.heading is not None:
+        corners.append(goal.position)
+    settings = world.settings.plans
+    distinct = without_near(corners, settings.corner_spacing * run)
+    return track_through(distinct, settings.sharpest_turn * world.curvature_limit)

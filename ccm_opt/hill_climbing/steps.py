@@ -9,7 +9,7 @@ from ccm_opt.errors import Diagnosis, MotionNotFound
 
 
 @dataclass(frozen=True)
-class Step:
+class SchemaStep:
     """One configuration on the way.
 
     Attributes:
@@ -24,7 +24,7 @@ class Step:
 
 
 _Result = TypeVar("_Result")
-Schema: TypeAlias = Generator[Step, None, Configuration]
+Schema: TypeAlias = Generator[SchemaStep, None, Configuration]
 """Yields its steps, the arm's way from where it was; returns where the arm is at the end."""
 
 
@@ -38,14 +38,16 @@ class SchemaStopped(MotionNotFound):
     """
 
     def __init__(self, schema: str, configuration: Configuration, reason: str) -> None:
-        self.schema, self.configuration, self.reason = schema, configuration, reason
+        self.schema = schema
+        self.configuration = configuration
+        self.reason = reason
         advice = ("use planner.method nlp", "give the arm more room near its base")
         super().__init__(Diagnosis(f"{schema} stopped: {reason}", schema, advice, {"schema": schema}))
 
 
-def run(schema: Generator[Step, None, _Result]) -> tuple[tuple[Step, ...], _Result]:
+def run(schema: Generator[SchemaStep, None, _Result]) -> tuple[tuple[SchemaStep, ...], _Result]:
     """All steps of a schema and where it ends."""
-    steps: list[Step] = []
+    steps: list[SchemaStep] = []
     while True:
         try:
             steps.append(next(schema))

@@ -8,7 +8,9 @@ import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.geometry.angles import WHOLE_TURN
 from ccm_opt.hill_climbing.candidate_moves import Shapes
+from ccm_opt.hill_climbing.climbing_settings import DEFAULT_CLIMBING, ClimbingSettings
 
 Passes: TypeAlias = Callable[[Shapes, Shapes], BoolArray]
 """Whether the arm may move from one configuration, a batch of one, straight to each of a batch, shape (m,)."""
@@ -18,14 +20,6 @@ Tips: TypeAlias = Callable[[Shapes], tuple[FloatArray, FloatArray]]
 
 Gap: TypeAlias = Callable[[FloatArray], FloatArray]
 """About how far points (..., 2) [m] are from contact with a wall, shape (...) [m]."""
-KEPT_OFF = 0.03
-"""Points nearer to contact than this share of the arm's length are pushed away."""
-STRAINED = 0.3
-"""Share of the curvature's limit from which interpolation points are pushed back."""
-POINTS = 48
-"""Points on a configuration that are pushed."""
-OWN_POINTS = POINTS // 2
-"""Points on a configuration that push each other: every other one of these."""
 
 
 def _far(points: FloatArray) -> FloatArray:
@@ -52,6 +46,7 @@ class World:
         curvature_limit: |C| beyond a share of it counts as crowding [1/m].
         thickness: distance that the arm must keep from itself [m]; 0 when it need not.
         base_range: least and greatest heading of the base [rad].
+        settings: numbers of the climbs, schemas and plans in this world.
     """
 
     passes: Passes = field(default=_anything)
@@ -60,11 +55,12 @@ class World:
     curvature_limit: float = np.inf
     thickness: float = 0.0
     base_range: tuple[float, float] = (-np.inf, np.inf)
+    settings: ClimbingSettings = DEFAULT_CLIMBING
 
     @property
     def base_turns(self) -> bool:
         """Whether the base can be pointed anywhere."""
-        return self.base_range[1] - self.base_range[0] >= 2.0 * np.pi
+        return self.base_range[1] - self.base_range[0] >= WHOLE_TURN
 
     @property
     def of_curve(self) -> "World":
@@ -77,27 +73,31 @@ class World:
         A potential as in reference [8] of the paper and Khatib (1986); the paper itself only says that moves are made
         in front of obstacles.
         """
-        strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - STRAINED)
+        settings = self.settings.crowding
+        strain = np.maximum(0.0, np.abs(shapes.curvature) / self.curvature_limit - settings.strained)
         crowding: FloatArray = np.square(strain).mean(axis=(1, 2))
         if self.gap is _far and self.thickness == 0.0:
             return crowding
-        points = shapes.points(POINTS)
+        points = shapes.points(settings.points)
         if self.gap is not _far:
-            lack = np.maximum(0.0, 1.0 - self.gap(points) / (KEPT_OFF * shapes.length[:, None]))
+            lack = np.maximum(0.0, 1.0 - self.gap(points) / (settings.kept_off * shapes.length[:, None]))
             crowding += np.square(lack).mean(axis=1)
         if self.thickness > 0.0:
-            crowding += self._crowding_itself(shapes, points[:, :: POINTS // OWN_POINTS])
+            crowding += self._crowding_itself(shapes, points[:, :: settings.points // settings.self_points])
         return crowding
 
     def _crowding_itself(self, shapes: Shapes, points: FloatArray) -> FloatArray:
         """The same for points of the arm that are near each other, but far apart along it, shape (m,)."""
-        count = OWN_POINTS + 1
+        chords = self.settings.crowding.self_points
+        count = chords + 1
         one, other = np.triu_indices(count, 1)
-        apart = (other - one) / OWN_POINTS * float(shapes.length[0]) > 4.0 * self.thickness
-        one, other = one[apart], other[apart]
-        x, y = points[..., 0], points[..., 1]
+        apart = (other - one) / chords * float(shapes.length[0]) > 4.0 * self.thickness
+        one = one[apart]
+        other = other[apart]
+        x = points[..., 0]
+        y = points[..., 1]
         squares = np.square(x[:, one] - x[:, other]) + np.square(y[:, one] - y[:, other])
-        kept = KEPT_OFF * shapes.length
+        kept = self.settings.crowding.kept_off * shapes.length
         shape, pair = np.nonzero(squares < np.square(self.thickness + kept)[:, None])
         lack = 1.0 - (np.sqrt(squares[shape, pair]) - self.thickness) / kept[shape]
         crowding: FloatArray = np.bincount(shape, np.square(lack), minlength=len(shapes)) / count
@@ -105,4 +105,4 @@ class World:
 
     def move_allowed(self, here: Configuration, there: Configuration) -> bool:
         """Whether the arm may move from one configuration straight to another."""
-        return bool(self.passes(Shapes.of([here]), Shapes.of([there]))[0])
+        return bool(self.passes(Shapes.from_configurations([here]), Shapes.from_configurations([there]))[0])

@@ -1,4 +1,4 @@
-"""The nine schemas of section 4.2, one function each."""
+"""The nine schemas of the paper, SCM-0 to SCM-8, one function each (section 4.2)."""
 
 from ccm_opt.hill_climbing.schemas.climbing import scm_0, scm_7
 from ccm_opt.hill_climbing.schemas.feeding import scm_3, scm_5

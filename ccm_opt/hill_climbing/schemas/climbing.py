@@ -1,4 +1,4 @@
-"""SCM-0 and SCM-7: hill climbing to a goal for the tip, at once or along a straight line."""
+"""SCM-0 and SCM-7: hill climbing to a goal for the tip, at once or along a straight line (section 4.2)."""
 
 from dataclasses import replace
 
@@ -7,22 +7,11 @@ import numpy as np
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.geometry.angles import wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose, Weights
+from ccm_opt.hill_climbing.distance import Distance, DistanceWeights, Precision, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, Strategy, climb
 from ccm_opt.hill_climbing.operators import Moves
-from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
+from ccm_opt.hill_climbing.steps import Schema, SchemaStep, SchemaStopped, run
 from ccm_opt.hill_climbing.world import World
-
-SUBGOAL_SPACING = 0.03
-"""Distance of the subgoals of SCM-7 as a share of the arm's length."""
-SUBGOAL_TURN = 0.12
-"""Most that the tip turns from subgoal to subgoal [rad]."""
-PUSH = 0.01
-"""Weight of the world's crowding beside the distance where a plan asks for it."""
-PATIENCE = 15
-"""Moves without headway after which a climb on the way of a plan ends: such climbs arrive soon or hardly ever."""
-ON_THE_WAY = Precision(2e-3, 2e-2)
-"""Precision asked at the subgoals of SCM-7 but the last."""
 
 
 def scm_0(
@@ -31,7 +20,7 @@ def scm_0(
     goal: TipPose,
     *,
     precision: Precision | None = None,
-    weights: Weights | None = None,
+    weights: DistanceWeights | None = None,
     strategy: Strategy = Strategy.STEEPEST,
     most_steps: int = 600,
     push: float = 0.0,
@@ -62,22 +51,22 @@ def scm_0(
         SchemaStopped: in a local minimum, or where all that improves is blocked.
     """
     here = start
-    distance = Distance(goal, start.length, weights or Weights(), precision=precision or Precision())
+    distance = Distance(goal, start.length, weights or DistanceWeights(), precision=precision or Precision())
 
     def objective(shapes: Shapes) -> np.ndarray:
         positions, headings = world.tips(shapes)
-        return distance.of(positions, headings, shapes.heading)
+        return distance.of_tips(positions, headings, shapes.heading)
 
     moves = Moves(tuple(range(len(start.segments))))
-    way = climb(world, start, Climb(objective, distance.threshold, moves, strategy, most_steps, push, patience))
+    climbing = climb(world, start, Climb(objective, distance.threshold, moves, strategy, most_steps, push, patience))
     while True:
         try:
-            here = next(way).configuration(0)
+            here = next(climbing).configuration(0)
         except StopIteration as end:
             if end.value is Ending.ARRIVED:
                 return here
             raise SchemaStopped("SCM-0", here, f"{end.value}, {miss(world, here, goal)}") from None
-        yield Step("SCM-0", here)
+        yield SchemaStep("SCM-0", here)
 
 
 def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precision | None = None) -> Schema:
@@ -100,16 +89,18 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
     Raises:
         SchemaStopped: a subgoal is not reached.
     """
+    settings = world.settings.schemas
     here = start
-    (position,), (heading,) = world.tips(Shapes.of([start]))
+    (position,), (heading,) = world.tips(Shapes.from_configurations([start]))
     line = goal.position - position
     turn = 0.0 if goal.heading is None else wrap(goal.heading - float(heading))
-    count = max(1, int(np.ceil(max(np.hypot(*line) / (SUBGOAL_SPACING * start.length), abs(turn) / SUBGOAL_TURN))))
+    spaces = np.hypot(*line) / (settings.subgoal_spacing * start.length)
+    count = max(1, int(np.ceil(max(spaces, abs(turn) / settings.subgoal_turn))))
     for k in range(1, count + 1):
         share = k / count
         subgoal = TipPose(position + share * line, None if goal.heading is None else float(heading) + share * turn)
         try:
-            here = yield from _hop(world, here, subgoal, precision if k == count else ON_THE_WAY)
+            here = yield from _hop(world, here, subgoal, precision if k == count else settings.on_the_way)
         except SchemaStopped as stopped:
             reason = f"at subgoal {k} of {count}: {stopped.diagnosis.reason}"
             raise SchemaStopped("SCM-7", stopped.configuration, reason) from stopped
@@ -118,24 +109,20 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
 
 def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
     """To the next subgoal by SCM-0, in one step if the world lets it."""
-    moves: list[Configuration] = []
-    way = scm_0(world, start, subgoal, precision=precision, push=PUSH, patience=PATIENCE)
-    while True:
-        try:
-            moves.append(next(way).configuration)
-        except StopIteration as end:
-            here: Configuration = end.value
-            break
+    settings = world.settings.schemas
+    climb_there = scm_0(world, start, subgoal, precision=precision, push=settings.push, patience=settings.patience)
+    steps, here = run(climb_there)
+    moves = [step.configuration for step in steps]
     if len(moves) > 1 and world.move_allowed(start, here):
         moves = [here]
     for configuration in moves:
-        yield Step("SCM-7", configuration)
+        yield SchemaStep("SCM-7", configuration)
     return here
 
 
 def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
     """How far the tip is from a goal, in words."""
-    (position,), (heading,) = world.tips(Shapes.of([configuration]))
+    (position,), (heading,) = world.tips(Shapes.from_configurations([configuration]))
     text = f"the tip {1e3 * float(np.hypot(*(position - goal.position))):.1f} mm"
     if goal.heading is not None:
         text += f" and {abs(np.rad2deg(wrap(float(heading) - goal.heading))):.1f}°"

@@ -1,4 +1,4 @@
-"""SCM-3 and SCM-5: give length to a segment or take it away, alone and passed from one to the other."""
+"""SCM-3 and SCM-5: give length to a segment or take it away, alone and passed between two (section 4.2)."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
@@ -10,16 +10,11 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import add_segment, delete_segment, start_of
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.curve_track import Track
+from ccm_opt.hill_climbing.curve_track import SegmentTrack
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas.interface import hold
-from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
+from ccm_opt.hill_climbing.steps import Schema, SchemaStep, SchemaStopped
 from ccm_opt.hill_climbing.world import World
-
-FEED = 0.02
-"""Length that is passed on in one step, as a share of the arm's."""
-FINEST = 1.0 / 8.0
-"""A feed that meets an obstacle is halved down to this share of it."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +29,7 @@ class Feeding:
     """
 
     configuration: Configuration
-    track: Track
+    track: SegmentTrack
     holder: int
     out: float
 
@@ -58,24 +53,26 @@ class Feeding:
         ahead = self.track.after(length)
         before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
         position, heading = Configuration(before.base, (*before.segments, *self._placed(before, length))).tip
-        shapes = Shapes.of([resized(before, self.holder, before.segments[-1].length + length)])
+        shapes = Shapes.from_configurations([resized(before, self.holder, before.segments[-1].length + length)])
         shapes.curvature[0, -1, -1] = ahead.segments[0].curvature[0]
         return self._made_of(shapes.configuration(0), ahead, self.out - length), TipPose(position, heading)
 
     def _placed(self, before: Configuration, length: float) -> tuple[CurvatureSegment, ...]:
+        """The first ``length`` metres of the track, as they go on from a configuration."""
         whole = before
         for segment in self.track.first(length):
             whole = add_segment(whole, segment)
         return whole.segments[len(before.segments) :]
 
-    def _made_of(self, before: Configuration, track: Track, out: float) -> "Feeding":
+    def _made_of(self, before: Configuration, track: SegmentTrack, out: float) -> "Feeding":
+        """The arm of what lies before the track and of the first ``out`` metres of it."""
         whole = before
         for segment in track.first(out):
             whole = add_segment(whole, segment)
         return Feeding(whole, track, self.holder, out)
 
 
-Feed: TypeAlias = Generator[Step, None, Feeding]
+Feed: TypeAlias = Generator[SchemaStep, None, Feeding]
 """Yields its steps; returns the arm with what it now has on the track."""
 
 
@@ -100,9 +97,10 @@ def scm_3(world: World, start: Configuration, segment: int, length: float) -> Sc
         SchemaStopped: the pose cannot be held.
     """
     here = start
-    for part in _parts(start.segments[segment].length, length, FEED * start.length):
+    stride = world.settings.schemas.feed * start.length
+    for part in _parts(start.segments[segment].length, length, stride):
         here = hold(world, here, resized(here, segment, part), segment, end_pose(start, segment), "SCM-3")
-        yield Step("SCM-3", here)
+        yield SchemaStep("SCM-3", here)
     return here
 
 
@@ -127,12 +125,13 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
         SchemaStopped: something is in the way.
     """
     here = start
-    for part in _parts(start.segments[-1].length, length, FEED * curve.length):
+    stride = world.settings.schemas.feed * curve.length
+    for part in _parts(start.segments[-1].length, length, stride):
         there = fed(here, curve, part)
         if not world.move_allowed(here, there):
             raise SchemaStopped("SCM-5", here, f"contact at {part:.3f} m of the curve's {curve.length:.3f} m")
         here = there
-        yield Step("SCM-5", here)
+        yield SchemaStep("SCM-5", here)
     return here
 
 
@@ -153,10 +152,14 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
     Returns:
         The last of them: all of the track is covered, or nothing is left to give, or something is in the way.
     """
-    here, held = start, end_pose(start.configuration, start.holder)
+    here = start
+    held = end_pose(start.configuration, start.holder)
     total = start.configuration.length
-    stride, wanted = FEED * total, min(start.track.length, start.out + most)
-    while stride >= FINEST * FEED * total:
+    longest = world.settings.schemas.feed * total
+    finest = world.settings.schemas.finest_feed * longest
+    wanted = min(start.track.length, start.out + most)
+    stride = longest
+    while stride >= finest:
         left = min(wanted - here.out, total - here.out - least)
         if left <= 1e-9 * total:
             return here
@@ -166,8 +169,9 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
         except SchemaStopped:
             stride *= 0.5
             continue
-        here, stride = there, min(2.0 * stride, FEED * total)
-        yield Step("SCM-3 with SCM-5", here.configuration)
+        here = there
+        stride = min(2.0 * stride, longest)
+        yield SchemaStep("SCM-3 with SCM-5", here.configuration)
     return here
 
 
@@ -188,9 +192,11 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
     Returns:
         The last of them: the boundary has moved so far, or something is in the way.
     """
-    here, moved, total = start, 0.0, start.configuration.length
-    stride = FEED * total
-    while stride >= FINEST * FEED * total and moved < (1.0 - 1e-9) * length:
+    here = start
+    moved = 0.0
+    stride = world.settings.schemas.feed * start.configuration.length
+    finest = world.settings.schemas.finest_feed * stride
+    while stride >= finest and moved < (1.0 - 1e-9) * length:
         part = min(stride, length - moved)
         there, held = here.with_boundary_ahead(part)
         try:
@@ -198,31 +204,34 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
         except SchemaStopped:
             stride *= 0.5
             continue
-        here, moved = there, moved + part
-        yield Step("SCM-3", here.configuration)
+        here = there
+        moved += part
+        yield SchemaStep("SCM-3", here.configuration)
     return here
 
 
-def begin_feeding(world: World, start: Configuration, track: Track) -> Feeding:
+def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Feeding:
     """The first piece of a track that goes on from the tip; the segments before it give up as much (SCM-3).
 
     Raises:
         SchemaStopped: the tip cannot be held.
     """
-    holder, length = len(start.segments) - 1, FEED * start.length
+    holder = len(start.segments) - 1
+    length = world.settings.schemas.feed * start.length
+    finest = world.settings.schemas.finest_feed * length
     while True:
         changed = Feeding(start, track, holder, 0.0).with_length_out(length)
         try:
             return changed.at(hold(world, start, changed.configuration, holder, end_pose(start, holder), "SCM-3"))
         except SchemaStopped:
             length *= 0.5
-            if length < FINEST * FEED * start.length:
+            if length < finest:
                 raise
 
 
 def end_pose(configuration: Configuration, segment: int) -> TipPose:
     """Position and heading of a segment's end."""
-    (position,), (heading,) = Shapes.of([configuration]).first_segments(segment + 1).tips
+    (position,), (heading,) = Shapes.from_configurations([configuration]).first_segments(segment + 1).tips
     return TipPose(position, float(heading))
 
 
@@ -232,7 +241,8 @@ def resized(configuration: Configuration, segment: int, length: float) -> Config
 
 
 def _scaled(configuration: Configuration, which: slice, scale: float) -> Configuration:
-    shapes = Shapes.of([configuration])
+    """Some segments scaled in length and curvature, so that they keep their shape."""
+    shapes = Shapes.from_configurations([configuration])
     shapes.lengths[0, which] *= scale
     shapes.curvature[0, which] /= scale
     shapes.moments[0, which] /= scale**3
@@ -245,5 +255,6 @@ def fed(configuration: Configuration, curve: CurvatureSegment, length: float) ->
 
 
 def _parts(first: float, last: float, stride: float) -> list[float]:
+    """Lengths evenly on the way from one to another, no farther apart than the stride [m]."""
     count = max(1, int(np.ceil(abs(last - first) / stride)))
     return [first + (last - first) * k / count for k in range(1, count + 1)]

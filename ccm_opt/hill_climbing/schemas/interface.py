@@ -1,4 +1,4 @@
-"""SCM-6: take the curvature out of a segment's end, so that another can go on from there."""
+"""SCM-6: take the curvature out of a segment's end, so that another can go on from there (section 4.2)."""
 
 from dataclasses import replace
 
@@ -10,26 +10,16 @@ from ccm_opt.continuum.segment import EVEN_KNOTS
 from ccm_opt.continuum.segment_types import natural_segment, select_segment_type
 from ccm_opt.geometry.angles import wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose
+from ccm_opt.hill_climbing.distance import Distance, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, end_of
 from ccm_opt.hill_climbing.operators import Moves, Operator
-from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
+from ccm_opt.hill_climbing.steps import Schema, SchemaStep, SchemaStopped
 from ccm_opt.hill_climbing.world import World
 
 HELD = (
     Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.S_B, Operator.S_C, Operator.S_D, Operator.ROTATE,
 )  # fmt: skip
 """Operators that leave the curvature at the end alone."""
-HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
-"""How exactly a pose is preserved."""
-PUSH = 0.03
-"""Weight of the walls while a pose is held."""
-PATIENCE = 20
-"""Moves without headway after which the end of a segment counts as not to be held."""
-RELAXING = 6
-"""Moves by which a shape is relaxed before its end is brought back."""
-TURN = 0.3
-"""Most that the end's curvature changes in one step, times the segment's length [rad]."""
 
 
 def scm_6(world: World, start: Configuration) -> Schema:
@@ -50,14 +40,15 @@ def scm_6(world: World, start: Configuration) -> Schema:
     """
     position, heading = start.tip
     held = TipPose(position, heading)
-    here, last = start, len(start.segments) - 1
+    here = start
+    last = len(start.segments) - 1
     end = float(start.segments[-1].curvature[-1])
-    count = int(np.ceil(abs(end) * start.segments[-1].length / TURN))
+    count = int(np.ceil(abs(end) * start.segments[-1].length / world.settings.schemas.end_turn))
     for k in range(1, count + 1):
-        shapes = Shapes.of([here])
+        shapes = Shapes.from_configurations([here])
         shapes.curvature[0, -1, -1] = end * (1.0 - k / count)
         here = hold(world, here, shapes.configuration(0), last, held, "SCM-6")
-        yield Step("SCM-6", here)
+        yield SchemaStep("SCM-6", here)
     return here
 
 
@@ -85,14 +76,22 @@ def hold(
         del here
         return world.passes(origin, there)
 
-    origin = Shapes.of([before])
-    distance = Distance(held, before.length, precision=HELD_PRECISION)
+    settings = world.settings.schemas
+    origin = Shapes.from_configurations([before])
+    distance = Distance(held, before.length, precision=settings.held_precision)
+    moves = Moves(tuple(range(segment + 1)), HELD)
+
+    # Climbs that ask about contact at their end only are quick, so they are tried first, from several beginnings; the
+    # last one asks at every move.
     watched = replace(world, passes=reachable)
-    moves, anywhere = Moves(tuple(range(segment + 1)), HELD), replace(world, passes=World().passes)
-    relaxed, _ = end_of(anywhere, changed, Climb(objective, -np.inf, moves, most_steps=RELAXING, push=PUSH))
+    anywhere = replace(world, passes=World().passes)
+    relaxing = Climb(objective, -np.inf, moves, most_steps=settings.relaxing, push=settings.held_push)
+    relaxed, _ = end_of(anywhere, changed, relaxing)
     tries = [(anywhere, begin, 0.0) for begin in (*_reselected(changed, segment, held), relaxed, changed)]
-    for guard, begin, push in (*tries, (watched, changed, PUSH)):
-        here, ending = end_of(guard, begin, Climb(objective, distance.threshold, moves, push=push, patience=PATIENCE))
+    tries.append((watched, changed, settings.held_push))
+    for guard, begin, push in tries:
+        task = Climb(objective, distance.threshold, moves, push=push, patience=settings.held_patience)
+        here, ending = end_of(guard, begin, task)
         if ending is Ending.ARRIVED and world.move_allowed(before, here):
             return here
     reason = "contact" if ending is Ending.ARRIVED else str(ending)
@@ -103,7 +102,7 @@ def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Co
     """The base segment as the natural curve of its type and length, as SCM-1 would select it; nothing for others."""
     if segment > 0 or float(np.hypot(*(held.position - changed.base))) > changed.segments[0].length:
         return ()
-    shapes = Shapes.of([changed])
+    shapes = Shapes.from_configurations([changed])
     kind = select_segment_type(changed.base, None, held.position, held.heading)
     natural = natural_segment(kind, changed.base, held.position, changed.segments[0].length)
     shapes.curvature[0, 0, :-1] = natural.curvature[:-1]

@@ -1,4 +1,4 @@
-"""SCM-2 and SCM-8: from one curvature to another by interpolation."""
+"""SCM-2 and SCM-8: from one curvature to another by interpolation (section 4.2)."""
 
 import numpy as np
 
@@ -6,12 +6,9 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import interpolate
 from ccm_opt.geometry.angles import heading_of, whole_turns, wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
+from ccm_opt.hill_climbing.climbing_settings import SchemaSettings
+from ccm_opt.hill_climbing.steps import Schema, SchemaStep, SchemaStopped
 from ccm_opt.hill_climbing.world import World
-
-STRIDE = 0.12
-"""Greatest change of heading anywhere on the curve between two steps [rad]."""
-_SAMPLES = 65
 
 
 def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
@@ -34,13 +31,12 @@ def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
         SchemaStopped: something is in the way.
     """
     here = start
-    shares = _shares(start, target)
-    for share in shares:
+    for share in _shares(start, target, world.settings.schemas):
         there = interpolate(start, target, share)
         if not world.move_allowed(here, there):
             raise SchemaStopped("SCM-2", here, f"contact after {share:.0%} of the way to the selected curvature")
         here = there
-        yield Step("SCM-2", here)
+        yield SchemaStep("SCM-2", here)
     return here
 
 
@@ -66,7 +62,7 @@ def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_a
     """
     here = start
     direction = direction_to_tip(world, start)
-    for share in _shares(start, target):
+    for share in _shares(start, target, world.settings.schemas):
         mixed = interpolate(start, target, share)
         there = turned(mixed, wrap(direction - direction_to_tip(world, mixed)))
         there = turned(there, whole_turns(here.base_heading - there.base_heading))
@@ -75,26 +71,26 @@ def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_a
                 return here
             raise SchemaStopped("SCM-8", here, f"contact after {share:.0%} of the way to the selected curvature")
         here = there
-        yield Step("SCM-8", here)
+        yield SchemaStep("SCM-8", here)
     return here
 
 
 def turned(configuration: Configuration, angle: float) -> Configuration:
     """A configuration turned about its base [rad]."""
-    shapes = Shapes.of([configuration])
+    shapes = Shapes.from_configurations([configuration])
     shapes.heading[0] += angle
     return shapes.configuration(0)
 
 
 def direction_to_tip(world: World, configuration: Configuration) -> float:
     """Direction of the vector from base to tip [rad]."""
-    (tip,), _ = world.tips(Shapes.of([configuration]))
+    (tip,), _ = world.tips(Shapes.from_configurations([configuration]))
     return heading_of(tip - configuration.base)
 
 
-def _shares(start: Configuration, target: Configuration) -> list[float]:
+def _shares(start: Configuration, target: Configuration, settings: SchemaSettings) -> list[float]:
     """Shares of the way at which no heading has changed by more than the stride since the last."""
-    arc = np.linspace(0.0, start.length, _SAMPLES)
+    arc = np.linspace(0.0, start.length, settings.stride_samples)
     most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
-    count = max(1, int(np.ceil(most / STRIDE)))
+    count = max(1, int(np.ceil(most / settings.stride)))
     return [k / count for k in range(1, count + 1)]

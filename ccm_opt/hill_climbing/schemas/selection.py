@@ -1,4 +1,4 @@
-"""SCM-1 and SCM-4: select the type of a segment, without moving the arm."""
+"""SCM-1 and SCM-4: select the type of a segment, without moving the arm (section 4.2)."""
 
 from dataclasses import dataclass, replace
 
@@ -12,26 +12,22 @@ from ccm_opt.continuum.segment_types import SegmentType, end_angle, natural_segm
 from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import heading_of, whole_turns, wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
-from ccm_opt.hill_climbing.distance import Distance, Precision, TipPose
+from ccm_opt.hill_climbing.distance import Distance, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, end_of
 from ccm_opt.hill_climbing.operators import Moves, Operator
 from ccm_opt.hill_climbing.steps import SchemaStopped
-from ccm_opt.hill_climbing.world import POINTS, World
+from ccm_opt.hill_climbing.world import World
 
 BENT = (SegmentType.LEFT, SegmentType.RIGHT, SegmentType.LEFT_RIGHT, SegmentType.RIGHT_LEFT)
-LEAST_RATIO = 0.25
-"""Least chord of a first guess as a share of its length."""
+"""Types that bend."""
 _BUMP = np.array([0.0, 1.125, 1.5, 1.125, 0.0])
+"""A parabola of mean 1 at even knots: a half wave of curvature."""
 _WAVE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
+"""A sine at even knots: a whole wave of curvature."""
 _KEPT_LENGTH = (
     Operator.C_B, Operator.C_C, Operator.C_D, Operator.C_E, Operator.S_B, Operator.S_C, Operator.S_D,
 )  # fmt: skip
-SELECTED = Precision(1e-3, 6e-3)
-"""How near the end of a selected curve comes to the goal; SCM-0 does the rest."""
-PUSH = 0.05
-"""Weight of the walls while a curve is selected."""
-SHORTENING = 0.03
-"""A segment that is too long is shortened by this share at a time."""
+"""Operators that leave a segment's length alone, and the curvature with which it begins."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +80,7 @@ def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tupl
 
 
 def _heading_miss(kind: SegmentType, direction: float, ratio: float, goal: TipPose) -> float:
+    """How far from the goal's heading the natural curve of a type ends, whose chord has a direction and ratio [rad]."""
     if goal.heading is None:
         return 0.0
     side = -1.0 if kind in {SegmentType.RIGHT, SegmentType.LEFT_RIGHT} else 1.0
@@ -91,6 +88,7 @@ def _heading_miss(kind: SegmentType, direction: float, ratio: float, goal: TipPo
 
 
 def _select(world: World, start: Configuration, goal: TipPose, kind: SegmentType) -> Selection:
+    """The natural curve of a type, aimed at the goal as far as the base turns."""
     segment = natural_segment(kind, start.base, goal.position, start.length)
     whole = whole_turns(start.base_heading - segment.heading)
     heading = float(np.clip(segment.heading + whole, *world.base_range))
@@ -117,12 +115,15 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     """
     position, heading = start.tip
     kind = select_segment_type(position, heading, goal.position, goal.heading)
-    segment = _met(world, start, _first_guess(position, heading, goal), goal, (*_KEPT_LENGTH, Operator.LENGTH))
+    settings = world.settings.schemas
+    guess = _first_guess(position, heading, goal, settings.least_chord_ratio)
+    segment = _met(world, start, guess, goal, (*_KEPT_LENGTH, Operator.LENGTH))
     while segment.length > longest:
-        length = max(longest, (1.0 - SHORTENING) * segment.length)
+        length = max(longest, (1.0 - settings.shortening) * segment.length)
         shorter = replace(segment, length=length, curvature=segment.curvature * segment.length / length)
         segment = _met(world, start, shorter, goal, _KEPT_LENGTH)
-    least = float(world.gap(Shapes.of([Configuration(position, (segment,))]).points(POINTS)).min())
+    alone = Shapes.from_configurations([Configuration(position, (segment,))])
+    least = float(world.gap(alone.points(world.settings.crowding.points)).min())
     if least < 0.0:
         raise SchemaStopped("SCM-4", start, f"the segment to the goal would be {-1e3 * least:.1f} mm deep in a wall")
     return Selection(kind, segment)
@@ -137,15 +138,22 @@ def _met(
         SchemaStopped: the climb does not arrive.
     """
     here = Configuration(start.tip[0], (guess,))
-    distance = Distance(goal, guess.length, precision=SELECTED)
-    task = Climb(distance, distance.threshold, Moves((0,), operators), most_steps=1500, push=PUSH)
+    settings = world.settings.schemas
+    distance = Distance(goal, guess.length, precision=settings.selected_precision)
+    task = Climb(
+        distance,
+        distance.threshold,
+        Moves((0,), operators),
+        most_steps=settings.selection_steps,
+        push=settings.selection_push,
+    )
     here, ending = end_of(replace(world, passes=World().passes), here, task)
     if ending is not Ending.ARRIVED:
         raise SchemaStopped("SCM-4", start, f"no segment of {guess.length:.3f} m to the goal is found: {ending}")
     return here.segments[0]
 
 
-def _first_guess(position: FloatArray, heading: float, goal: TipPose) -> CurvatureSegment:
+def _first_guess(position: FloatArray, heading: float, goal: TipPose, least_ratio: float) -> CurvatureSegment:
     """Zero curvature at both ends; turns α to the chord and β from it: a bump of α + β and a wave of (α - β)/2."""
     chord = goal.position - position
     distance = float(np.hypot(*chord))
@@ -155,6 +163,7 @@ def _first_guess(position: FloatArray, heading: float, goal: TipPose) -> Curvatu
     alpha = wrap(direction - heading)
     beta = alpha if goal.heading is None else wrap(goal.heading - direction)
     wave = 0.5 * (alpha - beta)
-    ratio = max(float(j0(min(abs(wave), 2.4)) * np.sinc(0.5 * (alpha + beta) / np.pi)), LEAST_RATIO)
+    # The chord ratio of the guess, were bump and wave alone; the waves fold back before J₀ vanishes at 2.405.
+    ratio = max(float(j0(min(abs(wave), 2.4)) * np.sinc(0.5 * (alpha + beta) / np.pi)), least_ratio)
     length = distance / ratio
     return CurvatureSegment(length, heading, ((alpha + beta) * _BUMP + 2.0 * np.pi * wave * _WAVE) / length)

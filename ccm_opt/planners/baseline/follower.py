@@ -68,7 +68,7 @@ class Follower:
     @cached_property
     def offset(self) -> FloatArray:
         """What the start's mapping adds to mean headings, shape (links,) [rad]."""
-        mean_headings = Shapes.of([self.start]).mean_headings(self.problem.arm.links)[0]
+        mean_headings = Shapes.from_configurations([self.start]).mean_headings(self.problem.arm.links)[0]
         offset: FloatArray = self.ends.start - mean_headings
         return offset
 
@@ -112,7 +112,9 @@ class Follower:
     @cached_property
     def field(self) -> ClearanceField:
         """Gaps in the workspace."""
-        return ClearanceField.of(self.problem.workspace, self.problem.arm.radius + self.problem.workspace.clearance)
+        return ClearanceField.from_workspace(
+            self.problem.workspace, self.problem.arm.radius + self.problem.workspace.clearance
+        )
 
     @cached_property
     def free_space(self) -> FreeSpace:

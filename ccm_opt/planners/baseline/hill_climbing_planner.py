@@ -18,7 +18,7 @@ from ccm_opt.hill_climbing.region_plan import passages, region_plan
 from ccm_opt.hill_climbing.schemas.climbing import scm_0
 from ccm_opt.hill_climbing.schemas.interpolation import scm_2
 from ccm_opt.hill_climbing.schemas.selection import ranked_selections
-from ccm_opt.hill_climbing.steps import Schema, SchemaStopped, Step
+from ccm_opt.hill_climbing.steps import Schema, SchemaStep, SchemaStopped
 from ccm_opt.hill_climbing.world import World
 from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.planners.baseline.baseline_settings import DEFAULT_BASELINE, BaselineSettings
@@ -74,7 +74,7 @@ class _Stop:
     reason: str
 
 
-def first_plan(follower: Follower) -> tuple[str, tuple[Step, ...]]:
+def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
     """The first plan that arrives, and its name.
 
     Raises:
@@ -85,7 +85,7 @@ def first_plan(follower: Follower) -> tuple[str, tuple[Step, ...]]:
     some_cut_short = False
 
     for name, schema in plans(follower):
-        steps: list[Step] = []
+        steps: list[SchemaStep] = []
         try:
             for step in schema:
                 steps.append(step)  # noqa: PERF402 - what came before a stop is kept
@@ -152,7 +152,7 @@ def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
     return np.array(nearest.coords[1])
 
 
-def joint_path(follower: Follower, name: str, steps: tuple[Step, ...]) -> JointPath:
+def joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, ...]) -> JointPath:
     """The smooth, certified path through the steps of a plan.
 
     Raises:
@@ -160,7 +160,7 @@ def joint_path(follower: Follower, name: str, steps: tuple[Step, ...]) -> JointP
     """
     arm = follower.problem.arm
     curves = (follower.start, *(step.configuration for step in steps))
-    headings = np.concatenate([follower.headings(Shapes.of([curve])) for curve in curves])
+    headings = np.concatenate([follower.headings(Shapes.from_configurations([curve])) for curve in curves])
     headings[0] = follower.ends.start
 
     turns = np.abs(np.diff(headings, axis=0)).max(axis=1)
