@@ -27,6 +27,8 @@ from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.dynamics_arms import carried, loose_limits, make_arm, smooth_trajectory
 
+CHUNK = 200
+"""Steps between two states that are compared."""
 WEIGHT = np.array([0.0, 0.0, -9.81])
 BENDS = 0.4 * np.sin(np.arange(12.0))
 
@@ -131,8 +133,8 @@ def free_fall(arm: Arm, seconds: float, step: float) -> list[FloatArray]:
     loop = simulation.closed_loop(arm, arm, SimulationOptions(step=step), loose_limits(arm, torque=0.0))
     width, state = 3 * arm.links + 1, np.zeros((2, 3 * arm.links + 1))
     states = [state[:, :-1].ravel()]
-    for _ in range(round(seconds / step / simulation.CHUNK)):
-        rest = np.zeros((simulation.CHUNK, 3, width))
+    for _ in range(round(seconds / step / CHUNK)):
+        rest = np.zeros((CHUNK, 3, width))
         state = loop.run(state, rest, rest[:, :2, :-1], 0)[0][-1]
         states.append(state[:, :-1].ravel())
     return states
@@ -167,7 +169,7 @@ def test_free_fall_equals_mujocos() -> None:
     model.jnt_limited[:] = 0
     data = mujoco.MjData(model)
     for ours in free_fall(arm, seconds=0.6, step=1e-3)[1:]:
-        mujoco.mj_step(model, data, simulation.CHUNK)
+        mujoco.mj_step(model, data, CHUNK)
         assert np.allclose(ours, np.concatenate((data.qpos, data.qvel)), atol=1e-7)
 
 
@@ -392,11 +394,11 @@ def test_free_fall_on_a_feed_axis_equals_mujocos() -> None:
     data = mujoco.MjData(model)
     limits = replace(loose_limits(arm, torque=0.0), feed_force=0.0)
     loop = simulation.closed_loop(arm, arm, SimulationOptions(), limits)
-    rest = np.zeros((simulation.CHUNK, 3, 19))
+    rest = np.zeros((CHUNK, 3, 19))
     state = np.zeros((2, 19))
     for _ in range(3):
         state = loop.run(state, rest, rest[:, :2, :-1], 0)[0][-1]
-        mujoco.mj_step(model, data, simulation.CHUNK)
+        mujoco.mj_step(model, data, CHUNK)
         ours = np.concatenate((state[0, -1:], state[0, :-1], state[1, -1:], state[1, :-1]))
         assert np.allclose(ours, np.concatenate((data.qpos, data.qvel)), atol=1e-7)
     assert abs(state[0, -1]) > 0.01

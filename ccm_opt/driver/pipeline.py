@@ -11,7 +11,7 @@ from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.planner_choice import default_planner
 from ccm_opt.driver.verified_plan import timed_and_verified, verified_plan
 from ccm_opt.dynamics.runtime.compiled_library import prepare
-from ccm_opt.dynamics.simulation.closed_loop_run import check_options
+from ccm_opt.dynamics.simulation.simulation_checks import check_options
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.legs import plan_legs

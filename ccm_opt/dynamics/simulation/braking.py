@@ -14,27 +14,22 @@ from scipy.interpolate import CubicHermiteSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
+from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_BRAKING, BrakingSettings
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.problem import DriveLimits, Limits
 from ccm_opt.solution import JointTrajectory
 
-STEP = 2e-3
-"""Largest time between two samples while braking [s]."""
-SHARES = (0.97, 0.93, 0.87, 0.8)
-"""Shares of every limit used while braking, the first with which the samples keep the limits: between the places where
-they are looked at the planned motion's own accelerations change."""
-LOOKS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
-"""Places in a step at which the limits are looked at."""
-LEAST = 4e-3
-"""Braking from the planned rate to rest takes at least so long, however slowly the axes move [s]."""
-LONGEST = 60.0
-"""Braking that takes longer than this has failed [s]."""
-
 
 def braked(
-    trajectory: JointTrajectory, time: float, arm: Arm, limits: Limits, inverse_dynamics: InverseDynamics
+    trajectory: JointTrajectory,
+    time: float,
+    arm: Arm,
+    limits: Limits,
+    inverse_dynamics: InverseDynamics,
+    *,
+    settings: BrakingSettings = DEFAULT_BRAKING,
 ) -> JointTrajectory:
     """The motion up to a moment, and from then on to rest, soonest along its own path.
 
@@ -44,6 +39,7 @@ def braked(
         arm: the arm.
         limits: on accelerations and efforts.
         inverse_dynamics: of the arm.
+        settings: how finely the motion is looked at, and how much of the limits is used.
 
     Returns:
         A motion that begins as the planned one and ends at rest; stops that it does not reach are left out.
@@ -51,15 +47,17 @@ def braked(
     Raises:
         RetimingError: the arm cannot be braked within its limits.
     """
-    planned = _PlannedMotion.from_trajectory(trajectory, arm, limits, inverse_dynamics)
+    planned = _PlannedMotion.from_trajectory(trajectory, arm, limits, inverse_dynamics, settings)
     kept = int(np.searchsorted(trajectory.time, time - 1e-9))
     if kept >= len(trajectory.time) - 1 or not np.any(planned.at(time)[1]):
         return trajectory.part(slice(min(kept + 1, len(trajectory.time))))
-    step = min(STEP, float(np.min(np.diff(trajectory.time))))
-    for share in SHARES:
+
+    step = min(settings.step, float(np.min(np.diff(trajectory.time))))
+    for share in settings.limit_shares:
         tail = _fall(replace(planned, share=share), float(trajectory.time[kept]), step)
         if planned.keeps_limits(tail):
             break
+
     if trajectory.time[kept] + tail.duration >= trajectory.duration:
         return trajectory  # it rests at its end sooner
     return _joined(trajectory, kept, tail)
@@ -73,14 +71,20 @@ class _PlannedMotion:
     arm: Arm
     limits: DriveLimits
     dynamics: InverseDynamics
+    settings: BrakingSettings
     share: float = 1.0
 
     @classmethod
     def from_trajectory(
-        cls, trajectory: JointTrajectory, arm: Arm, limits: Limits, dynamics: InverseDynamics
+        cls,
+        trajectory: JointTrajectory,
+        arm: Arm,
+        limits: Limits,
+        dynamics: InverseDynamics,
+        settings: BrakingSettings,
     ) -> "_PlannedMotion":
         spline = CubicHermiteSpline(trajectory.time, trajectory.positions, trajectory.velocities)
-        return cls(spline, arm, limits.of_drives(arm.coordinates), dynamics)
+        return cls(spline, arm, limits.of_drives(arm.coordinates), dynamics, settings)
 
     def at(self, sigma: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and their first two derivatives."""
@@ -97,7 +101,7 @@ class _PlannedMotion:
 
     def least_change(self, sigma: float, rate: float, step: float) -> float:
         """Least α = ẇ within the limits over a step from a place of the motion on [1/s]; it is never above 0."""
-        places = np.minimum(sigma + np.array(LOOKS) * rate * step, self.spline.x[-1])
+        places = np.minimum(sigma + np.array(self.settings.checked_places) * rate * step, self.spline.x[-1])
         return max(self._least_change(place, rate) for place in places)
 
     def _least_change(self, sigma: float, rate: float) -> float:
@@ -112,7 +116,7 @@ class _PlannedMotion:
         bounds = np.concatenate((self._most_acceleration, self.limits.effort))
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = (self.share * bounds - np.sign(-slopes) * offsets) / -np.abs(slopes)
-        return float(min(np.max(ends[np.isfinite(ends)], initial=-1.0 / LEAST), 0.0))
+        return float(min(np.max(ends[np.isfinite(ends)], initial=-1.0 / self.settings.least_time), 0.0))
 
     @property
     def _most_acceleration(self) -> FloatArray:
@@ -132,16 +136,17 @@ def _fall(planned: _PlannedMotion, sigma: float, step: float) -> JointTrajectory
     samples: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
     rate = 1.0
     since = 0.0
+    settings = planned.settings
     while rate > 0.0:
         change = planned.least_change(sigma, rate, step)
-        if since > LONGEST:
+        if since > settings.longest_time:
             raise _cannot(sigma)
         x, first, second = planned.at(sigma)
         samples.append((since, x, first * rate, second * rate**2 + first * change))
 
         # A last step that would be very short is made part of the one before.
         left = rate / -change if change < 0.0 else np.inf
-        last = left < 1.5 * step
+        last = left < settings.longest_last_step * step
         span = left if last else step
         sigma += (rate + 0.5 * change * span) * span
         rate += change * span

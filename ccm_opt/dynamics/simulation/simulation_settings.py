@@ -28,3 +28,30 @@ class SimulationSettings:
 
 DEFAULT_SIMULATION = SimulationSettings()
 """What every simulation uses unless it is given others."""
+
+
+@dataclass(frozen=True)
+class BrakingSettings:
+    """Numbers of coming to rest along a planned motion.
+
+    Attributes:
+        step: largest time between two samples while braking [s]. Taste.
+        limit_shares: shares of every limit to brake with, the first with which all samples keep the limits: between the
+            places that are checked, the planned motion's own accelerations change. Taste.
+        checked_places: places in a step at which the limits are held, from 0 to 1. Taste.
+        least_time: braking from the planned rate to rest takes at least this, however slowly the axes move [s]. Taste.
+        longest_time: braking that takes longer has failed [s]. Taste.
+        longest_last_step: longest last step in units of ``step``; a shorter rest is made part of the step before it, so
+            that no step is very short. Taste.
+    """
+
+    step: float = 2e-3
+    limit_shares: tuple[float, ...] = (0.97, 0.93, 0.87, 0.8)
+    checked_places: tuple[float, ...] = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
+    least_time: float = 4e-3
+    longest_time: float = 60.0
+    longest_last_step: float = 1.5
+
+
+DEFAULT_BRAKING = BrakingSettings()
+"""What every braking uses unless it is given others."""

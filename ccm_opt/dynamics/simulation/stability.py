@@ -106,7 +106,7 @@ def _check_feed(
     arm: Arm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
 ) -> None:
     """Under PD the feed axis moves less than the whole arm at first; refuse damping that is too much for that."""
-    if arm.feed is None or options.controller == "computed-torque":
+    if not arm.base_axes or options.controller == "computed-torque":
         return
     rate = feed_gains(arm, options).derivative / _lightest_base(arm, poses, planar=planar)
     value = rate * options.step

@@ -1,0 +1,98 @@
+"""What is refused before an arm is simulated, and what stops its simulation."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics.simulation.disturbances import disturbed_arm
+from ccm_opt.dynamics.simulation.simulation_record import SimulatedSteps
+from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
+from ccm_opt.dynamics.simulation.stability import check_stability
+from ccm_opt.errors import Diagnosis, ProblemError, SimulationError
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import SimulationOptions
+
+
+def check_options(arm: Arm, options: SimulationOptions, *, settings: SimulationSettings = DEFAULT_SIMULATION) -> None:
+    """Refuse what no motion of the arm could be simulated with, before one is planned.
+
+    Args:
+        arm: the arm; its straight pose stands for all.
+        options: gravity, step, controller and gains.
+        settings: of the checks.
+
+    Raises:
+        ProblemError: saying which setting is at fault and what would do.
+    """
+    straight = np.zeros((1, 3 * arm.links))
+    planar = float(options.gravity[1]) == 0.0  # nothing pulls the arm out of its plane
+    plant = disturbed_arm(arm, options.disturbances)
+    try:
+        # In the plane only bends move, and both orders of axes are the same arm.
+        check_axes(replace(arm, axes="zyx") if planar else arm, straight, planar=planar, settings=settings)
+        check_stability(plant, straight, options, planar=planar, settings=settings)
+    except SimulationError as error:
+        raise ProblemError(f"the simulation cannot run: {error.diagnosis}") from error
+
+
+def check_axes(
+    arm: Arm, angles: FloatArray, *, planar: bool, settings: SimulationSettings = DEFAULT_SIMULATION
+) -> None:
+    """Refuse motions on which the ball joints are singular.
+
+    Args:
+        arm: the arm.
+        angles: of all revolutes along the motion, shape (T, 3 * links) [rad].
+        planar: whether the arm stays in its plane, where the bends alone move and nothing is singular.
+        settings: up to which bend an arm is simulated out of its plane.
+
+    Raises:
+        SimulationError: saying what would do.
+    """
+    if arm.axes == "zyz":
+        raise SimulationError(
+            Diagnosis(
+                reason="arm.axes = 'zyz' is singular where a joint is straight: no simulation out of the plane",
+                stage="simulation",
+                advice=('arm.axes = "zyx"', "gravity in the plane: simulation.gravity[1] = 0"),
+            )
+        )
+    largest = float(np.max(np.abs(angles[:, 1::3])))
+    limit = settings.largest_bend
+    if not planar and largest > limit:
+        raise SimulationError(
+            Diagnosis(
+                reason=f"a bend reaches {largest:.3g} rad while the arm moves in 3-D; Z-Y-X balls are singular at 90°",
+                stage="simulation",
+                advice=(f"bends within {limit} rad, or gravity in the plane (gravity[1] = 0)",),
+                evidence={"largest_bend": largest, "limit": limit},
+            )
+        )
+
+
+def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> None:
+    """Stop at the first state that is not finite.
+
+    Args:
+        steps: some steps of the run.
+        names: of all revolutes.
+        step: length of a step [s].
+
+    Raises:
+        SimulationError: naming joint and time.
+    """
+    finite = np.isfinite(steps.states)
+    if finite.all():
+        return
+    row, _, column = np.argwhere(~finite)[0]
+    time = float((steps.first + row) * step)
+    name = (*names, "feed")[column]
+    raise SimulationError(
+        Diagnosis(
+            reason=f"the simulated state of joint {name} is not finite at {time:.4g} s",
+            stage="simulation",
+            advice=("a smaller simulation.step", "smaller gains", 'simulation.controller = "computed-torque"'),
+            evidence={"joint": name, "time": time},
+        )
+    )

@@ -1,0 +1,85 @@
+"""What is kept of a simulated motion: its state at the plan's own samples, its largest error and efforts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.dynamics.simulation.reference import hermite
+from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.problem import Limits
+from ccm_opt.solution import SimulatedMotion
+
+ROUNDING = 1e-9
+"""A sample that rounding puts past the end of a step by less than this share of it belongs to the step."""
+
+
+@dataclass(frozen=True)
+class SimulatedSteps:
+    """Some consecutive steps; the feed axis is the last of W = 3 * links + 1 columns.
+
+    Attributes:
+        first: number of the first of them.
+        states: positions and velocities before the first and at the end of each, shape (N + 1, 2, W).
+        efforts: held over each, shape (N, W) [N m, N].
+        targets: positions of the reference at the end of each, shape (N, W).
+    """
+
+    first: int
+    states: FloatArray
+    efforts: FloatArray
+    targets: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of steps, N."""
+        return len(self.efforts)
+
+
+@dataclass
+class SimulationRecord:
+    """What is kept of the simulated motion, filled as the steps come; the feed axis is the last column.
+
+    Attributes:
+        step: length of a step [s].
+        places: times of the plan's samples in units of steps, shape (T,).
+        positions: at the samples, shape (T, W).
+        efforts: held at the samples, shape (T, W) [N m, N].
+        tracking_error: largest difference of a joint's angle from its reference at the end of a step [rad].
+        largest_efforts: of each drive over all steps, shape (W,) [N m, N].
+    """
+
+    step: float
+    places: FloatArray
+    positions: FloatArray
+    efforts: FloatArray
+    largest_efforts: FloatArray
+    tracking_error: float = 0.0
+
+    @classmethod
+    def from_plan(cls, time: FloatArray, positions: FloatArray, step: float) -> "SimulationRecord":
+        """A record to be filled, at the samples of a plan: time (T,) [s], positions (T, W)."""
+        return cls(step, time / step, positions.copy(), np.zeros_like(positions), np.zeros(positions.shape[1]))
+
+    def add(self, steps: SimulatedSteps) -> None:
+        """Interpolate some steps at the samples inside them."""
+        local = self.places - steps.first
+        here = np.flatnonzero((local >= 0.0) & (local <= steps.count + ROUNDING))
+        index = np.minimum((local[here] + ROUNDING).astype(int), steps.count - 1)
+        self.positions[here] = hermite(local[here] - index, self.step, steps.states[index], steps.states[index + 1])
+        self.efforts[here] = steps.efforts[index]
+
+        error = float(np.max(np.abs(steps.states[1:, 0, :-1] - steps.targets[:, :-1])))
+        self.tracking_error = max(self.tracking_error, error)
+        self.largest_efforts = np.maximum(self.largest_efforts, np.max(np.abs(steps.efforts), axis=0))
+
+    def motion(self, limits: Limits, coordinates: Coordinates) -> SimulatedMotion:
+        """The whole simulated motion, once all steps were added."""
+        drives = coordinates.drive_count  # a fixed base has a column in the loop, but no drive
+        return SimulatedMotion(
+            angles=self.positions[:, : coordinates.revolutes].copy(),
+            torques=self.efforts[:, : coordinates.revolutes].copy(),
+            tracking_error=self.tracking_error,
+            saturated=bool(np.any(self.largest_efforts[:drives] >= limits.of_drives(coordinates).effort)),
+            base_positions=self.positions[:, coordinates.revolutes : drives].copy(),
+        )
