@@ -32,6 +32,12 @@ class StateFunction(Protocol):
         """
         ...
 
+    def one_with_feed(
+        self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float, /
+    ) -> tuple[FloatArray, FloatArray]:
+        """At one state and a feed of shape (), to the results for joints and feed; raises what ``one`` does."""
+        ...
+
     def many(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray
     ) -> tuple[FloatArray, FloatArray]:

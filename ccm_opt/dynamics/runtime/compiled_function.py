@@ -2,6 +2,7 @@
 
 import ctypes
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
@@ -9,6 +10,10 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 
 _POINTER = ctypes.c_void_p
+JointsCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+"""Three joint states to one, shape (3 * links,) each."""
+FeedCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray | float], tuple[FloatArray, FloatArray]]
+"""The same with a value of the feed axis, shape (), in and out."""
 
 
 class _ArmStruct(ctypes.Structure):
@@ -67,14 +72,15 @@ class CompiledFunction:
     def __init__(self, library: ctypes.CDLL, symbol: str, model: ArmModel) -> None:
         self._arm = CompiledArm(library, model)
         self._function = getattr(library, symbol)
-        self.one = self._call_of_one_state(model.structure.joints)
+        self.one, self.one_with_feed = self._calls_of_one_state(model.structure.joints)
 
-    def _call_of_one_state(self, joints: int) -> Callable[[FloatArray, FloatArray, FloatArray], FloatArray]:
-        """The function at one state as a closure over fixed memory, the shortest call that Python allows.
+    def _calls_of_one_state(self, joints: int) -> tuple[JointsCall, FeedCall]:
+        """The function at one state as closures over fixed memory, the shortest calls that Python allows.
 
         Returns:
-            A function of three arrays of shape (3 * links,) to the joints' result, for a feed of 0. It raises
-            ValueError, TypeError or NotImplementedError for other arrays.
+            A function of three arrays of shape (3 * links,) to the joints' result, for a feed of 0, and one of these
+            and a feed to the results for joints and feed. Both raise ValueError, TypeError or NotImplementedError for
+            other arrays.
         """
         q, qd, third, out = np.zeros((4, joints))
         feed, out_feed = np.zeros((2, 1))
@@ -98,7 +104,18 @@ class CompiledFunction:
             function(call_pointer)
             return copy_of_out()
 
-        return one
+        def one_with_feed(
+            first: FloatArray, second: FloatArray, third: FloatArray, value: FloatArray | float
+        ) -> tuple[FloatArray, FloatArray]:
+            into_q[whole] = first  # type: ignore[call-overload]
+            into_qd[whole] = second  # type: ignore[call-overload]
+            into_third[whole] = third  # type: ignore[call-overload]
+            feed[0] = value
+            function(call_pointer)
+            feed[0] = 0.0  # what ``one`` expects
+            return copy_of_out(), out_feed[0]
+
+        return one, one_with_feed
 
     def many(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray

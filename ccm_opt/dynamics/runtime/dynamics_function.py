@@ -23,16 +23,17 @@ class DynamicsFunction:
     def __init__(self, kind: DynamicsKind, model: ArmModel, back_end: BackEnd | None = None) -> None:
         function = (back_end or choose_back_end(model.structure)).function(kind, model)
         self._one = function.one
+        self._one_with_feed = function.one_with_feed
         self._many = function.many
         self._joints = model.structure.joints
 
     def of_joints(self, first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
         """The result for the joints alone and for a feed of 0, of the states' shape; see ``with_feed``."""
-        # One state of contiguous doubles is worth a path of its own: asking what was given would take half its time.
+        # One state of contiguous doubles is tried first, as asking what was given would take longer than the dynamics.
         try:
             return self._one(first, second, third)
         except MISFIT:
-            return self.with_feed(first, second, third)[0]
+            return self._general(first, second, third, 0.0)[0]
 
     def with_feed(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float = 0.0
@@ -45,6 +46,15 @@ class DynamicsFunction:
         Raises:
             ProblemError: when the shapes do not fit.
         """
+        try:
+            return self._one_with_feed(first, second, third, feed)
+        except MISFIT:
+            return self._general(first, second, third, feed)
+
+    def _general(
+        self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float
+    ) -> tuple[FloatArray, FloatArray]:
+        """States of any number, type and layout, converted and checked."""
         shape = np.shape(first)
         fits = len(shape) in {1, 2} and shape[-1] == self._joints
         if not fits or np.shape(second) != shape or np.shape(third) != shape:

@@ -44,11 +44,17 @@ class InterpretedFunction:
         Raises:
             ValueError: for arrays that are not contiguous doubles of that shape; or TypeError, NotImplementedError.
         """
+        return self.one_with_feed(first, second, third, 0.0)[0]
+
+    def one_with_feed(
+        self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float
+    ) -> tuple[FloatArray, FloatArray]:
+        """The function at one state and a feed of shape (), to both results; raises what ``one`` does."""
         for array, value in zip(self._states, (first, second, third), strict=True):
             array.data[:] = value  # type: ignore[call-overload]  # memoryviews take any buffer of their shape
-        self._feed[0] = 0.0
+        self._feed[0] = feed
         self._evaluate()
-        return self._out.copy()
+        return self._out.copy(), self._out_feed[0]
 
     def both(self, first: FloatArray, second: FloatArray, third: FloatArray, feed: float = 0.0) -> FloatArray:
         """The function at one state; the result for the feed axis stands after that for the joints."""
