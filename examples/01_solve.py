@@ -1,6 +1,7 @@
 """Solve a problem from Python, look at the result, and verify it once more.
 
-Run it with a problem file, or without one for the swan's neck of the paper (section 5)::
+Run it with a problem file, or without one for the swan's neck of section 5 of A. Hayashi, J. Park and B. J. Kuipers,
+*Toward Planning and Control of Highly Redundant Manipulators* (1990)::
 
     python examples/01_solve.py problems/s-duct.toml
 """

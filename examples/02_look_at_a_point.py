@@ -1,13 +1,13 @@
 """Keep the camera at the tip on a gauge while the arm moves round it.
 
 One equation and one inequality hold over the whole motion: the line of sight passes through the gauge's middle, and
-the gauge is ahead of the camera. The start looks at the gauge already; where it would not, ``solve`` says so before it
+the gauge is ahead of the camera. The start already looks at the gauge; if it did not, ``solve`` would say so before it
 plans. The residual is that of the trajectory at 1 kHz, and ``solve`` refuses anything above 1e-6. Run it with the name
 of a picture, or without one::
 
     python examples/02_look_at_a_point.py look.png
 
-The same from the command line, for a problem file of one's own::
+The same from the command line, for a problem file of your own::
 
     ccm-opt solve room.toml --constraint examples/02_look_at_a_point.py:CONSTRAINTS
 """
@@ -68,7 +68,7 @@ def main() -> None:
     solution = ccm_opt.solve(inspection(), constraints=CONSTRAINTS)
     print(f"{solution.problem.name}: {solution.trajectory.duration:.2f} s")
     for check in solution.checks[-len(CONSTRAINTS) :]:
-        print(f"  {check.name}: missed by {check.worst:.2g} at most, allowed {check.limit:g}")
+        print(f"  {check.name}: residual {check.worst:.2g} at most, allowed {check.limit:g}")
     if len(sys.argv) > 1:
         draw(solution, Path(sys.argv[1]))
 

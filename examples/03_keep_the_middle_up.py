@@ -1,8 +1,8 @@
 """Keep the middle third of the arm above a line.
 
 The constraint is a vector: the heights of the joints from a third to two thirds of the arm, all with one lower bound.
-Without it the middle sags as the arm reaches out; the script solves both and compares. Run it with the name of a
-picture, or without one::
+Without it the middle sags as the arm reaches out; the script solves the problem with and without it, and compares. Run
+it with the name of a picture, or without one::
 
     python examples/03_keep_the_middle_up.py middle.png
 """
@@ -43,11 +43,12 @@ def lowest(solution: ccm_opt.Solution) -> float:
 def main() -> None:
     """Solve with the line and without, report, draw."""
     problem = reaching()
-    plain, solution = ccm_opt.solve(problem), ccm_opt.solve(problem, constraints=[middle_third_above_the_line])
+    plain = ccm_opt.solve(problem)
+    solution = ccm_opt.solve(problem, constraints=[middle_third_above_the_line])
     for name, each in (("without the line", plain), ("above the line", solution)):
         print(f"{name}: lowest at {lowest(each):.4f} m, {each.trajectory.duration:.2f} s")
     check = solution.checks[-1]
-    print(f"  {check.name}: missed by {check.worst:.2g} at most, allowed {check.limit:g}")
+    print(f"  {check.name}: residual {check.worst:.2g} at most, allowed {check.limit:g}")
     if len(sys.argv) > 1:
         draw(solution, Path(sys.argv[1]))
 
@@ -56,7 +57,8 @@ def draw(solution: ccm_opt.Solution, file: Path) -> None:
     """The plan with the line, and the middle third at the goal."""
     from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
-    figure, third = plan_figure(solution), solution.problem.arm.links // 3
+    figure = plan_figure(solution)
+    third = solution.problem.arm.links // 3
     axes = figure.axes[0]
     axes.axhline(LINE, color="tab:red", linewidth=1.0, linestyle=":", zorder=7)
     for k in (0, -1):

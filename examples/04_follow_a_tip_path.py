@@ -1,8 +1,8 @@
 """Lead the tip along a given path, past a post.
 
 The path is a function of the path parameter u, which runs from 0 at the start to 1 at the goal; two equations tie the
-tip to it. How fast u grows is left to the retiming. The first point of the path has to be the tip at the start. Run it
-with the name of a picture, or without one::
+tip to it. How fast u grows is left to the retiming. The path has to begin where the tip is at the start. Run it with
+the name of a picture, or without one::
 
     python examples/04_follow_a_tip_path.py path.png
 """
@@ -21,7 +21,8 @@ from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.problem import JointPose, Problem, TipGoal
 
 OPEN_SPACE = Path(__file__).parent.parent / "problems" / "open-space.toml"
-START_BEND, BEND = np.deg2rad(110.0), np.deg2rad(-4.0)
+START_BEND = np.deg2rad(110.0)
+BEND = np.deg2rad(-4.0)
 SWAY = 0.06
 
 
@@ -63,7 +64,7 @@ def main() -> None:
     solution = ccm_opt.solve(PROBLEM, constraints=[tip_on_the_seam])
     check = solution.checks[-1]
     print(f"{solution.problem.name}: {solution.trajectory.duration:.2f} s")
-    print(f"  {check.name}: missed by {check.worst:.2g} at most, allowed {check.limit:g}")
+    print(f"  {check.name}: residual {check.worst:.2g} at most, allowed {check.limit:g}")
     if len(sys.argv) > 1:
         draw(solution, Path(sys.argv[1]))
 

@@ -1,9 +1,11 @@
 """Figure 3 of the paper: a hill climb that succeeds, and one that gets caught (section 3).
 
 Left is the shared problem *open-space*: pure hill climbing (SCM-0) reaches the goal. Right is *local-maximum*: the
-start bends to the left, the goal needs the other side. The climb brings the tip to some centimetres from the goal, then
-every move that would bring it nearer bends a joint beyond its limit or folds the arm into itself. Run it with a folder
-for the picture, or it goes to the current one::
+start bends to the left, the goal needs the other side. The climb brings the tip to within some centimetres of the goal;
+then every move that would bring it nearer bends a joint beyond its limit or folds the arm into itself.
+
+The paper is A. Hayashi, J. Park and B. J. Kuipers, *Toward Planning and Control of Highly Redundant Manipulators*
+(1990). Run the script with a folder for the picture; the default is the current one::
 
     python examples/05_figure_3.py docs/images
 """

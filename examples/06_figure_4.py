@@ -1,7 +1,8 @@
 """Figure 4 of the paper: the climb of Figure 3, right, with a good segment type first (section 3.2).
 
 SCM-1 selects the type and the base rotation from base and goal pose alone, SCM-2 moves there by interpolation, and
-SCM-0 then climbs to the goal without getting caught::
+SCM-0 then climbs to the goal without getting caught. The paper is A. Hayashi, J. Park and B. J. Kuipers, *Toward
+Planning and Control of Highly Redundant Manipulators* (1990)::
 
     python examples/06_figure_4.py docs/images
 """

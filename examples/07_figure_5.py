@@ -3,7 +3,8 @@
 The shared problem *fold-and-reach*: the straight arm must get behind a hanging wall. Panels as in the paper: (1) start
 and goal; (2) change of type; (3) straight to the subgoal, half-way to the wall; (4) the tip segment traces the curve to
 the goal while the base segment keeps the boundary on that curve with less and less length; (5) merge and climb; (6) all
-of it::
+of it. The paper is A. Hayashi, J. Park and B. J. Kuipers, *Toward Planning and Control of Highly Redundant
+Manipulators* (1990)::
 
     python examples/07_figure_5.py docs/images
 """

@@ -1,9 +1,9 @@
-"""A cost that prefers poses which are easy to hold.
+"""A cost that prefers poses that are easy to hold.
 
 The cost is the sum of squared holding torques: at every joint, gravity times the masses beyond it times their
 horizontal distances. It is averaged over the motion and weighed against the length of the joint path; the script
-solves without it and with two weights. The optimisation finds the minimum next to the motion that the search found:
-here the end of the arm curls up near the goal. The peak torque does not fall, for it also pays for acceleration.
+solves without it and with two weights. The optimisation finds the minimum nearest to the motion that the search found:
+here the end of the arm curls up near the goal. The peak torque does not fall, for it includes what acceleration takes.
 Run it with the name of a picture, or without one::
 
     python examples/08_prefer_low_torque.py torque.png
@@ -27,7 +27,8 @@ WEIGHTS = (0.03, 0.2)
 def holding_torques(q: ccm_opt.Quantities) -> ca.SX:
     """Torque that every joint needs to hold the arm still, shape (links, 1) [N m]."""
     x = q.joint_positions[0, :].T
-    middles, masses = 0.5 * (x[1:] + x[:-1]), ca.DM(q.arm.masses)
+    middles = 0.5 * (x[1:] + x[:-1])
+    masses = ca.DM(q.arm.masses)
     beyond = ca.DM(np.triu(np.ones((q.arm.links, q.arm.links))))
     return GRAVITY * (beyond @ (masses * middles) - x[:-1] * (beyond @ masses))
 

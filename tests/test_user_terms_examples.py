@@ -19,7 +19,7 @@ def run(name: str, picture: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
 
 def residuals(output: str) -> list[float]:
     """What the constraints are missed by."""
-    return [float(text) for text in re.findall(r"missed by (\S+) at most", output)]
+    return [float(text) for text in re.findall(r"residual (\S+) at most", output)]
 
 
 @pytest.mark.parametrize(
