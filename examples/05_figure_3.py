@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.files.plotting.schemas import SchemaPanel, schemas_png
+from ccm_opt.files.plotting.schema_pictures import SchemaPanel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0
 from ccm_opt.hill_climbing.steps import SchemaStopped

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.files.plotting.schemas import SchemaPanel, schemas_png
+from ccm_opt.files.plotting.schema_pictures import SchemaPanel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2
 from ccm_opt.hill_climbing.steps import run

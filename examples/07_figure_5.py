@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import ccm_opt
-from ccm_opt.files.plotting.schemas import SchemaPanel, schemas_png
+from ccm_opt.files.plotting.schema_pictures import SchemaPanel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
 from ccm_opt.planners.baseline import Follower

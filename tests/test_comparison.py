@@ -16,8 +16,8 @@ import pytest
 import shapely
 
 from ccm_opt.cli.comparing import CompareOptions, compare_methods
+from ccm_opt.comparison.comparison_files import comparison_json, runs_csv
 from ccm_opt.comparison.executors import LocalWorkers
-from ccm_opt.comparison.files import comparison_json, runs_csv
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import METHODS, check_methods, method_named
 from ccm_opt.comparison.running import Comparison, compare

@@ -14,8 +14,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from ccm_opt.cli.cancelling import CANCELLED
 from ccm_opt.cli.comparison_tables import print_comparison
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, report, run_all
+from ccm_opt.comparison.comparison_files import JOURNAL, write_comparison
 from ccm_opt.comparison.executors import DaskWorkers, LocalWorkers, Workers
-from ccm_opt.comparison.files import JOURNAL, write_comparison
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import DEFAULT, check_methods
 from ccm_opt.comparison.running import Comparison, compare

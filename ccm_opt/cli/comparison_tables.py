@@ -10,7 +10,7 @@ from rich.table import Table
 
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.tables import report_console
-from ccm_opt.comparison.files import TABLE, medians
+from ccm_opt.comparison.comparison_files import TABLE, medians
 from ccm_opt.comparison.running import Comparison, Pair
 from ccm_opt.comparison.runs import QUANTITIES, Run
 from ccm_opt.comparison.statistics import ConfidenceInterval, FigurePair

@@ -1,7 +1,7 @@
 """The journal of a comparison: one line of JSON for each run, written as soon as the run is done.
 
 A line is written by one call at the end of the file, so that a process that is killed leaves whole lines and at most
-one torn one, which is cut off when the journal is opened again. Runs are told apart by their keys; of two with the same
+one torn one, which is cut off when the journal is opened again. Runs are identified by their keys; of two with the same
 key the first counts, unless it crashed: a crash is a defect that may have been mended since.
 """
 

@@ -79,7 +79,7 @@ class Task:
 
     @cached_property
     def key(self) -> str:
-        """Tells this run from every other, so that a resumed comparison knows what it has."""
+        """Differs from that of every other run, so that a resumed comparison knows which runs it has."""
         options = sorted(method_named(self.method).options.items())
         parts = (self.case.name, self.case.fingerprint, self.method, options, self.time_limit, _package_version())
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:20]

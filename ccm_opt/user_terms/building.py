@@ -88,7 +88,7 @@ def compiled_cost(cost: Cost, quantities: Quantities) -> CompiledCost:
 
 
 def refuse_double_names(terms: Sequence[Constraint | Cost]) -> None:
-    """Messages and checks tell terms apart by their names.
+    """Messages and checks call terms by their names, so that no two may have the same.
 
     Raises:
         ProblemError: two have the same.

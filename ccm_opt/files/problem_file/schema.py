@@ -43,7 +43,7 @@ from ccm_opt.problem import (
 )
 
 MAX_LINKS = 400
-"""More links than any arm that was ever planned for; a planner would not come back from them."""
+"""Far more than any arm that has been planned for; planning for more would take hours."""
 
 
 class Table(BaseModel):
@@ -274,7 +274,7 @@ def _folder_name(name: str) -> str:
 
 
 class RootTable(Table):
-    """The keys above the first table, and the tables themselves, each validated on its own."""
+    """The keys above the first table, and the tables themselves, each validated by itself."""
 
     schema_version: Literal[1] = Field(alias="schema")
     name: Annotated[str, AfterValidator(_folder_name)]

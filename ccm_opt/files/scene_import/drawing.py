@@ -22,7 +22,7 @@ def import_scene(
     """The obstacles of a drawing.
 
     Args:
-        path: an SVG, DXF, GeoJSON or WKT file, told apart by the suffix.
+        path: an SVG, DXF, GeoJSON or WKT file, recognised by its suffix.
         options: placement and tolerances.
         taken: names that other obstacles have already.
         settings: tolerances and bounds of the import.

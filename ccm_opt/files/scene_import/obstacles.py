@@ -16,7 +16,7 @@ from ccm_opt.files.scene_import.rings import filled, polygons_of
 from ccm_opt.freespace.workspace import Obstacle
 
 MAX_COORDINATE = 1e9
-"""Largest coordinate; beyond it double precision no longer tells a millionth."""
+"""Largest coordinate; beyond it double precision no longer resolves a millionth."""
 
 
 def obstacles_of(
