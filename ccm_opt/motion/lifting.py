@@ -22,6 +22,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     """
     space = _lifted_space(motion, task)
     coordinates = motion.coordinates.copy()
+    # On other links the same coordinates put the tip a little elsewhere; a goal of the whole arm is held by the space.
     if task.goal_headings is None:
         coordinates[-1] = polish(space, task.goal, coordinates[-1])
         if max(task.goal.errors(pose_in(space, coordinates[-1]))) > _MISSED:
@@ -33,10 +34,12 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     for _ in range(task.settings.lifting.repairs):
         if len(failing) == 0:
             break
+        # An interval has no position of its own: both its keyframes are moved.
         at_both_ends = np.unique(np.concatenate((failing, failing + 1)))
         coordinates = _pushed_clear(stepper, coordinates, at_both_ends)
         failing = certificate.failures(space.headings(coordinates))
 
+    # The offset is not the one that the motion was planned with, so bends have to be looked at once more.
     headings = space.headings(coordinates)
     within = np.all(np.abs(task.arm.bends(headings)) <= task.arm.bend_limits)
     if len(failing) or not within:
@@ -97,7 +100,7 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
     mended = coordinates.copy()
     for k in keyframes:
         if k in {0, last}:
-            continue
+            continue  # the ends are given
         pose = stepper.pose(coordinates[k])
         stay = [
             Term(space.matrix, np.zeros(space.arm.links), space.share),

@@ -37,6 +37,7 @@ def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links:
     room = room_beside_arm(task) * nominal_links / task.arm.length
     if room <= 0.0:
         return margins
+    # Margins as wide as the room would close the passage for the step, which wants some to move in.
     fitting = tuple(margin for margin in margins if margin <= room)
     if fitting:
         return fitting
@@ -58,6 +59,7 @@ def room_beside_arm(task: MotionTask) -> float:
     ]
     if not half_widths:
         return 0.0
+    # With a wider margin than it has at the goal the tip would never arrive.
     tip = shapely.Point(task.goal.position)
     at_goal = min(float(shapely.distance(tip, wall.core)) - wall.rounding for wall in task.workspace.walls)
     return min(max(half_widths), at_goal) - (arm.radius + task.workspace.clearance)
@@ -82,6 +84,7 @@ def passage_widths(
     leg = legs_at(arcs, at)
     tangent = np.diff(path, axis=0)[leg] / leg_lengths(path)[leg, None]
     places = path[leg] + (at - arcs[leg])[:, None] * tangent
+    # Along the normal to the first edge on either side; where there is none, as wide as is asked about.
     across = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
     along = _crossings(walls, places, across)
     left = np.min(np.where(along >= 0.0, along, widest), axis=1, initial=widest)

@@ -56,6 +56,8 @@ def first_candidates(
         yield from interpolated
 
     for path in tip_paths:
+        # A fold lays the arm on its new route link by link, where a goal of the whole arm wants it; a tip alone can
+        # mostly be led there.
         if whole_arm is not None:
             fitting = fitting_folds(stepper, path)
             yield from pulled_over(stepper, start, whole_arm, path, fitting[:1])
@@ -64,7 +66,7 @@ def first_candidates(
             first_length = stepper.settings.guides.hairpin.lengths[:1]
             yield tip_led(stepper, start, path)
             yield from pulled_over(stepper, start, whole_arm, path, first_length)
-            # Only now, for a pose at the goal has to be found for it; after the first path there are none left.
+            # Not before, for a pose at the goal has to be found by the NLP first. The first path uses them all up.
             yield from interpolated
 
     yield from interpolated
@@ -123,6 +125,7 @@ def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
     settings = stepper.settings.guides
     hairpin = settings.hairpin
     widths = passage_widths(stepper.finder.walls, path.taut, arm.length, settings.passages.samples)
+    # A fold turns inside the width that the arm's own thickness leaves.
     width = float(np.quantile(widths, hairpin.passage_quantile)) - 2.0 * arm.radius
     wanted = hairpin.passage_share * width / stepper.space.unit
     fitting = float(np.clip(wanted, min(hairpin.lengths), max(hairpin.lengths)))
@@ -172,6 +175,7 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
     longest = stepper.settings.guides.hairpin.longest_shape * arm.length
     if new_length(0) > longest:
         return None
+    # Hardly too long: the arm leaves its old shape at the base, and may fit where the path keeps off corners.
     if new_length(0) > arm.length:
         return 0, path.from_joint(start.points, 0)
 
@@ -215,6 +219,7 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
     if not isinstance(guide, Hairpin):
         raise TypeError(f"only a hairpin can be pulled out, got {type(guide).__name__}")
     track = guide.track
+    # The tip may have got ahead of its target or lag behind it: what remains begins beside it.
     rest = track.points[track.arcs > track.nearest_arc(pose.points[-1], guide.tip_arc)]
     remaining = np.vstack((pose.points[-1], rest, path.route[-1]))
     taut = path.free_space.taut_path(remaining, shrink=path.shrink)

@@ -75,6 +75,7 @@ class Hairpin:
         """Where on the track the tip should be, u [m]."""
         arm = self.space.arm
         joints = np.arange(arm.links + 1) * arm.link_length
+        # Measured on the track: in a bend the strand on the outside is longer than the arm beside it.
         beside_fold = np.interp(self.fold_at, joints, self.retraced)
         return float(beside_fold + arm.length - self.fold_at - self.fold_length)
 
@@ -88,6 +89,7 @@ class Hairpin:
         middle = self._middles()
         x = np.clip((middle - self.fold_at) / self.fold_length, 0.0, 1.0)
         blend = x * x * (3.0 - 2.0 * x)
+        # Inside the fold the old shape goes on as it is at the fold's beginning.
         on_old_shape = np.interp(np.minimum(middle, self.fold_at), middle, self.old)
         on_track = self.track.heading(self.tip_arc - (arm.length - middle))
         reference: FloatArray = (1.0 - blend) * on_old_shape + blend * on_track
@@ -106,8 +108,10 @@ class Hairpin:
         error = shortened(error, settings.longest_error * self.nominal_length)
         still = settings.still_weight * np.repeat(per_link * self._ahead(), 2) + settings.motion_weight * per_link
         return [
+            # The tip goes to its target and every link into its reference heading,
             Term(tip, error / self.nominal_length, 1.0),
             Term(turns, self.reference() - pose.headings, settings.heading_weight * per_link),
+            # all with little turning, and joints ahead of the fold stay where they are.
             Term(turns, np.zeros(links), settings.turn_weight * per_link),
             Term(joints, np.zeros(2 * links), still),
         ]
@@ -125,6 +129,7 @@ class Hairpin:
 
     def progress(self, pose: Pose) -> bool:
         """Let the fold travel a little if the tip keeps up."""
+        # A fold that left its tip behind would ask for headings that fit no place where the arm can be.
         if self._lag(pose) > self.settings.leash * self.nominal_length:
             return False
         self.fold_at -= self.settings.advance * self.nominal_length
@@ -132,7 +137,7 @@ class Hairpin:
 
     def finished(self, pose: Pose) -> bool:
         """Whether the tip's target has reached the end of the track, or the fold has opened at the base."""
-        del pose
+        del pose  # the fold's travel alone decides; what the tip lags behind is led on later
         return self.tip_arc >= self.track.length or self.fold_at <= -self.fold_length
 
     def describe(self, pose: Pose) -> str:
@@ -168,12 +173,14 @@ def fold_track(
     tangent = np.gradient(points, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
     left = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
+    # The strand that comes back lies beside the old shape, on the side to which the arm folds.
     beside = points + side * offset * left
     back = beside[leave:][::-1]
     onward = _rest_of(route, back[-1], offset) if len(back) > 1 else route
     # The tip turns by half a turn to the fold's side, which tells the winding of all headings on the track.
     track = TipTrack.along(np.vstack((back, onward)), window, last_heading + side * np.pi)
 
+    # Joints before the one where the route leaves stay, so the strand never passes them.
     arcs = arc_lengths(back)
     retraced = np.empty(len(points))
     retraced[leave:] = arcs[::-1]

@@ -46,6 +46,7 @@ class Interpolation:
         change = np.clip(change, -settings.coordinate_step, settings.coordinate_step)
         return [
             Term(self.space.matrix, self.target() - pose.headings, self.space.share),
+            # Arms of few links have fewer headings than coordinates: the rest would drift and bend the curve between.
             Term(np.eye(len(change)), change, settings.coordinate_weight),
         ]
 
@@ -57,6 +58,7 @@ class Interpolation:
         """Move the target on if all links keep up."""
         if self.lag(pose) > self.settings.leash or self.u >= 1.0:
             return False
+        # In steps of equal turn, however far the two ends are apart.
         advance = self.settings.advance
         whole_turn = float(np.max(np.abs(self.space.matrix @ (self.end - self.start))))
         self.u = min(1.0, self.u + advance / max(whole_turn, advance))

@@ -55,8 +55,10 @@ class TipLed:
         turn, on_track = self._following(pose)
         turn = np.clip(turn, -settings.largest_turn, settings.largest_turn)
         return [
+            # The tip goes to its target, and links that lie on the track turn into it;
             Term(tip, error / self.nominal_length, 1.0),
             Term(turns, turn, settings.following_weight * per_link * on_track),
+            # the others do what moves the arm least, which holds the step definite too.
             Term(turns, np.zeros(links), settings.turn_weight * per_link),
             Term(joints, np.zeros(2 * links), settings.motion_weight * per_link),
         ]
@@ -69,6 +71,7 @@ class TipLed:
         wanted = headings_of(np.diff(places, axis=0))
         turn = wrap(wanted - pose.headings)
 
+        # A link far from its place on the track would be turned for nothing, and pull the tip off its way.
         middles = 0.5 * (pose.points[:-1] + pose.points[1:])
         chord_middles = 0.5 * (places[:-1] + places[1:])
         away = np.linalg.norm(middles - chord_middles, axis=1) / self.nominal_length

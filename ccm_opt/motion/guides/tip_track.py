@@ -42,6 +42,7 @@ class TipTrack:
         """
         points = without_repeats(points, _SHORTEST_LEG)
         if len(points) < 2:
+            # A tip that is at its goal already; any heading will do.
             points = np.vstack((points, points[-1] + [_SHORTEST_LEG, 0.0]))
 
         arcs = arc_lengths(points)
@@ -94,12 +95,14 @@ def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, wi
     Returns:
         Shape (m,) [rad].
     """
+    # The integral of the heading is piecewise linear, so that interpolation gives it exactly at any arc length.
     primitive = np.concatenate(([0.0], np.cumsum(headings * np.diff(arcs))))
     left = samples - 0.5 * window
     right = samples + 0.5 * window
     to_right = np.interp(np.clip(right, 0.0, arcs[-1]), arcs, primitive)
     to_left = np.interp(np.clip(left, 0.0, arcs[-1]), arcs, primitive)
     inside = to_right - to_left
+    # Windows that reach beyond the ends: the track goes straight on there.
     before = np.minimum(left, 0.0) * -headings[0]
     behind = np.maximum(right - arcs[-1], 0.0) * headings[-1]
     mean: FloatArray = (inside + (before + behind)) / window

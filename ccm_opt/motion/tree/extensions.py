@@ -67,7 +67,7 @@ class ExtensionSampler:
             (settings.along_route, partial(self.along_route, tree, other)),
             (settings.folded, partial(self.folded, tree, other)),
         ]
-        if len(other):
+        if len(other):  # there may be no pose at the goal yet
             kinds.append((settings.to_other, partial(self.to_other, tree, other)))
         weights = np.array([weight for weight, _ in kinds])
         chosen = int(self.rng.choice(len(kinds), p=weights / weights.sum()))
@@ -104,6 +104,7 @@ class ExtensionSampler:
         """The tip towards a random free place, from a node whose tip is near it."""
         place = self._free_place()
         choice = self.rng.integers(len(tree), size=self.settings.tip_choice)
+        # The nearest of all would be drawn again and again where it is stuck.
         node = int(choice[np.argmin(tree.tip_distances(place)[choice])])
         tip = tree.poses[node].points[-1]
         return self._tip_led(tree, node, lambda: self.free_space.taut_path(np.stack((tip, place)), self.shrink))
@@ -173,7 +174,7 @@ class ExtensionSampler:
     def _free_place(self) -> FloatArray:
         """A free place within reach, shape (2,) [m]."""
         arm = self.stepper.space.arm
-        while True:
+        while True:  # the tip of the start is free, so places about it are too
             places = arm.base + self.rng.uniform(-arm.length, arm.length, (self.settings.places_drawn, 2))
             near = places[np.linalg.norm(places - arm.base, axis=1) < arm.length]
             free: FloatArray = near[self.free_space.contains(near)]

@@ -28,6 +28,7 @@ class PoseTree:
     parents: list[int] = field(default_factory=list)
     edges: list[list[Pose]] = field(default_factory=list)
     uses: list[int] = field(default_factory=list)
+    # The same in arrays with room to spare, so that distances to all nodes are one expression.
     _points: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 2)))
     _headings: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 

@@ -180,6 +180,7 @@ class TreeSearch:
             self.rejected += 1
             return
         self.rejected = 0
+        # Poses of the other tree come from the goal; only those from the start have yet to get there.
         if side == _Root.START:
             self._settle(added[-1])
         if not self.found:
@@ -188,6 +189,7 @@ class TreeSearch:
     def _led(self, guide: Guide, pose: Pose, patience: int) -> list[Pose]:
         """The poses of one extension, with a planning margin drawn at random."""
         task = self.task
+        # A wide margin moves on faster in the open, a narrow one gets through where it is tight.
         stepper = task.steppers[int(self.rng.integers(len(task.steppers)))]
         try:
             return follow(stepper, LimitedGuide(guide, task.settings.steps), pose, task.deadline, patience)
@@ -207,6 +209,7 @@ class TreeSearch:
         added: list[int] = []
         edge: list[Pose] = []
         last = len(poses) - 1
+        # Poses too near to known ones stay inside an edge, so that the next node still tells how it was reached.
         for k, pose in enumerate(poses[1:], start=1):
             edge.append(pose)
             long_enough = k == last or len(edge) >= settings.node_interval
@@ -220,7 +223,7 @@ class TreeSearch:
         """Draw the tip of a node that is near the goal onto it."""
         task = self.task
         if task.goal.coordinates is not None:
-            return
+            return  # a goal of the whole arm is the other tree's root, which is connected to
         tree = self.trees[_Root.START]
         pose = tree.poses[node]
         distance, _ = task.goal.errors(pose)
@@ -229,6 +232,7 @@ class TreeSearch:
         try:
             poses = settle(task.steppers[-1], task.goal, pose, task.deadline)
         except Stalled as stalled:
+            # Poses near the goal are worth keeping, whatever kept the tip off it.
             self._keep(tree, node, self._certified(stalled.poses))
             return
         if len(self._certified(poses)) == len(poses):
@@ -260,6 +264,7 @@ class TreeSearch:
                 else:
                     self.found = from_other + from_side[::-1]
                 return
+            # As far as it came it brought this tree nearer to the other.
             self._keep(tree, node, certified)
 
     def ended(self) -> str:

@@ -127,6 +127,7 @@ class Follower:
     def hurried_world(self) -> World:
         """The world of the schemas for one plan, whose share of the time that is left begins now."""
         now = time.monotonic()
+        # Of the time that is left now, so that late plans have less but every one has some.
         until = now + self.settings.plan_share * (self.deadline - now)
 
         def passes(here: Shapes, there: Shapes) -> BoolArray:
@@ -139,7 +140,7 @@ class Follower:
     def world(self) -> World:
         """The world of the schemas."""
         arm = self.problem.arm
-        if self.ends.clamped:
+        if self.ends.clamped:  # the base stands flush on a wall
             base_range = (self.start.base_heading, self.start.base_heading)
         else:
             base_range = (arm.base_heading - arm.base_limit, arm.base_heading + arm.base_limit)

@@ -112,9 +112,11 @@ def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
     folds = Folds()
     goal = TipPose(follower.ends.goal.position, follower.ends.goal.heading)
 
+    # Worlds are made when a plan is asked for, since each one's share of the time begins then.
     for k in range(follower.settings.types_tried):
         yield f"type selection {k + 1}", by_type(follower.hurried_world, start, goal, k)
 
+    # The fold's subgoal lies in front of an obstacle; without one there is nothing to fold round.
     obstacle = obstacle_ahead(follower.problem, goal.position)
     if obstacle is not None:
         for subgoal, side in zip(subgoals(start.base, obstacle), ("right", "left"), strict=True):
@@ -161,7 +163,7 @@ def joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, ...]) -> 
     arm = follower.problem.arm
     curves = (follower.start, *(step.configuration for step in steps))
     headings = np.concatenate([follower.headings(Shapes.from_configurations([curve])) for curve in curves])
-    headings[0] = follower.ends.start
+    headings[0] = follower.ends.start  # the same but for rounding
 
     turns = np.abs(np.diff(headings, axis=0)).max(axis=1)
     moved = np.append(True, turns > _STILL)

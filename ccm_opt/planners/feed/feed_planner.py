@@ -70,6 +70,7 @@ class _FeedSearch:
         until = time.monotonic() + settings.following_share * problem.planner.time_limit
         self.leader_paths = None
         if isinstance(problem.goal, TipGoal):
+            # What following may use up leaves time for changes of shape.
             deadline = Deadline(min(self.query.deadline.at, until))
             self.leader_paths = LeaderPaths(problem, problem.goal, deadline, settings)
 
@@ -92,6 +93,8 @@ class _FeedSearch:
     def _motions(self) -> Iterator[ProposedMotion]:
         """All motions to try; those that follow a leader all the time first, but where an end cannot be drawn back."""
         query = self.query
+        # An end that bends too near to the hole to be drawn back has to change its shape in any case: perhaps that is
+        # all it takes.
         end_bends_at_hole = query.start_path is None or query.goal_path is None
         at_once_first = query.goal is not None and end_bends_at_hole
         if at_once_first:
@@ -143,6 +146,7 @@ class _FeedSearch:
             return
         reach = Reach.from_feed(query.arm, query.feed)
         straights = _straights(query)
+        # Bands cost little: all beginnings are tried with them before the NLP is asked for a curve.
         for straight, _ in straights:
             yield from self.leader_paths.bands(straight, reach)
         for straight, most in straights:
@@ -154,6 +158,7 @@ class _FeedSearch:
         return JointPath(spline, motion.keyframes, curves, motion.name, motion.leaders, spare)
 
     def _nothing_found(self) -> NoPlanFound:
+        # No path at all: the goal itself may be out of reach, which says more than how the search went.
         if self.leader_paths is not None and not self.found:
             necessary = _unreachable(self.query, self.leader_paths.shortest)
             if necessary is not None:
@@ -184,10 +189,14 @@ def _straights(query: FeedQuery) -> list[tuple[float, int]]:
     tip_at_start = query.start.feed + query.arm.length
 
     straights: list[tuple[float, int]] = []
+    # A straight arm need not be drawn back for a path that is straight up to its tip,
     if not query.start.bends.any() and tip_at_start > least:
         straights.append((tip_at_start, settings.first_curves))
+    # any arm can be drawn back as far as the feed's range allows,
     if tip_drawn_back > least:
         straights.append((tip_drawn_back, settings.first_curves))
+    # the earliest bend reaches most goals; but the base cannot leave the axis, so where its range goes farther a path
+    # may have to be straight for as long.
     straights.append((least, settings.curves))
     if query.feed.high > least:
         straights.append((query.feed.high + 2.0 * query.motions.travel, settings.curves))

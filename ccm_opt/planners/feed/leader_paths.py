@@ -117,6 +117,7 @@ class LeaderPaths:
             settings=self.settings.following.band,
         )
         begin, end = self._curve_ends(straight)
+        # Routes are drawn with a distance from corners; the band finds its own.
         taut = free_space.path_of_sleeve(route.sleeve, begin, end)
         points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
         if self._last_link > 0.0:

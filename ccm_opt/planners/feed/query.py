@@ -54,6 +54,7 @@ class FeedQuery:
         gap = refuse_bad_pose(motions, start, "start")
         goal = None
         if isinstance(problem.goal, TipGoal):
+            # Deeper than contact, within the tolerance, counts as contact.
             gap_at_goal = max(refuse_bad_tip(problem, problem.goal), 0.0)
         else:
             goal = fed_pose(problem, problem.goal, "goal", settings)

@@ -57,6 +57,7 @@ class Reshaping:
         part = self._part(start, goal, first - int(clamped))
         try:
             ends = resolve_ends(part)
+            # Clamped ends keep the first link still, which holds the extra link straight.
             ends = replace(ends, clamped=clamped or ends.clamped)
             _, motion = CurvePlanner(settings=self.settings.curve).motion_between(part, ends, self.deadline)
         except NoPlanFound:
@@ -91,6 +92,7 @@ class Reshaping:
         held = first + 1 - arm.first_self_pair
         if held < 1 or not arm.self_collision:
             return problem.workspace
+        # Self-contact is measured between distant links only, so the last links in the guide are left out.
         ends = arm.base + np.outer([start.feed, start.feed + held * arm.link_length], arm.feed_direction)
         rounding = max(arm.radius - problem.workspace.clearance, 0.0)
         body = Obstacle("the arm in its guide", shapely.LineString(ends), rounding)

@@ -40,6 +40,7 @@ class FeedMotions:
     @cached_property
     def certificate(self) -> Certificate:
         """The certificate that motions must pass."""
+        # Ends that touch may be left by motions that touch no deeper; else a little more than contact is asked for.
         contact = allowed_contact(self.arm, self.workspace)
         spare = np.clip(self.settings.end_gap_share * self.gap - contact, -contact, SPARE * self.arm.length)
         return Certificate(self.arm, self.workspace, float(spare))
@@ -78,6 +79,7 @@ class FeedMotions:
         spline = certified_spline(self.arm.poses(keyframes), self.certificate)
         if spline is None:
             return None
+        # Bends and feed are linear in the poses, so the control points can be turned into them one by one.
         path = BSpline(spline.t, self.arm.configurations(np.asarray(spline.c)), spline.k)
         if not straight_while_held(self.arm, path, self.travel, self.settings):
             return None

@@ -61,6 +61,7 @@ class LeaderPath:
             links: number of links.
             link_length: l [m].
         """
+        # One joint after the other, for all feeds at once.
         arc = np.empty((len(feeds), links + 1))
         arc[:, 0] = feeds
         for j in range(links):
@@ -84,6 +85,7 @@ class LeaderPath:
             apart = self.positions(guess) - here
             distance = np.hypot(apart[..., 0], apart[..., 1])
             slope = np.einsum("...i,...i->...", apart, self._tangents(guess)) / distance
+            # Newton's step would shoot far off where the path turns across the chord.
             safe_slope = np.where(sign * slope > _LEAST_SLOPE, slope, sign * _LEAST_SLOPE)
             step = (length - distance) / safe_slope
             guess = guess + np.clip(step, -0.5 * length, 0.5 * length)

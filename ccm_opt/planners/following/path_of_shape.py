@@ -40,6 +40,7 @@ def path_of_pose(
     joints = arm.joint_positions_at(arm.configuration(bends, feed))
     bent = np.flatnonzero(bends)
     first_bent = int(bent[0]) if len(bent) else arm.links
+    # On the axis up to the first bent joint at least, for all before it lies there.
     leaves = max(straight, feed + first_bent * l)
 
     off_axis = joints[first_bent + 1 :]

@@ -23,6 +23,7 @@ def slide(
     feeds = feeds_between(arm, start, end, settings)
     joints = path.joints(feeds, arm.links, arm.link_length)
     bends = arm.bends(path.link_headings(joints))
+    # The guide takes exactly straight joints only.
     bends = np.where(np.abs(bends) < _NO_BEND, 0.0, bends)
     return np.column_stack((bends, feeds))
 
