@@ -1,11 +1,13 @@
 """The numbers of the baseline planner, in one place."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from ccm_opt.hill_climbing.climbing_settings import ClimbingSettings
 
 
 @dataclass(frozen=True)
 class BaselineSettings:
-    """What the planner around the schemas of hill climbing allows itself; the schemas have settings of their own.
+    """What the planner around the schemas of hill climbing allows itself, and the numbers of these.
 
     Attributes:
         planning_share: share of the time limit that planning may use; timing and verification need the rest. Taste.
@@ -21,6 +23,7 @@ class BaselineSettings:
         route_margin: inflation of the walls for routes beyond radius and clearance, as a share of the arm's length.
             Taste.
         types_tried: segment types that are tried, best first. The paper has five; the last is seldom any good. Taste.
+        climbing: of the climbs, the schemas, and the plans made of them.
     """
 
     planning_share: float = 0.9
@@ -31,6 +34,7 @@ class BaselineSettings:
     merging_tolerance: float = 0.02
     route_margin: float = 1e-3
     types_tried: int = 4
+    climbing: ClimbingSettings = field(default_factory=ClimbingSettings)
 
 
 DEFAULT_BASELINE = BaselineSettings()

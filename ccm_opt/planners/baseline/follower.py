@@ -151,6 +151,7 @@ class Follower:
             curvature_limit=arm.joint_limit / arm.link_length,
             thickness=2.0 * arm.radius if arm.self_collision else 0.0,
             base_range=base_range,
+            settings=self.settings.climbing,
         )
 
 
