@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.collision.certificate import Certificate
 from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.comparison.scenes import (
@@ -24,9 +25,11 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.limits.assembly import assembled_limits
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import MotionTask
 from ccm_opt.motion.step import Pose, Stepper
+from ccm_opt.motion.step_settings import StepSettings
 from ccm_opt.planners import curve as curve_planner
 from ccm_opt.problem import Problem
 
@@ -105,7 +108,9 @@ def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
     """A stepper in the link space through the scene's start, and the pose there."""
     space, v = LinkSpace.through(scene.arm, scene.start)
     walls = Walls.of(scene.workspace)
-    stepper = Stepper(space, ContactFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04))
+    finder = ContactFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04)
+    limits = assembled_limits(finder, Certificate(scene.arm, scene.workspace), StepSettings())
+    stepper = Stepper(space, finder, limits)
     return stepper, stepper.pose(v)
 
 

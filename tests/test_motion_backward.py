@@ -6,12 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccm_opt.motion import search
 from ccm_opt.motion.backward import backward_tasks, reversed_motion
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.search_run import SearchRun
+from ccm_opt.motion.search_settings import SearchSettings
 from ccm_opt.problem import JointPose
 from tests.scenes import clutter, motion_task
 
@@ -29,7 +30,7 @@ def whole_arm_task(links: int) -> MotionTask:
 def turned(links: int) -> MotionTask:
     """The same with its ends exchanged."""
     task = whole_arm_task(links)
-    (other,) = backward_tasks(task, search._Attempt.of(task, 0.06, 24.0).stepper)
+    (other,) = backward_tasks(task, SearchRun.from_task(task, 0.06, 24.0).stepper)
     assert other is not None
     return other
 
@@ -62,10 +63,10 @@ def test_reversed_motion_is_lifted_exactly(links: int) -> None:
     """Lifted to more links, a motion found backwards meets both ends of the finer arm exactly."""
     task = whole_arm_task(links)
     coarse = coarsened(task, 24)
-    (other,) = backward_tasks(coarse, search._Attempt.of(coarse, 0.06, 24.0).stepper)
+    (other,) = backward_tasks(coarse, SearchRun.from_task(coarse, 0.06, 24.0).stepper)
     assert other is not None
     found = reversed_motion(find_motion(other))
-    lifted = lift(optimise(found, replace(coarse, optimiser="sequential-convex"), search.LIFT_MARGIN), task)
+    lifted = lift(optimise(found, replace(coarse, optimiser="sequential-convex"), SearchSettings().lift_margin), task)
     assert lifted is not None
     np.testing.assert_allclose(lifted.headings[0], task.start, atol=EXACT)
     np.testing.assert_allclose(lifted.headings[-1], task.goal_headings, atol=EXACT)

@@ -13,7 +13,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
-from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
+from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.guides.hairpin import fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
@@ -21,7 +21,8 @@ from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.portfolio import GuideCandidate, first_candidates
 from ccm_opt.motion.spline_path import certified_spline, clamped_spline
-from ccm_opt.motion.step import LIMIT_SHARE, Pose, Stepper
+from ccm_opt.motion.step import Pose, Stepper
+from ccm_opt.motion.step_settings import GoalSettings, StepSettings
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, round_base
 
 from .scenes import (
@@ -178,9 +179,11 @@ def test_polish_meets_the_goal_to_a_nanometre(seed: int, links: int, *, free: bo
     inwards = 0.004 * (points[0] - points[-1]) / np.hypot(*(points[0] - points[-1]))
     goal = GoalPose(points[-1] + inwards + rng.uniform(-0.001, 0.001, 2), heading)
     final = polish(space, goal, v)
-    assert np.hypot(*(space.positions(final)[-1] - goal.position)) < 2.0 * POLISH_TOLERANCE
+    assert np.hypot(*(space.positions(final)[-1] - goal.position)) < 2.0 * GoalSettings().polish_tolerance
     turn = space.headings(final)[-1] - (last if heading is None else heading)
-    assert heading is None or abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) < 2.0 * POLISH_TOLERANCE
+    assert (
+        heading is None or abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) < 2.0 * GoalSettings().polish_tolerance
+    )
     assert np.abs(space.headings(final) - space.headings(v)).max() < 0.5
 
 
@@ -193,9 +196,9 @@ def test_settling_ends_on_the_goal(heading: bool) -> None:
     inwards = 0.03 * (pose.points[0] - pose.points[-1]) / np.hypot(*pose.points[-1])
     goal = GoalPose(pose.points[-1] + inwards, turn)
     poses = settle(stepper, goal, pose, later())
-    assert goal.errors(poses[-1]) == pytest.approx((0.0, 0.0), abs=10.0 * POLISH_TOLERANCE)
+    assert goal.errors(poses[-1]) == pytest.approx((0.0, 0.0), abs=10.0 * GoalSettings().polish_tolerance)
     assert min(sweep_gaps(scene.arm, scene.workspace, headings_of(poses))) > 0.0
-    within = 0.5 * (1.0 + LIMIT_SHARE) * scene.arm.bend_limits + 1e-9
+    within = 0.5 * (1.0 + StepSettings().limit_share) * scene.arm.bend_limits + 1e-9
     assert (np.abs(scene.arm.bends(headings_of(poses))) <= within).all()
 
 

@@ -9,16 +9,16 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.motion.limits.clearance_rows import IntervalRows, joined_rows, motion_rows, representatives
+from ccm_opt.motion.limits.sweep_regions import WallSegments, sweep_regions
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.optimisation.clearance_rows import Rows, join, motion_rows, representatives
 from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.optimise import optimise, thinned, travel
-from ccm_opt.motion.optimisation.quadratic_step import Curvature, StepProblem
-from ccm_opt.motion.optimisation.sweep_regions import WallSegments, sweep_regions
-from ccm_opt.motion.optimisation.swept_motion import Sweep
+from ccm_opt.motion.optimisation.quadratic_step import KeyframeProgram, RowCurvature
 from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.problem import JointPose, OptimiserName
 from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, sweep_gaps, swept
 
@@ -34,10 +34,10 @@ def random_sweep(seed: int, intervals: int = 3, size: float = 0.3) -> Sweep:
     return Sweep(space, np.vstack((start, start + np.cumsum(steps, axis=0))))
 
 
-def some_rows(sweep: Sweep) -> Rows:
+def some_rows(sweep: Sweep) -> IntervalRows:
     """Rows of a sweep among walls of every kind."""
     workspace = mixed_walls()
-    return motion_rows(sweep, workspace, WallSegments.of(workspace), 1e-3, 0.3)
+    return motion_rows(sweep, workspace, WallSegments.from_workspace(workspace), 1e-3, 0.3)
 
 
 @cache
@@ -102,8 +102,8 @@ def test_nothing_is_lost_when_time_is_up() -> None:
 def test_half_planes_leave_walls_outside(seed: int) -> None:
     """Behind every half-plane lies a wall, and every wall near a link's sweep is behind one of its half-planes."""
     sweep, workspace = random_sweep(seed, 1), mixed_walls()
-    planes = sweep_regions(sweep, WallSegments.of(workspace), 0, 0.2)
-    segments = WallSegments.of(workspace)
+    planes = sweep_regions(sweep, WallSegments.from_workspace(workspace), 0, 0.2)
+    segments = WallSegments.from_workspace(workspace)
     for link in np.unique(planes.link):
         own = planes.take(planes.link == link)
         depth = np.einsum("eid,pd->pei", segments.ends, own.normal).min(axis=2) - segments.rounding - own.bound[:, None]
@@ -169,8 +169,8 @@ def test_step_in_free_space_straightens_the_motion() -> None:
     objective = Objective(sweep.space, 6)
     rows = some_rows(sweep).take(np.zeros(0, dtype=np.intp))
     _, task, _ = found(0)
-    problem = StepProblem(
-        sweep, objective, rows, np.full(6, 30.0), Curvature.none(sweep), 0.0, task.goal, end_fixed=True
+    problem = KeyframeProgram(
+        sweep, objective, rows, np.full(6, 30.0), RowCurvature.none(sweep), 0.0, task.goal, end_fixed=True
     )
     step = problem.solve()
     gradient = objective.gradient(sweep.coordinates + step.change)[1:-1]
@@ -195,7 +195,7 @@ def test_subdividing_keeps_the_path(seed: int, count: int) -> None:
 def test_decimating_keeps_legs_that_pass() -> None:
     """Legs are halved until the judge lets them pass or no keyframe is left between."""
     coordinates = np.arange(50.0)[:, None]
-    kept = decimated(coordinates, lambda v: np.flatnonzero(np.diff(v[:, 0]) > 5.0))[:, 0]
+    kept = decimated(coordinates, lambda v: np.flatnonzero(np.diff(v[:, 0]) > 5.0), 16)[:, 0]
     assert kept[0] == 0.0
     assert kept[-1] == 49.0
     assert np.diff(kept).max() <= 5.0
@@ -204,7 +204,7 @@ def test_decimating_keeps_legs_that_pass() -> None:
 def test_thinned_motion_is_certified() -> None:
     """Few keyframes of a found motion still pass the certificate."""
     _, task, motion = found(0)
-    few = thinned(motion, task.certificate)
+    few, _ = thinned(motion, task.certificate)
     assert len(few) < len(motion.coordinates)
     assert len(task.certificate.failures(motion.space.headings(few))) == 0
 
@@ -213,7 +213,7 @@ def test_representatives_are_the_tightest() -> None:
     """Of rows that differ in value alone the tightest is kept."""
     rows = some_rows(random_sweep(1))
     looser = replace(rows, constant=rows.constant - 1.0)
-    both, sweep = join([looser, rows]), random_sweep(1)
-    kept = representatives(both, both.values(sweep), 1)
+    both, sweep = joined_rows([looser, rows]), random_sweep(1)
+    kept = representatives(both, both.values(sweep), 1, 12)
     assert np.all(kept >= len(rows))
     assert len(np.unique(kept)) == len(kept)

@@ -15,13 +15,14 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
-from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose
+from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise, travel
 from ccm_opt.motion.passage_widths import fitting_margins
 from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.step_settings import GoalSettings
 from ccm_opt.planners import curve as curve_planner
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, TipGoal
@@ -40,7 +41,7 @@ from .scenes import (
     wall_gaps,
 )
 
-EXACT = 100.0 * POLISH_TOLERANCE
+EXACT = 100.0 * GoalSettings().polish_tolerance
 SCENES = {"clutter 1": clutter(1), "clutter 4": clutter(4), "clutter of 40": clutter(6, 40), "corridor": corridor(1)}
 
 

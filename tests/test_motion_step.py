@@ -10,22 +10,13 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.contacts import WALL, ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.motion.step import (
-    KEEP_SHARE,
-    LIMIT_SHARE,
-    LINK_TURN,
-    Pose,
-    Stepper,
-    Term,
-    allowed_shortfall,
-    contact_rows,
-    keeps_clear,
-    normal_equations,
-    smoothness_terms,
-)
+from ccm_opt.motion.limits.contact_limit import allowed_shortfall, contact_rows, keeps_clear
+from ccm_opt.motion.step import Pose, Stepper, Term, normal_equations, smoothness_terms
+from ccm_opt.motion.step_settings import StepSettings
 
 from .scenes import MARGIN, Scene, clutter, corridor, make_arm, make_stepper, open_scene, self_gap, wall_gaps
 
+SETTINGS = StepSettings()
 TOLERANCE = 1e-6
 """Of the rows of the step, by the solver [rad]."""
 seeds = st.integers(0, 2**32 - 1)
@@ -63,11 +54,11 @@ def test_clearance_keeps_its_promised_share(scene: Scene) -> None:
     poses = pushed_about(scene, 5, 200)
     points = np.array([pose.points for pose in poses])
     assert np.abs(np.diff([pose.headings for pose in poses], axis=0)).max() > 0.05
-    assert wall_gaps(scene.arm, scene.workspace, points).min() >= KEEP_SHARE * MARGIN - 1e-9
+    assert wall_gaps(scene.arm, scene.workspace, points).min() >= SETTINGS.keep_share * MARGIN - 1e-9
     assert self_gap(scene.arm, points) > 0.0
     for pose in poses[::10]:
         fresh = ContactFinder(scene.arm, Walls.of(scene.workspace), 0.0, MARGIN, 0.04)
-        assert keeps_clear(fresh.find(pose.points), 1e-9)
+        assert keeps_clear(fresh.find(pose.points), 1e-9, SETTINGS.keep_share)
         assert not fresh.crosses(pose.points)
 
 
@@ -79,7 +70,7 @@ def test_a_gap_below_the_share_never_shrinks(seed: int, short: float) -> None:
     rng = np.random.default_rng(seed)
     points = scene.arm.joint_positions(scene.start)
     side = np.array([-np.sin(scene.start[-1]), np.cos(scene.start[-1])])
-    gap = short * KEEP_SHARE * MARGIN
+    gap = short * SETTINGS.keep_share * MARGIN
     post = Obstacle("post", shapely.Point(points[-1] + (scene.arm.radius + 0.02 + gap) * side), 0.02)
     tight = Scene(scene.arm, Workspace(scene.workspace.boundary, (post,)), scene.start, scene.goal)
     stepper, pose = make_stepper(tight)
@@ -88,7 +79,7 @@ def test_a_gap_below_the_share_never_shrinks(seed: int, short: float) -> None:
         jacobians = stepper.space.jacobians(pose.headings)
         pose = stepper.step(pose, jacobians, random_pull(rng, stepper, pose, jacobians))
         after = wall_gaps(tight.arm, tight.workspace, pose.points).min()
-        assert after >= min(before, KEEP_SHARE * MARGIN) - 1e-9
+        assert after >= min(before, SETTINGS.keep_share * MARGIN) - 1e-9
         before = after
 
 
@@ -116,7 +107,7 @@ def test_joint_limits_are_kept(limit: float) -> None:
     for _ in range(60):
         coil = [Term(stepper.space.matrix, np.linspace(3.0, 20.0, 24), 1.0)]
         pose = stepper.step(pose, stepper.space.jacobians(pose.headings), coil)
-        assert (np.abs(arm.bends(pose.headings)) <= LIMIT_SHARE * arm.bend_limits + TOLERANCE).all()
+        assert (np.abs(arm.bends(pose.headings)) <= SETTINGS.limit_share * arm.bend_limits + TOLERANCE).all()
     assert np.abs(arm.bends(pose.headings)).max() > 0.9 * np.deg2rad(min(limit, 25.0))
 
 
@@ -134,7 +125,7 @@ def test_a_bend_beyond_its_share_is_not_made_worse() -> None:
 
 
 @settings(max_examples=30)
-@given(seed=seeds, turn=st.sampled_from((0.03, LINK_TURN)))
+@given(seed=seeds, turn=st.sampled_from((0.03, SETTINGS.largest_turn)))
 def test_no_link_turns_farther_than_allowed(seed: int, turn: float) -> None:
     """The largest turn of a step holds for every link, whatever pulls."""
     stepper, pose = make_stepper(open_scene(seed % 20))
@@ -169,7 +160,7 @@ def test_pressed_against_a_wall_the_arm_stays() -> None:
         terms = [Term(jacobians[-1], np.array([0.05, 0.0]), 1e3), Term(stepper.space.matrix, np.zeros(24), 1e-3)]
         pose = stepper.step(pose, jacobians, terms)
     assert pose.points[-1, 0] < 1.02 - scene.arm.radius
-    assert wall_gaps(scene.arm, workspace, pose.points).min() >= KEEP_SHARE * MARGIN - 1e-9
+    assert wall_gaps(scene.arm, workspace, pose.points).min() >= SETTINGS.keep_share * MARGIN - 1e-9
 
 
 @settings(max_examples=20)
@@ -203,7 +194,7 @@ def test_normal_equations_solve_the_least_squares(seed: int) -> None:
         Term(rng.normal(size=(9, 5)), rng.normal(size=9), rng.uniform(0.1, 2.0, 9)),
         Term(rng.normal(size=(3, 5)), rng.normal(size=3), 0.7),
     ]
-    hessian, gradient = normal_equations(terms)
+    hessian, gradient = normal_equations(terms, SETTINGS.ridge)
     root = [np.sqrt(np.broadcast_to(t.weight, len(t.target))) for t in terms]
     rows = np.vstack([w[:, None] * t.rows for w, t in zip(root, terms, strict=True)])
     target = np.concatenate([w * t.target for w, t in zip(root, terms, strict=True)])
@@ -230,6 +221,6 @@ def test_no_contact_means_nothing_to_allow() -> None:
     stepper, pose = make_stepper(Scene(make_arm(4, 0.0), open_scene(0).workspace, np.zeros(4), np.zeros(4)))
     contacts = stepper.finder.find(pose.points)
     assert len(contacts) == 0
-    assert allowed_shortfall(contacts) == 0.0
-    assert keeps_clear(contacts, 0.0)
+    assert allowed_shortfall(contacts, SETTINGS.keep_share) == 0.0
+    assert keeps_clear(contacts, 0.0, SETTINGS.keep_share)
     assert contacts.shortfall() == -np.inf

@@ -12,12 +12,13 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.motion import search
 from ccm_opt.motion.continuation import Deadline, Stalled
-from ccm_opt.motion.goal import POLISH_TOLERANCE
 from ccm_opt.motion.link_space import FINENESS
-from ccm_opt.motion.motion_task import MotionTask, Remembered
+from ccm_opt.motion.motion_task import CachedItems, MotionTask
 from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.search_run import SearchRun
+from ccm_opt.motion.step_settings import GoalSettings
+from ccm_opt.motion.strategies import TreeStrategy
 from ccm_opt.motion.tree.pose_tree import PoseTree
 from ccm_opt.motion.tree.tree_search import TREES, TreeSearch, TreeTask, search_by_trees
 from ccm_opt.motion.tree.tree_settings import DEFAULT_TREES
@@ -25,7 +26,7 @@ from ccm_opt.problem import JointPose, TipGoal
 
 from .scenes import ROOM, Scene, clutter, later, make_arm, make_stepper, motion_task, open_scene
 
-EXACT = 100.0 * POLISH_TOLERANCE
+EXACT = 100.0 * GoalSettings().polish_tolerance
 
 
 @dataclass(frozen=True)
@@ -40,16 +41,14 @@ class CountedDeadline(Deadline):
         return len(self.asked) > self.at
 
 
-@pytest.fixture
-def no_candidates(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The search without its candidates."""
-    monkeypatch.setattr(search, "SEARCHES", search.SEARCHES[1:])
+NO_CANDIDATES = (TreeStrategy(),)
+"""The search without its candidates."""
 
 
 def tree_task(task: MotionTask) -> TreeTask:
     """What the search grows its trees for."""
-    attempts = [search._Attempt.of(task, margin, FINENESS) for margin in search.TREE_MARGINS]
-    return attempts[-1].tree_task(tuple(attempt.stepper for attempt in attempts))
+    runs = [SearchRun.from_task(task, margin, FINENESS) for margin in task.settings.search.tree_margins]
+    return runs[-1].tree_task(tuple(run.stepper for run in runs))
 
 
 def is_certified(scene: Scene, headings: FloatArray) -> bool:
@@ -57,12 +56,11 @@ def is_certified(scene: Scene, headings: FloatArray) -> bool:
     return len(Certificate.of(scene.arm, scene.workspace).failures(headings)) == 0
 
 
-@pytest.mark.usefixtures("no_candidates")
 @pytest.mark.parametrize("seed", [4, 6])
 def test_the_trees_alone_lead_the_tip_to_its_goal(seed: int) -> None:
     """Without any candidate a certified motion from the start onto the goal is found, and it is optimised."""
     scene = clutter(seed)
-    motion = find_motion(motion_task(scene.problem(), guessing=True))
+    motion = find_motion(motion_task(scene.problem(), guessing=True), NO_CANDIDATES)
     assert motion.candidate == TREES
     np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-12)
     tip = scene.arm.joint_positions(motion.headings[-1])[-1]
@@ -71,11 +69,10 @@ def test_the_trees_alone_lead_the_tip_to_its_goal(seed: int) -> None:
     assert is_certified(scene, motion.headings)
 
 
-@pytest.mark.usefixtures("no_candidates")
 def test_the_trees_meet_whole_arm_goals() -> None:
     """A goal for the whole arm is met by every link."""
     scene = clutter(1, 10)
-    motion = find_motion(motion_task(scene.problem(JointPose(scene.arm.bends(scene.goal)))))
+    motion = find_motion(motion_task(scene.problem(JointPose(scene.arm.bends(scene.goal)))), NO_CANDIDATES)
     np.testing.assert_allclose(motion.headings[-1], scene.goal, atol=1e-9)
     assert motion.candidate == TREES
     assert is_certified(scene, motion.headings)
@@ -128,22 +125,20 @@ def test_a_deadline_ends_the_search_within_a_step() -> None:
     assert len(deadline.asked) < 410
 
 
-@pytest.mark.usefixtures("no_candidates")
 def test_the_time_limit_is_kept_and_told() -> None:
     """A search that runs out of time ends on time and says that the trees were grown until then."""
     task = motion_task(boxed_in().problem(TipGoal(np.array([0.3, -0.5]))))
     task = replace(task, deadline=Deadline(time.monotonic() + 0.3))
     with pytest.raises(TimeLimitReached, match=r"trees of \d+ poses were grown until the time limit"):
-        find_motion(task)
+        find_motion(task, NO_CANDIDATES)
     assert time.monotonic() < task.deadline.at + 1.0
 
 
-@pytest.mark.usefixtures("no_candidates")
 def test_trees_that_reach_nothing_new_end_before_the_time_limit() -> None:
     """An arm in a duct too narrow to fold cannot get to a side branch; the search gives up and says so."""
     task = motion_task(boxed_in().problem(TipGoal(np.array([0.3, -0.5]))))
     with pytest.raises(MotionNotFound, match="until they reached nothing new"):
-        find_motion(replace(task, deadline=later(120.0)))
+        find_motion(replace(task, deadline=later(120.0)), NO_CANDIDATES)
 
 
 def boxed_in() -> Scene:
@@ -190,7 +185,7 @@ def test_what_is_remembered_is_made_once() -> None:
             made.append(k)
             yield np.array([float(k)])
 
-    remembered = Remembered(items())
+    remembered = CachedItems(items())
     assert next(remembered())[0] == 0.0
     assert made == [0]
     assert [item[0] for item in remembered()] == [item[0] for item in remembered()] == [0.0, 1.0, 2.0]

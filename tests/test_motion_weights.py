@@ -12,14 +12,14 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.motion import search
-from ccm_opt.motion.motion_task import Motion, MotionTask, Slowness
+from ccm_opt.motion.limits.clearance_rows import motion_rows
+from ccm_opt.motion.limits.sweep_regions import WallSegments
+from ccm_opt.motion.motion_task import JointSlowness, Motion, MotionTask
 from ccm_opt.motion.optimisation import interior_point
-from ccm_opt.motion.optimisation.clearance_rows import motion_rows
-from ccm_opt.motion.optimisation.nearness import Nearness
+from ccm_opt.motion.optimisation.nearness import WallNearness
 from ccm_opt.motion.optimisation.optimise import optimise, thinned
-from ccm_opt.motion.optimisation.sweep_regions import WallSegments
-from ccm_opt.motion.optimisation.swept_motion import Sweep
+from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners import curve as curve_planner
 from ccm_opt.problem import TipGoal, Weights
@@ -34,10 +34,10 @@ def found() -> tuple[Scene, MotionTask, Motion]:
     """A scene of clutter, its task, and the motion before optimisation."""
     scene = clutter(SEED, 20)
     task = replace(motion_task(scene.problem()), optimiser="none")
-    return scene, task, search.find_motion(task)
+    return scene, task, find_motion(task)
 
 
-def optimised(weights: Weights, slowness: Slowness | None = None) -> FloatArray:
+def optimised(weights: Weights, slowness: JointSlowness | None = None) -> FloatArray:
     """Link headings at evenly spread places of the optimised motion."""
     _, task, motion = found()
     task = replace(task, optimiser="sequential-convex", weights=weights, slowness=slowness, deadline=later())
@@ -100,7 +100,7 @@ def test_duration_spares_slow_joints() -> None:
     links = found()[0].arm.links
     slow = np.arange(links) % 2 == 0
     limits = np.where(slow, 0.1, 1.0)
-    slowness = Slowness.of(limits, limits)
+    slowness = JointSlowness.from_limits(limits, limits)
 
     def slow_turns(headings: FloatArray) -> float:
         bends = np.diff(headings, axis=1, prepend=0.0)[:, slow]
@@ -112,24 +112,24 @@ def test_duration_spares_slow_joints() -> None:
 def test_interior_point_weighs_the_same() -> None:
     """The cost of nearness that IPOPT sees has the value that the sequential programming sees."""
     _, task, motion = found()
-    sweep = Sweep(motion.space, thinned(motion, task.certificate))
+    sweep = Sweep(motion.space, thinned(motion, task.certificate)[0])
     near, l = nearness(sweep), motion.space.arm.link_length
     points = sweep.points[..., 0].T, sweep.points[..., 1].T
-    seen = interior_point._nearness(ca, near, tuple(map(ca.DM, points)), ca.DM(sweep.headings.T), l)
+    seen = interior_point._nearness(ca, (near,), tuple(map(ca.DM, points)), ca.DM(sweep.headings.T), l)
     assert float(seen) == pytest.approx(near.value(sweep))
 
 
-def nearness(sweep: Sweep) -> Nearness:
+def nearness(sweep: Sweep) -> WallNearness:
     """What nearness to walls costs along a motion."""
     workspace = found()[0].workspace
-    rows = motion_rows(sweep, workspace, WallSegments.of(workspace), 1e-3, 0.08)
-    return Nearness(rows.take(rows.minus == 0), 2.0, 0.04)
+    rows = motion_rows(sweep, workspace, WallSegments.from_workspace(workspace), 1e-3, 0.08)
+    return WallNearness(rows.take(rows.minus == 0), 2.0, 0.04)
 
 
 def test_model_of_nearness_matches_differences() -> None:
     """The gradient of the cost of nearness agrees with central differences of its value."""
     _, task, motion = found()
-    sweep = Sweep(motion.space, thinned(motion, task.certificate))
+    sweep = Sweep(motion.space, thinned(motion, task.certificate)[0])
     near = nearness(sweep)
     model = near.model(sweep)
     change = np.random.default_rng(3).normal(size=sweep.coordinates.shape)

@@ -12,12 +12,14 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import NoPlanFound, VerificationError
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.constrained.path import moved_onto
 from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.motion.limits.user_costs import UserCosts
+from ccm_opt.motion.limits.user_limit import UserLimit
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.optimisation.own_optimise import even_parameters
-from ccm_opt.motion.optimisation.own_terms import KeyframeTerms
-from ccm_opt.motion.optimisation.swept_motion import Sweep
+from ccm_opt.motion.optimisation.keyframes import even_parameters
+from ccm_opt.motion.path_on_equations import moved_onto
+from ccm_opt.motion.search_settings import SmoothPathSettings
+from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Check, JointPath, JointTrajectory, Solution
 from ccm_opt.user_terms.compiled_terms import compile_terms
@@ -204,7 +206,7 @@ def test_points_are_moved_onto_equations_by_the_least_change() -> None:
     """The result lies on the equation, and its change is along the equation's slope."""
     terms = compile_terms(arm(), [Constraint("x", lambda q: q.tip[0], lower=0.5, upper=0.5)], [])
     headings = np.linspace(0.3, 1.2, arm().links)
-    moved = moved_onto(terms.motion_rows, arm(), headings, 0.0, np.ones(len(headings)))
+    moved = moved_onto((UserLimit(terms),), arm(), headings, 0.0, np.ones(len(headings)), SmoothPathSettings())
     assert moved is not None
     assert arm().joint_positions(moved)[-1, 0] == pytest.approx(0.5, abs=1e-9)
     slope = terms.motion_rows.at(0.5 * (headings + moved)).equation_slopes[0]
@@ -217,17 +219,17 @@ def test_models_of_costs_are_those_of_differences() -> None:
     space, v = LinkSpace.through(arm(), np.linspace(1.4, 0.6, arm().links))
     soft = Constraint("right", lambda q: q.tip, lower=[0.9, 0.0], upper=[1.0, 2.0], soft=True, weight=3.0)
     cost = Cost("turn", lambda q: q.path_parameter * q.tip_heading**2, weight=0.7, where=Interval(0.4, 1.0))
-    own = KeyframeTerms(space, compile_terms(arm(), [soft], [cost]), np.linspace(0.0, 1.0, 4))
+    costs = UserCosts(space, compile_terms(arm(), [soft], [cost]), np.linspace(0.0, 1.0, 4))
     rng = np.random.default_rng(5)
     coordinates = v + 0.02 * rng.normal(size=(4, len(v)))
     step = 1e-5 * rng.normal(size=coordinates.shape)
     step[0] = 0.0
     sweeps = [Sweep(space, coordinates + sign * step) for sign in (-1, 0, 1)]
-    before, at, after = (own.value(sweep) for sweep in sweeps)
-    model = own.model(sweeps[1])
+    before, at, after = (costs.value(sweep) for sweep in sweeps)
+    model = costs.model(sweeps[1])
     assert float(np.vdot(model.gradient, step)) == pytest.approx(0.5 * (after - before), rel=1e-5)
     assert at > 0.0
-    assert own.foreseen(sweeps[1], step) == pytest.approx(after, rel=1e-7)
+    assert costs.foreseen(sweeps[1], step) == pytest.approx(after, rel=1e-7)
 
 
 @pytest.mark.parametrize("breaks", [[], [0.3, 0.6], [1 / 7], [0.123, 0.87]])

@@ -103,17 +103,20 @@ class Certificate:
         whole = min(int(links + 1e-9), self.arm.links)
         return whole, max(0.0, links - whole) if whole < self.arm.links else 0.0
 
-    def failures(self, headings: FloatArray, depth: int = MAX_DEPTH) -> IntArray:
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals of a piecewise-linear motion that cannot be certified.
 
         Args:
             headings: link headings at the keyframes, shape (K, links) [rad].
-            depth: bisections allowed.
+            depth: bisections that are allowed; ``MAX_DEPTH`` when None.
 
         Returns:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is safe.
         """
-        start, end, owner = headings[:-1], headings[1:], np.arange(len(headings) - 1)
+        depth = MAX_DEPTH if depth is None else depth
+        start = headings[:-1]
+        end = headings[1:]
+        owner = np.arange(len(headings) - 1)
         spans = _Spans.of(self.arm, start, end, owner)
         links = self._all_links(spans)
         pairs = self._all_pairs(spans)

@@ -9,7 +9,8 @@ from ccm_opt.motion.continuation import Stalled, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import fit_coordinates
 from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.step import Pose, Stepper
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import tip_paths_in, turning_by
 
 
@@ -26,7 +27,9 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
         points = task.arm.joint_positions(task.goal_headings)
         turn = float(task.start[0] - task.goal_headings[0])
         turned = _exchanged(task, task.goal_headings, points)
-        yield replace(turned, tip_paths=turning_by(turned.tip_paths, points, turn)) if task.terms is None else None
+        # A limit on keyframes is met at the start and at the goal by different rows: backwards it is another task.
+        useful = not any(limit.moves_keyframes for limit in task.user_limits)
+        yield replace(turned, tip_paths=turning_by(turned.tip_paths, points, turn)) if useful else None
         return
     for guess in chain(task.guesses, task.further_guesses()):
         goal = pose_at_goal(task, stepper, guess)
@@ -58,7 +61,7 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
     space = stepper.space
     near = stepper.pose(fit_coordinates(space.matrix, guess - space.offset, task.arm.length))
     try:
-        pose = settle(stepper, task.goal_in(space), near, task.deadline)[-1]
+        pose = settle(stepper, task.limited_goal, near, task.deadline)[-1]
     except Stalled:
         return None
     return pose if stepper.finder.find(pose.points).gap.min(initial=1.0) > 0.0 else None

@@ -7,17 +7,9 @@ from typing import Protocol
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.goal import OWN_MET, POLISH_TOLERANCE, GoalPose, polish
-from ccm_opt.motion.step import LIMIT_SHARE, Pose, Stepper, Term, allowed_shortfall, keeps_clear, smoothness_terms
-
-BENDING, JERK = 1e-4, 1e-4
-PATIENCE = 60
-"""Steps without progress before a guide is given up."""
-SETTLE_STEPS = 150
-PAUSES = (0.02, 1e-3)
-"""Poses nearer than this [rad] to the one before are dropped, the first that leaves the motion certified.
-
-A path that almost stands still in places cannot be timed well."""
+from ccm_opt.motion.goal import GoalPose, polish
+from ccm_opt.motion.pose import Pose, Term
+from ccm_opt.motion.step import Stepper, smoothness_terms
 
 
 class Guide(Protocol):
@@ -59,17 +51,28 @@ class Deadline:
         return time.monotonic() > self.at
 
 
-def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patience: int = PATIENCE) -> list[Pose]:
+def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patience: int | None = None) -> list[Pose]:
     """Poses from the given one to where the guide ends.
+
+    Args:
+        stepper: takes the steps.
+        guide: says where to.
+        pose: to begin at.
+        deadline: when to stop.
+        patience: steps without progress before the guide is given up; that of the settings when None.
 
     Raises:
         Stalled: when the guide makes no progress, or the deadline passes.
     """
-    poses, waiting = [pose], 0
+    settings = stepper.settings.continuation
+    patience = settings.patience if patience is None else patience
+    poses = [pose]
+    waiting = 0
     while not guide.finished(pose):
+        before = pose
         jacobians = stepper.space.jacobians(pose.headings)
-        smooth = smoothness_terms(stepper.space, pose.v, BENDING, JERK)
-        before, pose = pose, stepper.step(pose, jacobians, guide.terms(pose, jacobians) + smooth)
+        smooth = smoothness_terms(stepper.space, pose.v, settings.bending, settings.jerk)
+        pose = stepper.step(pose, jacobians, guide.terms(pose, jacobians) + smooth)
         poses.append(pose)
         moved = guide.progress(pose)
         waiting = 0 if moved else waiting + 1
@@ -96,20 +99,24 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
     Raises:
         Stalled: when an obstacle, the arm itself or a joint limit keeps the tip off the goal.
     """
-    poses, space = [pose], stepper.space
-    for k in range(SETTLE_STEPS):
+    poses = [pose]
+    space = stepper.space
+    settings = stepper.settings.continuation
+    still = Term(space.matrix, np.zeros(space.arm.links), settings.still_weight / space.arm.links)
+    for k in range(settings.settle_steps):
         final = polished(stepper, goal, pose)
         if final is not None:
             return [*poses, final]
+        before = pose
         jacobians = space.jacobians(pose.headings)
-        still = Term(space.matrix, np.zeros(space.arm.links), 0.5 / space.arm.links)
-        smooth = smoothness_terms(space, pose.v, BENDING, JERK)
-        before, pose = (
-            pose,
-            stepper.step(pose, jacobians, [*goal.terms(space, pose, jacobians, 1.0 + 0.2 * k), still, *smooth]),
-        )
+        onto_goal = goal.terms(space, pose, jacobians, 1.0 + settings.settle_growth * k)
+        smooth = smoothness_terms(space, pose.v, settings.bending, settings.jerk)
+        pose = stepper.step(pose, jacobians, [*onto_goal, still, *smooth])
         poses.append(pose)
-        if deadline.passed() or (k > 20 and np.max(np.abs(pose.headings - before.headings)) < 1e-5):
+        if deadline.passed():
+            break
+        moved = np.max(np.abs(pose.headings - before.headings))
+        if k > settings.settle_least and moved < settings.settle_moved:
             break
     if goal.met(pose):
         return poses
@@ -119,15 +126,14 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
 
 def polished(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
     """The pose moved exactly onto the goal, or None when it is too far away or would touch something."""
-    unit = stepper.space.unit
+    space = stepper.space
+    settings = stepper.settings.continuation
     distance, turn = goal.errors(pose)
-    if distance > 0.1 * unit or turn > 0.1:
+    if distance > settings.polish_distance * space.unit or turn > settings.polish_turn:
         return None
-    final = stepper.pose(polish(stepper.space, goal, pose.v))
-    arm = stepper.space.arm
-    within = np.all(np.abs(arm.bends(final.headings)) <= 0.5 * (1.0 + LIMIT_SHARE) * arm.bend_limits)
-    if max(goal.errors(final)) > 10.0 * POLISH_TOLERANCE or goal.own_miss(final) > OWN_MET or not within:
+    final = stepper.pose(polish(space, goal, pose.v))
+    if not goal.on_goal(final) or not goal.limits_met(final):
         return None
-    allowed = allowed_shortfall(stepper.finder.find(pose.points))
-    clear = keeps_clear(stepper.finder.find(final.points), allowed) and not stepper.finder.crosses(final.points)
-    return final if clear else None
+    # Backwards, as after a step: the check of contact costs most.
+    kept = all(limit.keeps_at_goal(space, pose, final) for limit in reversed(stepper.limits))
+    return final if kept else None

@@ -21,7 +21,7 @@ class Failure:
         message: how far it came.
         obstacle: the tightest contact there, in words.
         remaining: distance of the tip, or with a goal for the whole arm of the farthest joint, from the goal [m].
-        own: the user's constraint in the way, or empty.
+        limit: what of the user's constraints is in the way, in words, or empty.
         tightest: link, counted from 1, name of what it nearly touches, and the gap [m]; None when nothing is near.
         headings: of the links where it ended, shape (links,) [rad].
     """
@@ -30,7 +30,7 @@ class Failure:
     message: str
     obstacle: str
     remaining: float
-    own: str
+    limit: str
     tightest: tuple[int, str, float] | None
     headings: FloatArray
 
@@ -48,14 +48,14 @@ def nothing_found(task: MotionTask, failures: Sequence[Failure]) -> MotionNotFou
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
     else:
         reason = "no motion found: there is no path of the tip that the arm is long enough for"
-    reason += _own_reason(task, tried)
+    reason += _limits_in_the_way(task, tried)
     if task.deadline.passed():
         return TimeLimitReached(
             Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence(tried))
         )
     advice = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "use a longer arm")
-    own = ("relax the constraints, or make them soft",) if task.terms is not None else ()
-    return MotionNotFound(Diagnosis(reason, "motion", (*own, *advice), evidence(tried)))
+    first = [words for limit in task.user_limits for words in limit.advice]
+    return MotionNotFound(Diagnosis(reason, "motion", (*first, *advice), evidence(tried)))
 
 
 def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
@@ -79,7 +79,7 @@ def _table(failure: Failure) -> dict[str, object]:
         "name": failure.candidate,
         "ended": failure.message,
         "remaining": failure.remaining,
-        "constraint": failure.own,
+        "constraint": failure.limit,
     }
     if failure.tightest is None:
         return table
@@ -87,11 +87,12 @@ def _table(failure: Failure) -> dict[str, object]:
     return table | {"link": link, "near": other, "gap": gap}
 
 
-def _own_reason(task: MotionTask, tried: list[Failure]) -> str:
+def _limits_in_the_way(task: MotionTask, tried: list[Failure]) -> str:
     """The constraint in the way of the candidate that came nearest, or all of them."""
-    if task.terms is None or not task.terms.hard:
+    names = [name for limit in task.user_limits for name in limit.names]
+    if not names:
         return ""
-    met = [failure.own for failure in tried if failure.own]
+    met = [failure.limit for failure in tried if failure.limit]
     if met:
         return f"; {met[0]} where candidates ended ({len(met)} of {len(tried)} at a constraint)"
-    return "; under " + ", ".join(f"constraint '{c.constraint.name}'" for c in task.terms.hard)
+    return "; under " + ", ".join(f"constraint '{name}'" for name in names)

@@ -1,22 +1,18 @@
 """The goal as the continuation sees it: tip position, tip heading if any, or a whole-arm pose."""
 
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.angles import wrap
-from ccm_opt.motion.constrained.rows import OwnRows
+from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.step import RIDGE, Pose, Term, pose_in
+from ccm_opt.motion.pose import Pose, Term, pose_in
+from ccm_opt.motion.step_settings import GoalSettings
 
-POLISH_TOLERANCE = 1e-9
-"""Tip error [m] and heading error [rad] that the polish stops at."""
-OWN_MET = 1e-8
-"""By how much a user's constraints may be missed at the goal, in their units."""
-_POLISH_STEPS = 12
-_HEADING_STEP = 0.3
+_SMALLEST = 1e-12
+"""Keeps divisions by distances finite [m]."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +24,16 @@ class GoalPose:
         heading: of the tip [rad], or None.
         coordinates: of a whole-arm goal in the link space, or None.
         near_enough: distance [m] and turn [rad] that still count where no pose meets the goal exactly.
-        own: rows of the user's constraints at the goal, or None.
+        limits: what else has to be met at the goal; usually nothing.
+        settings: numbers.
     """
 
     position: FloatArray
     heading: float | None
     coordinates: FloatArray | None = None
     near_enough: tuple[float, float] = (0.0, 0.0)
-    own: OwnRows | None = None
+    limits: tuple[Limit, ...] = ()
+    settings: GoalSettings = field(default_factory=GoalSettings)
 
     def errors(self, pose: Pose) -> tuple[float, float]:
         """Distance [m] and turn [rad] still to go; for a whole-arm goal the largest turn of any link."""
@@ -44,11 +42,19 @@ class GoalPose:
     def met(self, pose: Pose) -> bool:
         """Whether a pose is near enough."""
         distance, turn = self.errors(pose)
-        return distance <= self.near_enough[0] and turn <= self.near_enough[1] and self.own_miss(pose) <= OWN_MET
+        return distance <= self.near_enough[0] and turn <= self.near_enough[1] and self.limits_met(pose)
 
-    def own_miss(self, pose: Pose) -> float:
-        """By how much the user's constraints at the goal are missed, in their units."""
-        return 0.0 if self.own is None else self.own.values(pose.headings).violation
+    def on_goal(self, pose: Pose) -> bool:
+        """Whether a pose is on the goal but for rounding."""
+        return max(self.errors(pose)) <= self.settings.on_goal
+
+    def limits_met(self, pose: Pose) -> bool:
+        """Whether a pose meets all that has to be met at the goal beside the tip."""
+        return all(limit.miss(pose.headings) <= 0.0 for limit in self.limits)
+
+    def describe_limits(self, pose: Pose) -> str:
+        """What of the limits at the goal is missed or at its bound, in words; empty when nothing is."""
+        return "; ".join(words for limit in self.limits if (words := limit.describe(pose.headings)))
 
     def turn(self, pose: Pose) -> float:
         """Signed turn of the tip to the goal heading, the short way [rad]; 0 without a goal heading."""
@@ -58,54 +64,63 @@ class GoalPose:
 
     def terms(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, weight: float) -> list[Term]:
         """What draws the tip onto the goal."""
+        settings = self.settings
         unit = space.unit
         error = self.position - pose.points[-1]
-        error = error * min(1.0, 1.5 * unit / max(float(np.hypot(*error)), 1e-12))
+        error = error * min(1.0, settings.distance_step * unit / max(float(np.hypot(*error)), _SMALLEST))
         terms = [Term(jacobians[-1] / unit, error / unit, weight)]
         if self.heading is not None:
-            step = np.clip(self.turn(pose), -_HEADING_STEP, _HEADING_STEP)
-            terms.append(Term(space.matrix[-1:], np.array([step]), 0.3 * weight))
-        if self.own is not None:
-            terms.append(Term(*self.own.mending(pose.headings, _HEADING_STEP), 0.3 * weight * space.arm.links))
+            step = np.clip(self.turn(pose), -settings.heading_step, settings.heading_step)
+            terms.append(Term(space.matrix[-1:], np.array([step]), settings.heading_weight * weight))
+        for limit in self.limits:
+            rows, wanted = limit.mending(space, pose.headings, settings.heading_step)
+            terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
         return terms
 
-    def equations(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Rows that the polish solves, shape (k, p), and by how much they have to change, shape (k,)."""
+    def tip_equations(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
+        """Rows of the tip that the polish solves, shape (k, p), and by how much they have to change, shape (k,)."""
         error = np.append(self.position - pose.points[-1], self.turn(pose))
         rows = np.vstack((space.jacobians(pose.headings)[-1], space.matrix[-1:]))
-        if self.heading is None:
-            rows, error = rows[:2], error[:2]
-        if self.own is not None:
-            slopes, change = self.own.missed(pose.headings)
-            rows, error = np.vstack((rows, slopes)), np.append(error, change)
-        return rows, error
+        return (rows[:2], error[:2]) if self.heading is None else (rows, error)
 
 
 def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
     """Newton's method of least change of the links onto the goal, shape (p,).
 
-    Solves min ½ δᵀ(AᵀA + ε)δ subject to J δ = e until the error is below ``POLISH_TOLERANCE``; returns the last
-    iterate, whose error the caller checks.
+    Solves min ½ δᵀ(AᵀA + ε)δ subject to J δ = e until the error is below the tolerance; returns the last iterate,
+    whose error the caller checks.
     """
-    metric = space.matrix.T @ space.matrix
-    metric += 1e-6 * np.diag(np.diag(metric)) + RIDGE * np.eye(len(v))
-    for _ in range(_POLISH_STEPS):
-        rows, error = goal.equations(space, pose_in(space, v))
-        if np.max(np.abs(error)) < POLISH_TOLERANCE:
+    for _ in range(goal.settings.polish_steps):
+        pose = pose_in(space, v)
+        rows, error = goal.tip_equations(space, pose)
+        of_tip = len(error)
+        for limit in goal.limits:
+            missed, change = limit.missed(space, pose.headings)
+            rows = np.vstack((rows, missed))
+            error = np.append(error, change)
+        if np.max(np.abs(error)) < goal.settings.polish_tolerance:
             break
-        spread = np.linalg.solve(metric, rows.T)
-        v = v + spread @ _solved(rows @ spread, error, goal)
+        spread = np.linalg.solve(space.metric, rows.T)
+        independent = len(error) == of_tip  # what limits add may follow from the tip's equations
+        v = v + spread @ _solved(rows @ spread, error, goal.settings.least_share, independent=independent)
     return v
 
 
-def _solved(matrix: FloatArray, error: FloatArray, goal: GoalPose) -> FloatArray:
-    """The solution of the polish's equations; those that a user adds may follow from the others.
+def _solved(matrix: FloatArray, error: FloatArray, least_share: float, *, independent: bool) -> FloatArray:
+    """The solution of the polish's equations, of least squares where they may depend on each other.
 
     At full stretch the tip cannot move along the arm: then, too, it is the solution of least squares.
     """
-    if goal.own is None:
-        with suppress(np.linalg.LinAlgError):
-            return np.asarray(np.linalg.solve(matrix, error), dtype=np.float64)
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-24))
-    scaled: FloatArray = np.linalg.lstsq(matrix / np.outer(scale, scale), error / scale, rcond=1e-10)[0]
+    if not independent:
+        return _least_squares(matrix, error, least_share)
+    try:
+        return np.asarray(np.linalg.solve(matrix, error), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return _least_squares(matrix, error, least_share)
+
+
+def _least_squares(matrix: FloatArray, error: FloatArray, least_share: float) -> FloatArray:
+    """The solution of least squares of scaled equations, whose units differ."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), _SMALLEST**2))
+    scaled: FloatArray = np.linalg.lstsq(matrix / np.outer(scale, scale), error / scale, rcond=least_share)[0]
     return scaled / scale

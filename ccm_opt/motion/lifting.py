@@ -3,15 +3,11 @@
 import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.collision.contacts import ContactFinder
-from ccm_opt.collision.walls import Walls
-from ccm_opt.motion.goal import POLISH_TOLERANCE, polish
+from ccm_opt.motion.goal import polish
 from ccm_opt.motion.link_space import LinkSpace, mean_heading_matrix
 from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.step import Stepper, Term, pose_in
-
-_MISSED = 10.0 * POLISH_TOLERANCE
-"""A polished keyframe that misses its goal by more has not converged [m], [rad]."""
+from ccm_opt.motion.pose import Term, pose_in
+from ccm_opt.motion.step import Stepper
 
 
 def lift(motion: Motion, task: MotionTask) -> Motion | None:
@@ -24,8 +20,9 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     coordinates = motion.coordinates.copy()
     # On other links the same coordinates put the tip a little elsewhere; a goal of the whole arm is held by the space.
     if task.goal_headings is None:
-        coordinates[-1] = polish(space, task.goal, coordinates[-1])
-        if max(task.goal.errors(pose_in(space, coordinates[-1]))) > _MISSED:
+        goal = task.limited_goal
+        coordinates[-1] = polish(space, goal, coordinates[-1])
+        if not goal.on_goal(pose_in(space, coordinates[-1])):
             return None
 
     certificate = task.certificate
@@ -87,10 +84,8 @@ def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
     """The stepper of repairs, which keeps a smaller margin than the search does."""
     length = task.arm.length
     lifting = task.settings.lifting
-    walls = Walls.of(task.workspace)
-    margin = lifting.margin * length
-    finder = ContactFinder(task.arm, walls, task.workspace.clearance, margin, lifting.reach * length)
-    return Stepper(space, finder, settings=task.settings)
+    finder = task.finder(lifting.margin * length, lifting.reach * length)
+    return Stepper(space, finder, task.limits(finder), task.settings)
 
 
 def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:

@@ -7,11 +7,11 @@ start exact whatever mapping made it. A whole-arm goal adds one more coordinate 
 """
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.spline import piece_coefficients
 from ccm_opt.jointed.arm import Arm
@@ -21,6 +21,8 @@ KNOTS = 4 * SEGMENTS + 1
 FINENESS = 24.0
 """Units to the length of an arm where passages are wide: a nominal link is a twenty-fourth of the arm."""
 _FIT_WEIGHT = 1e-6
+_METRIC_SHARE = 1e-6
+_METRIC_RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -92,12 +94,99 @@ class LinkSpace:
         return self.arm.joint_positions(self.headings(v))
 
     def jacobians(self, headings: FloatArray) -> FloatArray:
-        """Derivatives of joint and tip positions by v, shape (links + 1, 2, p) [m per unit]."""
+        """Derivatives of joint and tip positions by v, shape (..., links) to (..., links + 1, 2, p) [m per unit]."""
         l = self.arm.link_length
-        jacobians = np.zeros((self.arm.links + 1, 2, self.matrix.shape[1]))
-        np.cumsum((-l * np.sin(headings))[:, None] * self.matrix, axis=0, out=jacobians[1:, 0])
-        np.cumsum((l * np.cos(headings))[:, None] * self.matrix, axis=0, out=jacobians[1:, 1])
+        jacobians = np.zeros((*headings.shape[:-1], self.arm.links + 1, 2, self.dimension))
+        np.cumsum((-l * np.sin(headings))[..., None] * self.matrix, axis=-2, out=jacobians[..., 1:, 0, :])
+        np.cumsum((l * np.cos(headings))[..., None] * self.matrix, axis=-2, out=jacobians[..., 1:, 1, :])
         return jacobians
+
+    def bends(self, headings: FloatArray) -> FloatArray:
+        """Joint bends of link headings, shape (..., links) [rad]."""
+        return self.arm.bends(headings)
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates p."""
+        return int(self.matrix.shape[1])
+
+    @cached_property
+    def bend_rows(self) -> FloatArray:
+        """Derivative of the joint bends by v, shape (links, p)."""
+        return np.diff(self.matrix, axis=0, prepend=0.0)
+
+    @cached_property
+    def bend_limits(self) -> FloatArray:
+        """Bound on the absolute bend of each joint, shape (links,) [rad]."""
+        return self.arm.bend_limits
+
+    @cached_property
+    def metric(self) -> FloatArray:
+        """Squared turns of the links by the coordinates, AᵀA, a little regularised, shape (p, p)."""
+        metric = self.matrix.T @ self.matrix
+        metric += _METRIC_SHARE * np.diag(np.diag(metric)) + _METRIC_RIDGE * np.eye(len(metric))
+        return metric
+
+    @cached_property
+    def inverse_metric(self) -> FloatArray:
+        """Inverse of the metric, shape (p, p)."""
+        return np.asarray(np.linalg.inv(self.metric), dtype=np.float64)
+
+    def sag(self, turns: FloatArray) -> FloatArray:
+        """How far a joint may leave its chord while links turn evenly: ⅛ Σ_{i<j} l Δφ_i² of joint j [m].
+
+        Args:
+            turns: Δφ of the links, shape (..., links) [rad].
+
+        Returns:
+            Of every joint and the tip, shape (..., links + 1).
+        """
+        squares = self.arm.link_length * turns**2 / 8.0
+        return np.concatenate((np.zeros((*squares.shape[:-1], 1)), np.cumsum(squares, axis=-1)), axis=-1)
+
+    def sag_slopes(self, turns: FloatArray) -> FloatArray:
+        """Derivative of the sag by the change of v over the turn, shape (..., links + 1, p) [m per unit]."""
+        steps = (0.25 * self.arm.link_length * turns)[..., None] * self.matrix
+        slopes = np.zeros((*turns.shape[:-1], turns.shape[-1] + 1, self.dimension))
+        np.cumsum(steps, axis=-2, out=slopes[..., 1:, :])
+        return slopes
+
+    def position_curvature(self, headings: FloatArray, forces: FloatArray) -> FloatArray:
+        """Second derivatives of −Σ f_j · x_j by the link headings, in which they are diagonal, shape (..., links).
+
+        Args:
+            headings: shape (..., links) [rad].
+            forces: f on the joint at the base of each link, shape (..., ≥ links, 2); one on the tip balances them.
+        """
+        l, links = self.arm.link_length, headings.shape[-1]
+        carried = np.cumsum(forces[..., :links, :], axis=-2)
+        curvature: FloatArray = -l * (np.cos(headings) * carried[..., 0] + np.sin(headings) * carried[..., 1])
+        return curvature
+
+    def sag_curvature(self, weights: FloatArray) -> FloatArray:
+        """Second derivatives of −Σ w_j sag_j by the turns of the links, in which they are diagonal, shape (..., links).
+
+        Args:
+            weights: w of every joint and the tip, of sum 0, shape (..., links + 1).
+        """
+        links = weights.shape[-1] - 1
+        curvature: FloatArray = 0.25 * self.arm.link_length * np.cumsum(weights, axis=-1)[..., :links]
+        return curvature
+
+    @cached_property
+    def mount_end(self) -> tuple[int, float]:
+        """Link on which the mount ends, and where on it in [0, 1]."""
+        arm = self.arm
+        link = min(int(arm.mount_length / arm.link_length + 1e-9), arm.links - 1)
+        return link, float(np.clip(arm.mount_length / arm.link_length - link, 0.0, 1.0))
+
+    @cached_property
+    def self_pairs(self) -> tuple[IntArray, IntArray]:
+        """Links i < j whose axes must keep two radii apart, each of shape (pairs,)."""
+        if not self.arm.self_collision:
+            return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
+        i, j = np.triu_indices(self.arm.links, self.arm.first_self_pair)
+        return i, j
 
     def curve(self, v: FloatArray) -> Configuration:
         """The continuous curve behind coordinates."""

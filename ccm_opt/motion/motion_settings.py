@@ -4,23 +4,15 @@ from dataclasses import dataclass, field
 
 from ccm_opt.motion.guides.guide_settings import GuideSettings
 from ccm_opt.motion.lifting_settings import LiftingSettings
+from ccm_opt.motion.limits.user_limit_settings import UserLimitSettings
+from ccm_opt.motion.optimisation.optimisation_settings import (
+    InteriorPointSettings,
+    ObjectiveSettings,
+    OptimisationSettings,
+)
+from ccm_opt.motion.search_settings import SearchSettings, SmoothPathSettings
+from ccm_opt.motion.step_settings import ContinuationSettings, GoalSettings, StepSettings, TrackingSettings
 from ccm_opt.motion.tree.tree_settings import TreeSettings
-
-
-@dataclass(frozen=True)
-class StepSettings:
-    """Numbers of a single step of the continuation.
-
-    Attributes:
-        limit_share: share of a joint limit that planning uses; what accepted poses and splines overshoot stays below
-            the limit. Taste.
-        keep_share: share of the planning margin that every accepted pose keeps. Taste.
-        largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
-    """
-
-    limit_share: float = 0.98
-    keep_share: float = 0.4
-    largest_turn: float = 0.15
 
 
 @dataclass(frozen=True)
@@ -29,12 +21,30 @@ class MotionSettings:
 
     Attributes:
         step: of a single step.
+        continuation: of following a guide and settling on the goal.
+        goal: of putting the tip onto the goal.
+        tracking: of tracking a reference motion.
+        user_limits: of the user's constraints.
+        search: of the search over all strategies.
         guides: of the guides and candidates.
         tree: of the trees of poses.
         lifting: of taking a motion over to an arm of many links.
+        optimisation: of the optimisation of a motion.
+        objective: weights inside its objective.
+        interior_point: of the optimisation as one nonlinear program.
+        smooth_path: of the path through joint space.
     """
 
     step: StepSettings = field(default_factory=StepSettings)
+    continuation: ContinuationSettings = field(default_factory=ContinuationSettings)
+    goal: GoalSettings = field(default_factory=GoalSettings)
+    tracking: TrackingSettings = field(default_factory=TrackingSettings)
+    user_limits: UserLimitSettings = field(default_factory=UserLimitSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
     guides: GuideSettings = field(default_factory=GuideSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
     lifting: LiftingSettings = field(default_factory=LiftingSettings)
+    optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
+    objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
+    interior_point: InteriorPointSettings = field(default_factory=InteriorPointSettings)
+    smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)

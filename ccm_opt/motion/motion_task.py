@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,24 +13,19 @@ from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.constrained.certificate import OwnCertificate
-from ccm_opt.motion.constrained.rows import OwnRows
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose
+from ccm_opt.motion.limits.assembly import assembled_limits
+from ccm_opt.motion.limits.limit import Limit
+from ccm_opt.motion.limits.motion_certificate import MotionCertificate
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_settings import MotionSettings
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.problem import OptimiserName, Weights
 
-if TYPE_CHECKING:
-    from ccm_opt.user_terms.compiled_terms import UserTerms
-
-SPARE = 1e-4
-"""Gap beyond contact that the certificate asks for, as a share of the arm's length."""
-
 
 @dataclass(frozen=True)
-class Slowness:
+class JointSlowness:
     """What joints can do less than the average joint, as factors.
 
     Attributes:
@@ -43,14 +37,15 @@ class Slowness:
     acceleration: FloatArray
 
     @classmethod
-    def of(cls, speeds: FloatArray, accelerations: FloatArray) -> "Slowness":
+    def from_limits(cls, speeds: FloatArray, accelerations: FloatArray) -> "JointSlowness":
         """From the limits of the joints, each of shape (links,)."""
         return cls(speeds.mean() / speeds, accelerations.mean() / accelerations)
 
-    def resampled(self, links: int) -> "Slowness":
+    def resampled(self, links: int) -> "JointSlowness":
         """The same along an arm with another number of links."""
-        middles, wanted = ((np.arange(count) + 0.5) / count for count in (len(self.speed), links))
-        return Slowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
+        middles = (np.arange(len(self.speed)) + 0.5) / len(self.speed)
+        wanted = (np.arange(links) + 0.5) / links
+        return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
 
 
 @dataclass(frozen=True)
@@ -70,10 +65,10 @@ class MotionTask:
         clamped: whether the first link must keep its heading.
         further_guesses: makes more such poses, when the first do not help.
         optimiser: how the motion that is found is optimised.
-        seed: of all chance.
+        seed: of the random numbers.
         weights: what counts how much when the motion is optimised.
         slowness: of the joints; None when all are alike.
-        terms: the user's own constraints and costs, or None.
+        user_limits: what the user asks of the motion; usually nothing.
         settings: numbers of every stage of the search.
     """
 
@@ -90,37 +85,56 @@ class MotionTask:
     optimiser: OptimiserName = "sequential-convex"
     seed: int = 0
     weights: Weights = field(default_factory=Weights)
-    slowness: Slowness | None = None
-    terms: "UserTerms | None" = None
+    slowness: JointSlowness | None = None
+    user_limits: tuple[Limit, ...] = ()
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @cached_property
-    def certificate(self) -> Certificate:
-        """The certificate that motions must pass: a little more than contact, but no more than both ends have.
+    def contact_certificate(self) -> Certificate:
+        """The certificate of contact that motions must pass: a little more than contact, but no more than ends have.
 
         Ends that touch may be left, and reached, by motions that touch no deeper than rounding.
         """
+        settings = self.settings.search
         ends = [self.start] if self.goal_headings is None else [self.start, self.goal_headings]
-        finder = ContactFinder(
-            self.arm, Walls.of(self.workspace), self.workspace.clearance, 0.0, 4.0 * SPARE * self.arm.length
-        )
-        gaps = [finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
+        gaps = [self._end_finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
         contact = allowed_contact(self.arm, self.workspace)
-        spare = np.clip(0.5 * min(gaps) - contact, -contact, SPARE * self.arm.length)
-        certificate = Certificate(self.arm, self.workspace, float(spare))
-        return certificate if self.terms is None else OwnCertificate.around(certificate, self.terms.path_rows)
+        most = settings.spare * self.arm.length
+        spare = np.clip(settings.spare_at_ends * min(gaps) - contact, -contact, most)
+        return Certificate(self.arm, self.workspace, float(spare))
 
-    def own_rows(self, space: LinkSpace) -> OwnRows | None:
-        """Rows of the user's constraints on the way, in a link space; None when there are none."""
-        return None if self.terms is None else OwnRows(space, self.terms.motion_rows)
+    @cached_property
+    def certificate(self) -> MotionCertificate:
+        """The certificate of all limits that motions must pass."""
+        return MotionCertificate(self.arm, self.contact_certificate.spare, self.limits(self._end_finder))
 
-    def goal_in(self, space: LinkSpace) -> GoalPose:
-        """The goal with the user's constraints there, in a link space."""
-        own = None if self.terms is None else OwnRows(space, self.terms.goal_rows, 1.0)
-        return replace(self.goal, own=own)
+    @cached_property
+    def _end_finder(self) -> ContactFinder:
+        """Of gaps at the ends of the motion."""
+        settings = self.settings.search
+        return self.finder(0.0, settings.end_reach * settings.spare * self.arm.length)
+
+    def finder(self, margin: float, reach: float) -> ContactFinder:
+        """A finder of contacts with a planning margin and a reach [m]."""
+        return ContactFinder(self.arm, Walls.of(self.workspace), self.workspace.clearance, margin, reach)
+
+    def limits(self, finder: ContactFinder) -> tuple[Limit, ...]:
+        """All limits of the motion, contact by a finder's margin and reach."""
+        return assembled_limits(finder, self.contact_certificate, self.settings.step, self.user_limits)
+
+    @property
+    def parametric(self) -> bool:
+        """Whether a limit depends on the path parameter, so that a motion has to be tracked under it."""
+        return any(limit.parametric for limit in self.user_limits)
+
+    @property
+    def limited_goal(self) -> GoalPose:
+        """The goal with the limits that hold there."""
+        limits = tuple(limit.placed_at_goal() for limit in self.user_limits)
+        return replace(self.goal, limits=limits, settings=self.settings.goal)
 
 
-class Remembered:
+class CachedItems:
     """Items that are costly to make: each is made when first asked for, and kept.
 
     Args:
@@ -128,7 +142,8 @@ class Remembered:
     """
 
     def __init__(self, items: Iterable[FloatArray]) -> None:
-        self._items, self._known = iter(items), list[FloatArray]()
+        self._items = iter(items)
+        self._known: list[FloatArray] = []
 
     def __iter__(self) -> Iterator[FloatArray]:
         """All items from the first."""
@@ -186,7 +201,7 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
         arm=arm,
         start=resampled(task.start),
         goal_headings=None if task.goal_headings is None else resampled(task.goal_headings),
-        guesses=Remembered(resampled(guess) for guess in task.guesses),
+        guesses=CachedItems(resampled(guess) for guess in task.guesses),
         further_guesses=lambda: (resampled(guess) for guess in task.further_guesses()),
         slowness=None if task.slowness is None else task.slowness.resampled(links),
     )

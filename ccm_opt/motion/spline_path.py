@@ -4,19 +4,18 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.collision.certificate import Certificate
+from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
+from ccm_opt.motion.search_settings import SmoothPathSettings
 
-LEAST_SAMPLES, MOST_SAMPLES = 4, 96
-"""Samples of a span between which the certificate takes the headings to be linear."""
-_SPLINE_SHARE = 0.5
-"""Share of the certificate's spare gap that linear interpolation between samples may err by; a path keeps the rest."""
-_LEAST_SPARE = 2e-6
-"""Share of the arm's length that linear interpolation between samples may err by, whatever the certificate spares."""
-_REFINEMENTS = 5
 DEGREE = 3
+"""Of the spline: the least with a continuous second derivative."""
+SMOOTH_PATH = SmoothPathSettings()
+"""The settings unless others are given."""
 
 
-def certified_spline(keyframes: FloatArray, certificate: Certificate) -> BSpline | None:
+def certified_spline(
+    keyframes: FloatArray, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH
+) -> BSpline | None:
     """A spline near certified keyframes, itself certified on a fine grid; None when refinement does not help.
 
     A cubic B-spline leaves its control polygon by at most a sixth of the second difference, so halving the legs of
@@ -25,11 +24,12 @@ def certified_spline(keyframes: FloatArray, certificate: Certificate) -> BSpline
     Args:
         keyframes: link headings, shape (K, links) [rad].
         certificate: of the arm among the walls.
+        settings: samples and refinements.
     """
     control = _at_least_four(keyframes)
-    for _ in range(_REFINEMENTS):
+    for _ in range(settings.refinements):
         spline = clamped_spline(control)
-        counts = _samples_a_span(spline, certificate)
+        counts = _samples_a_span(spline, certificate, settings)
         ends = np.concatenate(([0], np.cumsum(counts)))
         samples = np.interp(np.arange(ends[-1] + 1), ends, np.linspace(0.0, 1.0, len(ends)))
         failing = np.unique(np.searchsorted(ends, certificate.failures(spline(samples)), side="right") - 1)
@@ -46,20 +46,20 @@ def clamped_spline(control: FloatArray) -> BSpline:
     return BSpline(knots, control, DEGREE)
 
 
-def spare_kept(spline: BSpline, certificate: Certificate) -> float:
+def spare_kept(spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH) -> float:
     """Gap beyond contact that a certified spline keeps: what is spared, less the error of linear interpolation [m]."""
-    errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate) ** 2
+    errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate, settings) ** 2
     return max(0.0, certificate.spare - float(np.max(errors)))
 
 
-def _samples_a_span(spline: BSpline, certificate: Certificate) -> IntArray:
+def _samples_a_span(spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings) -> IntArray:
     """Samples of each span that bring linear interpolation within its share of the gap that the certificate spares."""
-    allowed = max(_SPLINE_SHARE * certificate.spare, _LEAST_SPARE * certificate.arm.length)
+    allowed = max(settings.spare_share * certificate.spare, settings.least_error * certificate.arm.length)
     wanted = np.ceil(np.sqrt(_interpolation_errors(spline, certificate) / allowed))
-    return np.clip(wanted, LEAST_SAMPLES, MOST_SAMPLES).astype(np.intp)
+    return np.clip(wanted, settings.least_samples, settings.most_samples).astype(np.intp)
 
 
-def _interpolation_errors(spline: BSpline, certificate: Certificate) -> FloatArray:
+def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> FloatArray:
     """How far each span, interpolated linearly between its ends, may be off, shape (spans,) [m].
 
     It errs by ⅛ h² max|φ''| in a heading, so by Σ l of that in a position; φ'' is linear on a span, its control points

@@ -19,14 +19,14 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.geometry.polyline import path_length
 from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.motion.constrained.ends import refuse_contradicted
-from ccm_opt.motion.constrained.path import on_equations, own_path
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
+from ccm_opt.motion.limits.limit import Limit
+from ccm_opt.motion.limits.user_limit import UserLimit
 from ccm_opt.motion.link_space import nearest_curve
-from ccm_opt.motion.motion_task import Motion, MotionTask, Remembered, Slowness
+from ccm_opt.motion.motion_task import CachedItems, JointSlowness, Motion, MotionTask
 from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.spline_path import spare_kept
+from ccm_opt.motion.smooth_path import smooth_path
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
@@ -76,6 +76,11 @@ class CurvePlanner:
     terms: UserTerms | None = None
     settings: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)
 
+    @property
+    def user_limits(self) -> tuple[Limit, ...]:
+        """The user's constraints and costs as limits of the motion; usually none."""
+        return () if self.terms is None else (UserLimit(self.terms, self.settings.motion.user_limits),)
+
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
 
@@ -85,8 +90,8 @@ class CurvePlanner:
         deadline = Deadline(time.monotonic() + PLANNING_SHARE * problem.planner.time_limit)
         with self.stages("mapping"):
             ends = resolve_ends(problem)
-            if self.terms is not None:
-                refuse_contradicted(self.terms, ends)
+            for limit in self.user_limits:
+                limit.refuse_ends(ends.start, ends.goal_headings)
         task, motion = self.motion_between(problem, ends, deadline)
         with self.stages("motion"):
             return joint_path(problem, task, motion)
@@ -101,8 +106,8 @@ class CurvePlanner:
             room = FreeSpace(problem.workspace, route_margin(problem, ends))
             routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
             tip_paths = tip_paths_along(problem, ends, routes)
-        guesses = Remembered(self._in_stage(find_guesses(problem, ends, room, routes)))
-        further = Remembered(self._in_stage(further_guesses(problem, ends, room, routes)))
+        guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes)))
+        further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes)))
         with self.stages("motion"):
             task = MotionTask(
                 clamped_arm(problem.arm) if ends.clamped else problem.arm,
@@ -119,7 +124,7 @@ class CurvePlanner:
                 seed=problem.planner.seed,
                 weights=problem.planner.weights,
                 slowness=slowness(problem),
-                terms=self.terms,
+                user_limits=self.user_limits,
                 settings=self.settings.motion,
             )
             return task, find_motion(task)
@@ -134,9 +139,9 @@ class CurvePlanner:
             yield found
 
 
-def slowness(problem: Problem) -> Slowness:
+def slowness(problem: Problem) -> JointSlowness:
     """What the joints can do by their limits; planar motion turns the second revolute of every ball."""
-    return Slowness.of(problem.limits.velocity[1::3], problem.limits.acceleration[1::3])
+    return JointSlowness.from_limits(problem.limits.velocity[1::3], problem.limits.acceleration[1::3])
 
 
 def route_margin(problem: Problem, ends: Ends) -> float:
@@ -319,19 +324,15 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
     Raises:
         MotionNotFound: when no smooth path near the motion can be certified.
     """
-    spline = own_path(motion, task)
-    if spline is None:
+    path = smooth_path(motion, task)
+    if path is None:
         reason = "the motion leaves no room for a smooth path"
-        if task.terms is not None and task.terms.hard:
-            names = ", ".join(f"'{own.constraint.name}'" for own in task.terms.hard)
+        names = ", ".join(f"'{name}'" for limit in task.user_limits for name in limit.names)
+        if names:
             reason = f"{reason} that keeps the joint limits and the constraints {names}"
         raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))
-    control = problem.arm.bends(spline.c)
+    control = problem.arm.bends(path.spline.c)
     curves = tuple(nearest_curve(problem.arm, headings) for headings in motion.headings)
-    keyframes, spare = problem.arm.bends(motion.headings), _spare(task, spline)
-    return JointPath(BSpline(spline.t, control, spline.k), keyframes, curves, motion.candidate, spare=spare)
-
-
-def _spare(task: MotionTask, spline: BSpline) -> float:
-    """Gap that timing may use up: none where the path is laid through dense knots."""
-    return 0.0 if on_equations(task) else spare_kept(spline, task.certificate)
+    keyframes = problem.arm.bends(motion.headings)
+    spline = BSpline(path.spline.t, control, path.spline.k)
+    return JointPath(spline, keyframes, curves, motion.candidate, spare=path.spare)

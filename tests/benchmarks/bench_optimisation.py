@@ -20,7 +20,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.motion import search
+from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.planners.curve import CurvePlanner, joint_path
@@ -42,18 +42,10 @@ def problems(seeds: int) -> Iterator[Problem]:
 
 def found(problem: Problem) -> tuple[MotionTask, Motion]:
     """The task and the motion that is found, not optimised."""
-    kept: list[tuple[MotionTask, Motion]] = []
-
-    def keep(motion: Motion, task: MotionTask) -> Motion:
-        kept.append((task, motion))
-        return motion
-
-    original, search.optimise = search.optimise, keep
-    try:
-        CurvePlanner().plan(problem)
-    finally:
-        search.optimise = original
-    return kept[-1]
+    wanted = problem.planner.optimiser
+    plain = replace(problem, planner=replace(problem.planner, optimiser="none"))
+    task, motion = CurvePlanner().motion_between(plain, resolve_ends(plain), later(problem.planner.time_limit))
+    return replace(task, optimiser=wanted), motion
 
 
 def duration(problem: Problem, task: MotionTask, motion: Motion) -> float:

@@ -10,56 +10,51 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.ipopt_call import ipopt_call
-from ccm_opt.motion.optimisation.clearance_rows import Rows
-from ccm_opt.motion.optimisation.nearness import Nearness
+from ccm_opt.motion.limits.clearance_rows import IntervalRows
+from ccm_opt.motion.optimisation.nearness import WallNearness
 from ccm_opt.motion.optimisation.objective import Objective
-from ccm_opt.motion.optimisation.sequential_convex import PRICE, Program, active_rows
-from ccm_opt.motion.optimisation.swept_motion import Sweep, mount_end
-from ccm_opt.motion.step import LIMIT_SHARE, pose_in
-
-ROUNDS = 2
-"""Solutions, the sweep regions renewed between them."""
-WIDER = 2.0
-"""Rows this many times farther away than those of a sequential step are taken in."""
-ITERATIONS = 200
-_SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
+from ccm_opt.motion.optimisation.sequential_convex import MotionProgram
+from ccm_opt.motion.pose import pose_in
+from ccm_opt.motion.swept_motion import Sweep
 
 
-def interior_point(program: Program, coordinates: FloatArray, rounds: int = ROUNDS) -> FloatArray:
+def interior_point(program: MotionProgram, coordinates: FloatArray) -> FloatArray:
     """Optimise a certified motion.
 
     Args:
         program: what to keep.
         coordinates: at the keyframes, shape (K + 1, p).
-        rounds: solutions of the nonlinear program.
 
     Returns:
         Coordinates of the last certified motion, shape (K + 1, p).
     """
-    for _ in range(rounds):
+    for _ in range(program.settings.interior_point.solutions):
         if program.deadline.passed():
             break
         sweep = Sweep(program.space, coordinates)
-        coordinates = _certified_part(program, sweep, _solution(program, sweep, program.make_rows(sweep)))
+        coordinates = _certified_part(program, sweep, _solution(program, sweep, program.rows(sweep)))
     return coordinates
 
 
-def _certified_part(program: Program, sweep: Sweep, solution: FloatArray) -> FloatArray:
+def _certified_part(program: MotionProgram, sweep: Sweep, solution: FloatArray) -> FloatArray:
     """As much of the way to the solution as is certified."""
     change = solution - sweep.coordinates
-    for share in _SHORTENINGS:
+    for share in program.settings.interior_point.shortenings:
         moved = Sweep(program.space, program.ended(sweep.coordinates + share * change))
         if program.feasible(moved, sweep) and len(program.failures(moved.headings)) == 0:
             return moved.coordinates
     return sweep.coordinates
 
 
-def _solution(program: Program, sweep: Sweep, all_rows: Rows) -> FloatArray:
+def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> FloatArray:
     """Keyframes at which IPOPT ends, shape (K + 1, p)."""
     import casadi as ca  # noqa: PLC0415 - loaded only when asked for
 
-    space, (frames, p) = program.space, sweep.coordinates.shape
-    rows, objective = active_rows(all_rows, sweep, WIDER * program.active), program.objective(frames - 1)
+    settings = program.settings.interior_point
+    space = program.space
+    frames, p = sweep.coordinates.shape
+    rows = program.active_rows(all_rows, sweep, settings.wider * program.active)
+    objective = program.objective
     moving = ca.SX.sym("v", p, frames - 1)
     turning = ca.SX.sym("phi", space.arm.links, frames - 1)  # tied to v: keeps the derivatives sparse
     slack = ca.SX.sym("s", frames - 1)
@@ -70,16 +65,22 @@ def _solution(program: Program, sweep: Sweep, all_rows: Rows) -> FloatArray:
     unit = space.arm.length / 24.0
     inequalities = _row_values(ca, rows, points, headings, space.arm.link_length) / unit - slack[rows.interval.tolist()]
     ends = _end_values(ca, program, sweep, v, points)
-    bends = ca.vec(ca.DM(objective.bend_rows) @ (moving - ca.DM(sweep.coordinates[1:].T)))
+    bends = ca.vec(ca.DM(space.bend_rows) @ (moving - ca.DM(sweep.coordinates[1:].T)))
     near = _nearness(ca, program.nearness(all_rows, sweep), points, headings, space.arm.link_length)
-    low, high = _bend_bounds(sweep)
+    low, high = _bend_bounds(sweep, program.settings.step.limit_share)
     problem = {
         "x": ca.vertcat(ca.vec(moving), ca.vec(turning), slack),
-        "f": _objective(ca, objective, v) + near + PRICE * ca.sum1(slack),
+        "f": _objective(ca, objective, v) + near + program.settings.optimisation.price * ca.sum1(slack),
         "g": ca.vertcat(inequalities, ends, tie, bends),
     }
-    options = {"ipopt.max_iter": ITERATIONS, "ipopt.tol": 1e-5, "ipopt.print_level": 0, "print_time": False}
-    size, zero = moving.numel(), np.zeros(ends.numel() + tie.numel())
+    options = {
+        "ipopt.max_iter": settings.iterations,
+        "ipopt.tol": settings.tolerance,
+        "ipopt.print_level": 0,
+        "print_time": False,
+    }
+    size = moving.numel()
+    zero = np.zeros(ends.numel() + tie.numel())
     worst = np.zeros(frames - 1)
     np.maximum.at(worst, rows.interval, rows.values(sweep) / unit)
     with ipopt_call():
@@ -94,9 +95,10 @@ def _solution(program: Program, sweep: Sweep, all_rows: Rows) -> FloatArray:
     return np.vstack((sweep.coordinates[:1], found))
 
 
-def _points(ca: Any, program: Program, headings: Any) -> tuple[Any, Any]:
+def _points(ca: Any, program: MotionProgram, headings: Any) -> tuple[Any, Any]:
     """Both coordinates of ``Sweep.points``, each (n + 2) × (K + 1)."""
-    arm, (link, share) = program.space.arm, mount_end(program.space.arm)
+    arm = program.space.arm
+    link, share = program.space.mount_end
     parts = []
     for direction, base in ((ca.cos(headings), arm.base[0]), (ca.sin(headings), arm.base[1])):
         joints = ca.vertcat(ca.DM.zeros(1, headings.shape[1]), arm.link_length * ca.cumsum(direction)) + base
@@ -104,8 +106,8 @@ def _points(ca: Any, program: Program, headings: Any) -> tuple[Any, Any]:
     return parts[0], parts[1]
 
 
-def _row_values(ca: Any, rows: Rows, points: tuple[Any, Any], headings: Any, link_length: float) -> Any:
-    """Values of the rows, as ``Rows.values``."""
+def _row_values(ca: Any, rows: IntervalRows, points: tuple[Any, Any], headings: Any, link_length: float) -> Any:
+    """Values of the rows, as ``IntervalRows.values``."""
     height = points[0].shape[0]
     at = height * (rows.interval + rows.side)
     plus, minus = (at + rows.plus).tolist(), (at + rows.minus).tolist()
@@ -118,20 +120,24 @@ def _row_values(ca: Any, rows: Rows, points: tuple[Any, Any], headings: Any, lin
     return across + ca.vec(sag)[high] - ca.vec(sag)[low] + ca.DM(rows.constant)
 
 
-def _nearness(ca: Any, near: Nearness | None, points: tuple[Any, Any], headings: Any, link_length: float) -> Any:
-    """What nearness to walls costs, as ``Nearness.value``."""
-    if near is None:
-        return 0.0
-    lack = ca.fmax(1.0 + _row_values(ca, near.rows, points, headings, link_length) / near.distance, 0.0)
+def _nearness(
+    ca: Any, costs: tuple[WallNearness, ...], points: tuple[Any, Any], headings: Any, link_length: float
+) -> Any:
+    """What nearness to walls costs, as ``WallNearness.value``."""
     links, frames = headings.shape
-    return near.share(links, frames - 1) * ca.sumsqr(lack)
+    total = 0.0
+    for near in costs:
+        lack = ca.fmax(1.0 + _row_values(ca, near.rows, points, headings, link_length) / near.distance, 0.0)
+        total = total + near.share(links, frames - 1) * ca.sumsqr(lack)
+    return total
 
 
-def _end_values(ca: Any, program: Program, sweep: Sweep, v: Any, points: tuple[Any, Any]) -> Any:
+def _end_values(ca: Any, program: MotionProgram, sweep: Sweep, v: Any, points: tuple[Any, Any]) -> Any:
     """What has to vanish at the last keyframe."""
     if program.end_fixed:
         return v[:, -1] - ca.DM(sweep.coordinates[-1])
-    links, goal = program.space.arm.links, program.goal
+    links = program.space.arm.links
+    goal = program.goal
     tip = ca.vertcat(points[0][links, -1] - goal.position[0], points[1][links, -1] - goal.position[1])
     if goal.heading is None:
         return tip
@@ -140,10 +146,10 @@ def _end_values(ca: Any, program: Program, sweep: Sweep, v: Any, points: tuple[A
     return ca.vertcat(tip, heading)
 
 
-def _bend_bounds(sweep: Sweep) -> tuple[FloatArray, FloatArray]:
+def _bend_bounds(sweep: Sweep, limit_share: float) -> tuple[FloatArray, FloatArray]:
     """Least and largest change of every bend after the first keyframe, keyframe by keyframe."""
-    arm = sweep.space.arm
-    bends, limits = arm.bends(sweep.headings[1:]), LIMIT_SHARE * arm.bend_limits
+    bends = sweep.space.bends(sweep.headings[1:])
+    limits = limit_share * sweep.space.bend_limits
     return np.minimum(-limits - bends, 0.0).ravel(), np.maximum(limits - bends, 0.0).ravel()
 
 

@@ -9,22 +9,20 @@ from ccm_opt.arrays import FloatArray, IntArray
 Failures = Callable[[FloatArray], IntArray]
 """Intervals of a piecewise-linear motion in coordinates, shape (K, p), that are not certified."""
 
-FIRST_STRIDE = 16
-"""Keyframes that a leg skips at first."""
 
-
-def decimated(coordinates: FloatArray, failures: Failures) -> FloatArray:
+def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) -> FloatArray:
     """Fewer keyframes of a certified motion, every leg between them certified: legs that fail are halved.
 
     Args:
         coordinates: at the keyframes, shape (K, p).
         failures: judges the legs.
+        first_stride: keyframes that a leg skips at first.
 
     Returns:
         A subset of the rows, both ends included; no leg cuts a corner, since every one is certified.
     """
     last = len(coordinates) - 1
-    kept = np.unique(np.append(np.arange(0, last, FIRST_STRIDE), last))
+    kept = np.unique(np.append(np.arange(0, last, first_stride), last))
     while True:
         legs = failures(coordinates[kept])
         splittable = legs[np.diff(kept)[legs] > 1]
@@ -50,3 +48,18 @@ def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> Fl
         for a, b, count in zip(coordinates[:-1], coordinates[1:], parts, strict=True)
     ]
     return np.vstack((*pieces, coordinates[-1:]))
+
+
+def even_parameters(least: int, breaks: FloatArray) -> FloatArray:
+    """Path parameters of keyframes, as even as may be, some of them at given places.
+
+    Args:
+        least: number of intervals; there may be up to half as many more when the places are met better so.
+        breaks: places that a keyframe has to be at, shape (m,).
+    """
+    counts = np.arange(least, 3 * least // 2)[:, None]
+    misses = np.max(np.abs(breaks - np.round(breaks * counts) / counts), axis=1, initial=0.0)
+    count = least + int(np.argmin(np.round(misses, 9)))
+    u = np.linspace(0.0, 1.0, count + 1)
+    u[np.round(breaks * count).astype(np.intp)] = breaks
+    return u

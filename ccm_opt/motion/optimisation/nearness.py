@@ -5,52 +5,18 @@ Hessian is the Gauss–Newton one, which is convex.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.optimisation.clearance_rows import Rows
-from ccm_opt.motion.optimisation.swept_motion import Sweep
-
-DISTANCE = 0.03
-"""Walls farther than this beyond the planning margin cost nothing, as a share of the arm's length."""
+from ccm_opt.motion.limits.clearance_rows import IntervalRows
+from ccm_opt.motion.limits.limit import Quadratic
+from ccm_opt.motion.swept_motion import Sweep
 
 
 @dataclass(frozen=True)
-class Quadratic:
-    """½ Σ over neighbouring keyframes.
-
-    Attributes:
-        gradient: shape (K + 1, p).
-        diagonal: blocks of each keyframe, shape (K + 1, p, p).
-        above: blocks of keyframes k and k + 1, shape (K, p, p).
-    """
-
-    gradient: FloatArray
-    diagonal: FloatArray
-    above: FloatArray
-
-
-class SweepCost(Protocol):
-    """A cost of a motion beside the quadratic objective."""
-
-    def value(self, sweep: Sweep) -> float:
-        """Cost of a motion."""
-        ...
-
-    def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
-        """Cost after a change of the coordinates, shape (K + 1, p), as the model sees it."""
-        ...
-
-    def model(self, sweep: Sweep) -> Quadratic:
-        """Gradient and a convex Hessian by the coordinates."""
-        ...
-
-
-@dataclass(frozen=True)
-class Nearness:
-    """The cost of some wall rows.
+class WallNearness:
+    """The cost of some wall rows; satisfies ``MotionCost``.
 
     Attributes:
         rows: of one motion; they are held while its change is looked for.
@@ -58,7 +24,7 @@ class Nearness:
         distance: D [m].
     """
 
-    rows: Rows
+    rows: IntervalRows
     weight: float
     distance: float
 
@@ -75,16 +41,20 @@ class Nearness:
 
     def model(self, sweep: Sweep) -> Quadratic:
         """Gradient and Gauss–Newton Hessian by the coordinates."""
-        (intervals, p), k = (len(sweep.turns), sweep.coordinates.shape[1]), self.rows.interval
+        intervals = len(sweep.turns)
+        p = sweep.space.dimension
+        k = self.rows.interval
         model = Quadratic(np.zeros((intervals + 1, p)), np.zeros((intervals + 1, p, p)), np.zeros((intervals, p, p)))
         lack = np.maximum(1.0 + self.rows.values(sweep) / self.distance, 0.0)
         start, end = self.rows.slopes(sweep)
         scale = 2.0 * self.share(sweep.turns.shape[1], intervals) / self.distance
         for j in np.unique(k[lack > 0.0]):
-            of = np.flatnonzero((k == j) & (lack > 0.0))
-            a, b, c = start[of], end[of], scale / self.distance
-            model.gradient[j] += scale * lack[of] @ a
-            model.gradient[j + 1] += scale * lack[of] @ b
+            lacking = np.flatnonzero((k == j) & (lack > 0.0))
+            a = start[lacking]
+            b = end[lacking]
+            c = scale / self.distance
+            model.gradient[j] += scale * lack[lacking] @ a
+            model.gradient[j + 1] += scale * lack[lacking] @ b
             model.diagonal[j] += a.T @ (c * a)
             model.diagonal[j + 1] += b.T @ (c * b)
             model.above[j] += a.T @ (c * b)

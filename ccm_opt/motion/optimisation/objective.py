@@ -14,18 +14,9 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
-from ccm_opt.motion.motion_task import Slowness
+from ccm_opt.motion.motion_task import JointSlowness
+from ccm_opt.motion.optimisation.optimisation_settings import ObjectiveSettings
 from ccm_opt.problem import Weights
-
-HEADING = 1e-3
-"""Weight of the turns of the links beside the turns of the joints."""
-UNEVENNESS = 4e-3
-"""Weight of ∫|q''|²; its root is the share of the motion over which corners are rounded."""
-SHAPE = 1e-3
-"""Weight of the curve's curvature and of its differences, in nominal links (24 to the arm)."""
-RIDGE = 1e-8
-BLEND = 1e-3
-"""Weight on changes of the coordinate that blends a whole-arm goal in."""
 
 
 @dataclass(frozen=True)
@@ -37,24 +28,23 @@ class Objective:
         intervals: K.
         weights: how much each part counts.
         slowness: of the joints, for the weight of the duration; None when all are alike.
+        settings: weights inside the parts.
     """
 
     space: LinkSpace
     intervals: int
     weights: Weights = field(default_factory=Weights)
-    slowness: Slowness | None = None
-
-    @cached_property
-    def bend_rows(self) -> FloatArray:
-        """Derivative of the joint bends by the coordinates, shape (n, p)."""
-        return np.diff(self.space.matrix, axis=0, prepend=0.0)
+    slowness: JointSlowness | None = None
+    settings: ObjectiveSettings = field(default_factory=ObjectiveSettings)
 
     @cached_property
     def first(self) -> FloatArray:
         """Metric of first differences between keyframes, shape (p, p)."""
-        headings = HEADING * self._share * self.space.matrix.T @ self.space.matrix
+        settings = self.settings
+        headings = settings.heading * self._share * self.space.matrix.T @ self.space.matrix
         curvature, unevenness = self._curvature_rows
-        shape = 0.1 * SHAPE * curvature.T @ curvature + SHAPE * unevenness.T @ unevenness
+        change = settings.shape_change * settings.shape
+        shape = change * curvature.T @ curvature + settings.shape * unevenness.T @ unevenness
         way = self.weights.path_length * (self._bends + headings)
         time = self.weights.duration * self._slowed(None if self.slowness is None else self.slowness.speed)
         return self.intervals * (way + time + self.weights.bending * shape + self._ridge)
@@ -62,17 +52,19 @@ class Objective:
     @cached_property
     def second(self) -> FloatArray:
         """Metric of second differences, shape (p, p)."""
-        headings = 0.1 * self._share * self.space.matrix.T @ self.space.matrix
+        settings = self.settings
+        headings = settings.second_heading * self._share * self.space.matrix.T @ self.space.matrix
         turns = self.weights.smoothness * (self._bends + headings)
         time = self.weights.duration * self._slowed(None if self.slowness is None else self.slowness.acceleration)
-        return UNEVENNESS * self.intervals**3 * (turns + time + 0.1 * SHAPE * np.eye(len(self._ridge)))
+        shape = settings.shape_change * settings.shape * np.eye(self.space.dimension)
+        return settings.unevenness * self.intervals**3 * (turns + time + shape)
 
     @cached_property
     def shape(self) -> FloatArray:
         """Metric of the coordinates themselves, shape (p, p)."""
         curvature, unevenness = self._curvature_rows
         bending = curvature.T @ curvature + unevenness.T @ unevenness
-        return self.weights.bending * SHAPE * bending / self.intervals
+        return self.weights.bending * self.settings.shape * bending / self.intervals
 
     @cached_property
     def _share(self) -> float:
@@ -80,24 +72,24 @@ class Objective:
 
     @cached_property
     def _bends(self) -> FloatArray:
-        return self._share * self.bend_rows.T @ self.bend_rows
+        return self._share * self.space.bend_rows.T @ self.space.bend_rows
 
     def _slowed(self, slowness: FloatArray | None) -> FloatArray:
         """The metric of the bends, each measured by what its joint can do."""
         if slowness is None:
             return self._bends
-        rows = slowness[:, None] * self.bend_rows
+        rows = slowness[:, None] * self.space.bend_rows
         return self._share * rows.T @ rows
 
     @cached_property
     def _ridge(self) -> FloatArray:
-        p = self.space.matrix.shape[1]
-        return np.diag(np.where(np.arange(p) <= KNOTS, RIDGE, BLEND))
+        of_curve = np.arange(self.space.dimension) <= KNOTS
+        return np.diag(np.where(of_curve, self.settings.ridge, self.settings.blend))
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
         """Curvature values of the curve and their differences, in nominal links."""
-        curvature = np.zeros((KNOTS, self.space.matrix.shape[1]))
+        curvature = np.zeros((KNOTS, self.space.dimension))
         curvature[:, 1 : KNOTS + 1] = self.space.arm.length / 24.0 * np.eye(KNOTS)
         return curvature, np.diff(curvature, axis=0)
 

@@ -1,95 +1,137 @@
 """The driver: thin a certified motion to few keyframes, optimise them all at once, keep what is certified."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.collision.certificate import Certificate
-from ccm_opt.geometry.polyline import path_length
+from ccm_opt.geometry.polyline import arc_lengths, path_length
+from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
 from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.optimisation.clearance_rows import motion_rows
 from ccm_opt.motion.optimisation.interior_point import interior_point
-from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
-from ccm_opt.motion.optimisation.own_optimise import optimise_own
-from ccm_opt.motion.optimisation.sequential_convex import Program, sequential_convex
-from ccm_opt.motion.optimisation.sweep_regions import WallSegments
+from ccm_opt.motion.optimisation.keyframes import decimated, even_parameters, subdivided
+from ccm_opt.motion.optimisation.optimisation_settings import OptimisationSettings
+from ccm_opt.motion.optimisation.sequential_convex import MotionProgram, sequential_convex
+from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.problem import Weights
 
-INTERVALS = 20
-"""Least number of intervals; a motion that needs more legs to be certified keeps them."""
-LEG_DEPTH = 2
-"""Bisections that a leg of the thinned motion may need for its certificate."""
-MARGIN = 1e-3
-"""Gap that rows ask for beyond contact, as a share of the arm's length."""
-REACH = 2.5
-"""Walls and links farther apart than this many links, at most ``LARGEST_LINK`` of the arm each, make no rows."""
-LARGEST_LINK = 1.0 / 36.0
-"""Share of the arm's length."""
-
-ACTIVE = 1.1
-"""Rows nearer to their bound than this many such links enter the QP."""
+OPTIMISATION = OptimisationSettings()
+"""The settings unless others are given."""
+NO_BREAKS = np.zeros(0)
+"""No path parameters."""
 
 
-def optimise(motion: Motion, task: MotionTask, margin: float = MARGIN) -> Motion:
+def optimise(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
     """Shorten a certified motion in its homotopy class.
 
     Args:
-        motion: piecewise linear in its link space, certified.
-        task: arm, room, goal and deadline.
-        margin: gap that rows ask for beyond contact, as a share of the arm's length.
+        motion: piecewise linear in its link space, certified; its keyframes meet all equations.
+        task: arm, room, goal, limits and deadline.
+        margin: gap that rows ask for beyond contact, as a share of the arm's length; that of the settings when None.
 
     Returns:
         The last certified motion: with a shorter joint path (or whatever the task's weights ask for) and few
         keyframes, with the same start; the given one when nothing shorter was found.
     """
-    certificate = task.certificate
     if task.optimiser == "none" or len(motion.coordinates) < 2 or task.deadline.passed():
         return motion
-    program = _program(motion, task, margin)
-    if task.terms is not None:
-        return optimise_own(motion, task, program)
-    coordinates = thinned(motion, certificate)
-    solve = interior_point if task.optimiser == "interior-point" else sequential_convex
-    optimised = solve(program, coordinates)
-    return _better(motion, optimised, plain=task.weights == Weights())
+    settings = task.settings.optimisation
+    moved = any(limit.moves_keyframes for limit in task.user_limits)
+    whole = _program(motion, task, settings.margin if margin is None else margin)
+    for intervals in settings.moved_intervals if moved else (settings.intervals,):
+        keyframes, u = thinned(motion, task.certificate, settings, intervals, _breaks(task))
+        program = replace(whole, u=u)
+        start = program.restored(keyframes)
+        # Thinned keyframes are certified; those that a limit has moved have to be judged anew.
+        if start is not keyframes and not _certified(program, start):
+            continue
+        if moved:
+            # What is left is the best there is under the limits, even where the found motion was shorter.
+            return _with_keyframes(motion, sequential_convex(program, start), u)
+        solve = interior_point if task.optimiser == "interior-point" else sequential_convex
+        optimised = _with_keyframes(motion, solve(program, start), motion.u)
+        plain = task.weights == Weights()
+        return optimised if not plain or travel(optimised) < travel(motion) else motion
+    return motion
 
 
-def thinned(motion: Motion, certificate: Certificate, intervals: int = INTERVALS) -> FloatArray:
-    """Coordinates at few keyframes on certified legs, at least ``intervals`` of them, shape (K + 1, p)."""
+def _breaks(task: MotionTask) -> FloatArray:
+    """Path parameters that keyframes have to be at, increasing."""
+    return np.array(sorted({u for limit in task.user_limits for u in limit.breaks}))
+
+
+def _certified(program: MotionProgram, coordinates: FloatArray) -> bool:
+    """Whether keyframes, shape (K + 1, p), keep every limit, and so does the motion between them."""
+    sweep = Sweep(program.space, coordinates)
+    return program.holds(sweep, sweep) and len(program.failures(sweep.headings)) == 0
+
+
+def _with_keyframes(motion: Motion, coordinates: FloatArray, u: FloatArray | None) -> Motion:
+    """A motion with other keyframes in the same link space."""
+    return replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates), u=u)
+
+
+def thinned(
+    motion: Motion,
+    certificate: IntervalCertificate,
+    settings: OptimisationSettings = OPTIMISATION,
+    intervals: int | None = None,
+    breaks: FloatArray = NO_BREAKS,
+) -> tuple[FloatArray, FloatArray]:
+    """Coordinates at few keyframes on certified legs, shape (K + 1, p), and their path parameters, shape (K + 1,).
+
+    Args:
+        motion: certified; where it knows its path parameter, the keyframes are at even steps of that.
+        certificate: of the legs.
+        settings: of the legs.
+        intervals: least number of intervals; that of the settings when None.
+        breaks: path parameters that keyframes have to be at, where the motion knows its own.
+    """
     space = motion.space
-    few = decimated(motion.coordinates, lambda v: certificate.failures(space.headings(v), LEG_DEPTH))
-    turns = np.diff(space.arm.bends(space.headings(few)), axis=0)
-    return subdivided(few, np.linalg.norm(turns, axis=1), intervals)
+    intervals = settings.intervals if intervals is None else intervals
+    labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
+    if motion.u is not None:
+        u = even_parameters(intervals, breaks)
+        return np.column_stack([np.interp(u, motion.u, column) for column in motion.coordinates.T]), u
+    judged = partial(certificate.failures, depth=settings.leg_depth)
+    few = decimated(labelled, lambda v: judged(space.headings(v[:, :-1])), settings.first_stride)
+    turns = np.diff(space.bends(space.headings(few[:, :-1])), axis=0)
+    keyframes = subdivided(few, np.linalg.norm(turns, axis=1), intervals)
+    return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
+
+
+def path_parameters(motion: Motion) -> FloatArray:
+    """Path parameter of every keyframe: its own, or its share of the motion's length in joint space, shape (K,)."""
+    if motion.u is not None:
+        return motion.u
+    bends = motion.space.bends(motion.headings)
+    arcs = arc_lengths(bends)
+    shares: FloatArray = arcs / arcs[-1] if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
+    return shares
 
 
 def travel(motion: Motion) -> float:
     """Length of the joint path, Σ |Δq| [rad]."""
-    bends = motion.space.arm.bends(motion.headings)
-    return path_length(bends)
+    return path_length(motion.space.bends(motion.headings))
 
 
-def _program(motion: Motion, task: MotionTask, margin: float) -> Program:
+def _program(motion: Motion, task: MotionTask, margin: float) -> MotionProgram:
+    """The program of a motion, its keyframes still to be chosen."""
+    settings = task.settings.optimisation
     length = task.arm.length
-    link = min(task.arm.link_length, LARGEST_LINK * length)
-    make_rows = partial(
-        motion_rows,
-        workspace=task.workspace,
-        segments=WallSegments.of(task.workspace),
-        margin=margin * length,
-        reach=REACH * link,
-    )
-    return Program(
+    link = min(task.arm.link_length, settings.largest_link * length)
+    return MotionProgram(
         motion.space,
-        task.goal_in(motion.space),
+        task.limited_goal,
         task.goal_headings is not None,
-        make_rows,
-        task.certificate.failures,
-        ACTIVE * link,
+        task.limits(task.finder(margin * length, settings.reach * link)),
+        np.zeros(0),
+        settings.active * link,
         task.deadline,
         normalised(task.weights),
         task.slowness,
+        task.settings,
     )
 
 
@@ -98,9 +140,3 @@ def normalised(weights: Weights) -> Weights:
     largest = max(weights.path_length, weights.smoothness, weights.duration)
     scale = largest if largest > 0.0 else 1.0
     return Weights(**{name: value / scale for name, value in asdict(weights).items()})
-
-
-def _better(motion: Motion, coordinates: FloatArray, *, plain: bool) -> Motion:
-    """The optimised motion; with the plain weights only if it is shorter, else the given one."""
-    optimised = Motion(motion.space, coordinates, motion.space.headings(coordinates), motion.candidate)
-    return optimised if not plain or travel(optimised) < travel(motion) else motion

@@ -5,7 +5,7 @@ their curvature, weighted by the multipliers of the step before, is in the Hessi
 sag are diagonal in headings, so that dropping negative entries is the exact projection onto convex ones.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -15,21 +15,17 @@ import scipy.sparse as sp
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.goal import GoalPose
-from ccm_opt.motion.optimisation.clearance_rows import Rows
-from ccm_opt.motion.optimisation.nearness import Quadratic, SweepCost
+from ccm_opt.motion.limits.clearance_rows import IntervalRows
+from ccm_opt.motion.limits.limit import KeyframeRows, MotionCost, Quadratic
 from ccm_opt.motion.optimisation.objective import Objective
-from ccm_opt.motion.optimisation.own_terms import KeyframeTerms
-from ccm_opt.motion.optimisation.swept_motion import Sweep
-from ccm_opt.motion.step import LIMIT_SHARE
+from ccm_opt.motion.optimisation.optimisation_settings import OptimisationSettings
+from ccm_opt.motion.swept_motion import Sweep
 
 _FREE = 1e30
-_SMALLEST_SLACK_CURVATURE = 1e-6
-_NEAR_LIMIT = 0.25
-"""Bends nearer to their limit than this get rows [rad]."""
 
 
 @dataclass(frozen=True)
-class Curvature:
+class RowCurvature:
     """Second derivatives of the weighted rows, diagonal in headings and in their turns over the intervals.
 
     Attributes:
@@ -41,13 +37,13 @@ class Curvature:
     turns: FloatArray
 
     @classmethod
-    def none(cls, sweep: Sweep) -> "Curvature":
+    def none(cls, sweep: Sweep) -> "RowCurvature":
         """No curvature."""
         return cls(np.zeros_like(sweep.headings), np.zeros_like(sweep.turns))
 
 
 @dataclass(frozen=True)
-class Step:
+class QuadraticStep:
     """The solution of the QP.
 
     Attributes:
@@ -66,7 +62,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class StepProblem:
+class KeyframeProgram:
     """What a step is asked for.
 
     Attributes:
@@ -78,24 +74,28 @@ class StepProblem:
         damping: weight on the squared turns of the links.
         goal: where the tip has to stay.
         end_fixed: whether the last keyframe is fixed.
-        nearness: what nearness to walls, and whatever the user asks for, costs.
-        own: the user's constraints, or None.
+        costs: of a motion beside the objective.
+        keyframe_rows: on single keyframes, that have to hold.
+        keyframe_equations: likewise.
+        settings: of the QP.
     """
 
     sweep: Sweep
     objective: Objective
-    rows: Rows
+    rows: IntervalRows
     prices: FloatArray
-    curvature: Curvature
+    curvature: RowCurvature
     damping: float
     goal: GoalPose
     end_fixed: bool
-    nearness: SweepCost | None = None
-    own: KeyframeTerms | None = None
+    costs: tuple[MotionCost, ...] = ()
+    keyframe_rows: tuple[KeyframeRows, ...] = ()
+    keyframe_equations: tuple[KeyframeRows, ...] = ()
+    settings: OptimisationSettings = field(default_factory=OptimisationSettings)
 
     @cached_property
-    def _near(self) -> Quadratic | None:
-        return None if self.nearness is None else self.nearness.model(self.sweep)
+    def _cost_models(self) -> list[Quadratic]:
+        return [cost.model(self.sweep) for cost in self.costs]
 
     @property
     def unit(self) -> float:
@@ -105,22 +105,37 @@ class StepProblem:
     @property
     def width(self) -> int:
         """Unknowns of one stage: coordinates and slack."""
-        return int(self.sweep.space.matrix.shape[1]) + 1
+        return self.sweep.space.dimension + 1
 
-    def solve(self) -> Step:
+    def solve(self) -> QuadraticStep:
         """Solve the QP."""
-        intervals, p, unit = len(self.sweep.turns), self.width - 1, self.unit
-        result = _solve(self.hessian(), self.gradient(), self.end_rows(), *self.inequalities(), self.lower_bounds())
+        intervals = len(self.sweep.turns)
+        p = self.width - 1
+        unit = self.unit
+        matrix, lower, upper = self.inequalities()
+        result = _solve(
+            self.hessian(),
+            self.gradient(),
+            self.end_rows(),
+            matrix,
+            lower,
+            upper,
+            self.lower_bounds(),
+            self.settings,
+        )
         x = np.asarray(result.x).reshape(intervals, self.width)
         pull = np.zeros(2) if self.end_fixed else np.asarray(result.y)[:2] / unit
         multipliers = np.maximum(np.asarray(result.z_u)[: len(self.rows)], 0.0) / unit
         solved = result.info.status == piqp.PIQP_SOLVED and bool(np.isfinite(x).all())
-        return Step(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p], 0.0), multipliers, pull, solved)
+        return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p], 0.0), multipliers, pull, solved)
 
     def hessian(self) -> Any:
         """Hessian, block-banded, shape (K width, K width)."""
-        intervals, p = len(self.sweep.turns), self.width - 1
-        blocks, columns, starts = [], [], [0]
+        intervals = len(self.sweep.turns)
+        p = self.width - 1
+        blocks = []
+        columns = []
+        starts = [0]
         diagonal, beside = self._row_blocks()
         for k in range(1, intervals + 1):
             for m in range(max(1, k - 2), min(intervals, k + 2) + 1):
@@ -128,7 +143,7 @@ class StepProblem:
                 block[:p, :p] = self.objective.block(k, m)
                 if m == k:
                     block[:p, :p] += diagonal[k]
-                    block[p, p] = _SMALLEST_SLACK_CURVATURE
+                    block[p, p] = self.settings.slack_curvature
                 elif abs(m - k) == 1:
                     block[:p, :p] -= beside[min(k, m)]
                     block[:p, :p] += self._between(k, m)
@@ -139,10 +154,10 @@ class StepProblem:
         return sp.bsr_matrix((np.array(blocks), columns, starts), shape=(size, size)).tocsc()
 
     def _between(self, k: int, m: int) -> FloatArray:
-        """Block that nearness to walls adds between neighbouring keyframes."""
-        if self._near is None:
-            return np.zeros((self.width - 1, self.width - 1))
-        block: FloatArray = self._near.above[k] if m > k else self._near.above[m].T
+        """Block that costs add between neighbouring keyframes."""
+        block = np.zeros((self.width - 1, self.width - 1))
+        for model in self._cost_models:
+            block += model.above[k] if m > k else model.above[m].T
         return block
 
     def _row_blocks(self) -> tuple[FloatArray, FloatArray]:
@@ -150,18 +165,18 @@ class StepProblem:
         matrix = self.sweep.space.matrix
         beside = np.einsum("np,kn,nq->kpq", matrix, np.maximum(self.curvature.turns, 0.0), matrix)
         diagonal = np.einsum("np,kn,nq->kpq", matrix, np.maximum(self.curvature.headings, 0.0), matrix)
-        diagonal += self.damping * (matrix.T @ matrix + 1e-3 * np.eye(matrix.shape[1]))
+        diagonal += self.damping * (matrix.T @ matrix + self.settings.damping_ridge * np.eye(matrix.shape[1]))
         diagonal[1:] += beside
         diagonal[:-1] += beside
-        if self._near is not None:
-            diagonal += self._near.diagonal
+        for model in self._cost_models:
+            diagonal += model.diagonal
         return diagonal, beside
 
     def gradient(self) -> FloatArray:
         """Gradient, shape (K width,)."""
         gradient = self.objective.gradient(self.sweep.coordinates)
-        if self._near is not None:
-            gradient = gradient + self._near.gradient
+        for model in self._cost_models:
+            gradient = gradient + model.gradient
         return np.column_stack((gradient[1:], self.prices)).ravel()
 
     def lower_bounds(self) -> FloatArray:
@@ -182,11 +197,12 @@ class StepProblem:
         else:
             rows[:2, last] = self.sweep.jacobians[-1, links] / self.unit
             rows[2:, last] = self.sweep.space.matrix[-1]
-        if self.own is None:
-            return sp.csc_matrix(rows)
-        keyframe, slopes = self.own.equations(self.sweep)
-        moves = (keyframe < len(self.sweep.turns)) | (not self.end_fixed)
-        return sp.vstack((sp.csc_matrix(rows), self._at_keyframes(keyframe[moves], slopes[moves]))).tocsc()
+        parts = [sp.csc_matrix(rows)]
+        for equations in self.keyframe_equations:
+            # A fixed end meets them already; the same row twice would make the equations dependent.
+            moves = (equations.keyframe < len(self.sweep.turns)) | (not self.end_fixed)
+            parts.append(self._at_keyframes(equations.keyframe[moves], equations.slopes[moves]))
+        return sp.vstack(parts).tocsc()
 
     def _at_keyframes(self, keyframe: IntArray, slopes: FloatArray) -> Any:
         """Rows of single keyframes after the first, each slope of shape (p,)."""
@@ -196,22 +212,18 @@ class StepProblem:
         return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, len(self.sweep.turns) * self.width))
 
     def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
-        """Matrix, lower and upper bounds of the rows (less their interval's slack) and of the joint limits."""
+        """Matrix, lower and upper bounds of the rows (less their interval's slack) and of those on keyframes."""
         data, row, column = self._row_entries()
-        limits, keyframe, joint = self._joint_limits()
-        p, m = self.width - 1, len(self.rows)
-        data = np.concatenate((data, self.objective.bend_rows[joint].ravel()))
-        row = np.concatenate((row, np.repeat(m + np.arange(len(joint)), p)))
-        column = np.concatenate((column, ((keyframe - 1)[:, None] * self.width + np.arange(p)).ravel()))
-        shape = (m + len(joint), len(self.sweep.turns) * self.width)
-        lower = np.concatenate((np.full(m, -_FREE), limits[0]))
-        upper = np.concatenate((-self.rows.values(self.sweep) / self.unit, limits[1]))
-        matrix = sp.csc_matrix((data, (row, column)), shape=shape)
-        if self.own is None:
-            return matrix, lower, upper
-        keyframe, slopes, least = self.own.gaps(self.sweep)
-        matrix = sp.vstack((matrix, self._at_keyframes(keyframe, slopes))).tocsc()
-        return matrix, np.concatenate((lower, least)), np.concatenate((upper, np.full(len(least), _FREE)))
+        m = len(self.rows)
+        shape = (m, len(self.sweep.turns) * self.width)
+        matrices = [sp.csc_matrix((data, (row, column)), shape=shape)]
+        lower = [np.full(m, -_FREE)]
+        upper = [-self.rows.values(self.sweep) / self.unit]
+        for rows in self.keyframe_rows:
+            matrices.append(self._at_keyframes(rows.keyframe, rows.slopes))
+            lower.append(rows.lower)
+            upper.append(rows.upper)
+        return sp.vstack(matrices).tocsc(), np.concatenate(lower), np.concatenate(upper)
 
     def _row_entries(self) -> tuple[FloatArray, IntArray, IntArray]:
         """Entries of the linearised rows as (data, row, column); the first keyframe is fixed and has no columns."""
@@ -225,29 +237,27 @@ class StepProblem:
         row, place = np.nonzero(data)
         return data[row, place], row, columns[row, place]
 
-    def _joint_limits(self) -> tuple[tuple[FloatArray, FloatArray], IntArray, IntArray]:
-        """Bounds on the change of bends near their limits, with keyframe and joint of each."""
-        arm = self.sweep.space.arm
-        limits = np.broadcast_to(LIMIT_SHARE * arm.bend_limits, self.sweep.headings.shape)
-        bends = arm.bends(self.sweep.headings)
-        near = np.abs(bends) + _NEAR_LIMIT > limits
-        near[0] = False
-        keyframe, joint = np.nonzero(near)
-        bounds = np.minimum((-limits - bends)[near], 0.0), np.maximum((limits - bends)[near], 0.0)
-        return bounds, keyframe, joint
-
 
 def _solve(
-    hessian: Any, gradient: FloatArray, equal: Any, matrix: Any, lower: FloatArray, upper: FloatArray, least: FloatArray
+    hessian: Any,
+    gradient: FloatArray,
+    equal: Any,
+    matrix: Any,
+    lower: FloatArray,
+    upper: FloatArray,
+    least: FloatArray,
+    options: OptimisationSettings,
 ) -> Any:
     """Solve min ½ xᵀHx + gᵀx, equal x = 0, lower ≤ matrix x ≤ upper, x ≥ least."""
     solver = piqp.SparseSolver()
     settings = solver.settings
     settings.verbose = False
     settings.kkt_solver = piqp.sparse_multistage
-    settings.eps_abs = settings.eps_rel = 1e-5
-    settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = 1e-3, 1e-4
-    settings.max_iter = 60
+    settings.eps_abs = options.qp_tolerance
+    settings.eps_rel = options.qp_tolerance
+    settings.eps_duality_gap_abs = options.qp_gap
+    settings.eps_duality_gap_rel = 0.1 * options.qp_gap
+    settings.max_iter = options.qp_iterations
     most = np.full(len(gradient), _FREE)
     solver.setup(hessian, gradient, equal, np.zeros(equal.shape[0]), matrix, lower, upper, least, most)
     solver.solve()

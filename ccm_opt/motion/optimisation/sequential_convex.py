@@ -4,113 +4,113 @@ Every iterate is certified: a step that the certificate refuses is shortened, th
 homotopy class, and the last iterate is always fit for use.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.continuation import Deadline
-from ccm_opt.motion.goal import POLISH_TOLERANCE, GoalPose, polish
+from ccm_opt.motion.goal import GoalPose, polish
+from ccm_opt.motion.limits.clearance_rows import IntervalRows, joined_rows, representatives
+from ccm_opt.motion.limits.limit import Limit, MotionCost
+from ccm_opt.motion.limits.motion_certificate import failures_of
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.motion_task import Slowness
-from ccm_opt.motion.optimisation.clearance_rows import Rows, representatives
-from ccm_opt.motion.optimisation.nearness import DISTANCE, Nearness, SweepCost
+from ccm_opt.motion.motion_settings import MotionSettings
+from ccm_opt.motion.motion_task import JointSlowness
+from ccm_opt.motion.optimisation.nearness import WallNearness
 from ccm_opt.motion.optimisation.objective import Objective
-from ccm_opt.motion.optimisation.own_terms import CostSum, KeyframeTerms
-from ccm_opt.motion.optimisation.quadratic_step import Curvature, Step, StepProblem
-from ccm_opt.motion.optimisation.swept_motion import Sweep
-from ccm_opt.motion.step import LIMIT_SHARE, pose_in
+from ccm_opt.motion.optimisation.optimisation_settings import OptimisationSettings
+from ccm_opt.motion.optimisation.quadratic_step import KeyframeProgram, QuadraticStep, RowCurvature
+from ccm_opt.motion.pose import pose_in
+from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.problem import Weights
 
-PRICE, RISE = 30.0, 4.0
-"""First price of one nominal link (24 to the arm) of slack, and its rise where the certificate fails."""
-GROUPS = 36
-"""Arms with more links than this have rows for groups of neighbouring joints."""
-ROUNDS = 14
-TRIES = 5
-"""QPs of one round before it is given up."""
-WORTH = 3e-3
-"""Share of the objective that a round has to gain."""
-PATIENCE = 2
-"""Rounds in a row that may gain less."""
-FIRST_DAMPING = 0.3
-LEAST_DAMPING = 1e-4
-SHORTENINGS = (1.0, 0.5, 0.25)
-_SUFFICIENT, _GOOD = 0.1, 0.6
 
-Failures = Callable[[FloatArray], IntArray]
-"""Intervals of a piecewise-linear motion of link headings, shape (K + 1, n), that are not certified."""
-MakeRows = Callable[[Sweep], Rows]
-"""Rows from the sweep regions of a motion."""
-
-
-@dataclass(frozen=True)
-class Program:
-    """A motion to be optimised.
+@dataclass(frozen=True, eq=False)
+class MotionProgram:
+    """A motion to be optimised: it stacks what the limits contribute, and knows none of them.
 
     Attributes:
         space: the link space.
         goal: where the tip has to stay.
         end_fixed: whether the last keyframe is fixed.
-        make_rows: builds the rows about a motion.
-        failures: the certificate.
+        limits: all that the motion has to keep.
+        u: path parameter of the keyframes, shape (K + 1,).
         active: rows nearer to their bound than this enter the QP [m].
         deadline: when to stop.
         weights: how much each part of the objective counts.
         slowness: of the joints.
-        own: the user's constraints and costs, or None.
+        settings: of the search for a motion.
     """
 
     space: LinkSpace
     goal: GoalPose
     end_fixed: bool
-    make_rows: MakeRows
-    failures: Failures
+    limits: tuple[Limit, ...]
+    u: FloatArray
     active: float
     deadline: Deadline
     weights: Weights = field(default_factory=Weights)
-    slowness: Slowness | None = None
-    own: KeyframeTerms | None = None
+    slowness: JointSlowness | None = None
+    settings: MotionSettings = field(default_factory=MotionSettings)
 
-    def objective(self, intervals: int) -> Objective:
+    @property
+    def objective(self) -> Objective:
         """The quadratic part of the objective."""
-        return Objective(self.space, intervals, self.weights, self.slowness)
+        return Objective(self.space, len(self.u) - 1, self.weights, self.slowness, self.settings.objective)
 
-    def nearness(self, rows: Rows, sweep: Sweep) -> Nearness | None:
-        """What nearness to walls costs by the tightest wall rows of a motion; None when it does not matter."""
+    def rows(self, sweep: Sweep) -> IntervalRows:
+        """All rows over intervals about a motion."""
+        return joined_rows([rows for limit in self.limits for rows in limit.interval_rows(sweep)])
+
+    def nearness(self, rows: IntervalRows, sweep: Sweep) -> tuple[WallNearness, ...]:
+        """What nearness to walls costs by the tightest wall rows of a motion; nothing when it does not matter."""
         if self.weights.clearance == 0.0:
-            return None
-        distance = DISTANCE * self.space.arm.length
+            return ()
+        distance = self.settings.objective.wall_distance * self.space.arm.length
         walls = rows.take(rows.minus == 0)
-        return Nearness(active_rows(walls, sweep, distance), self.weights.clearance, distance)
+        return (WallNearness(self.active_rows(walls, sweep, distance), self.weights.clearance, distance),)
 
-    def beside(self, rows: Rows, sweep: Sweep) -> SweepCost | None:
-        """All costs beside the quadratic objective; None when there are none."""
-        parts = [part for part in (self.nearness(rows, sweep), self.own) if part is not None]
-        return CostSum(tuple(parts)) if parts else None
+    def costs(self, rows: IntervalRows, sweep: Sweep) -> tuple[MotionCost, ...]:
+        """All costs beside the quadratic objective."""
+        of_limits = [cost for limit in self.limits for cost in limit.costs(self.space, self.u)]
+        return (*self.nearness(rows, sweep), *of_limits)
+
+    def active_rows(self, rows: IntervalRows, sweep: Sweep, within: float) -> IntervalRows:
+        """The rows that a step may meet, thinned to one for each joint, or group of joints, and direction."""
+        settings = self.settings.optimisation
+        values = rows.values(sweep)
+        near = np.flatnonzero(values > -within)
+        near_rows = rows.take(near)
+        group = -(-self.space.arm.links // settings.groups)  # rounded up
+        return near_rows.take(representatives(near_rows, values[near], group, settings.sectors))
+
+    def restored(self, coordinates: FloatArray) -> FloatArray:
+        """The keyframes brought back onto the limits, shape (K + 1, p); the same array where no limit moves them."""
+        for limit in self.limits:
+            coordinates = limit.restored_keyframes(self.space, coordinates, self.u)
+        return coordinates
 
     def ended(self, coordinates: FloatArray) -> FloatArray:
-        """The coordinates with the keyframes on the user's equations and the last one polished onto the goal."""
-        if self.own is not None:
-            coordinates = self.own.returned(coordinates)
+        """The coordinates with the keyframes on the limits and the last one polished onto the goal."""
+        coordinates = self.restored(coordinates)
         if not self.end_fixed:
             coordinates[-1] = polish(self.space, self.goal, coordinates[-1])
         return coordinates
 
+    def holds(self, sweep: Sweep, before: Sweep) -> bool:
+        """Whether a motion's keyframes keep every limit as well as those of another motion did, or better."""
+        return all(limit.holds(sweep, before, self.u) for limit in self.limits)
+
     def feasible(self, sweep: Sweep, before: Sweep) -> bool:
-        """Whether a motion keeps the joint limits and ends on the goal."""
-        arm = self.space.arm
-        allowed = np.maximum(0.5 * (1.0 + LIMIT_SHARE) * arm.bend_limits, np.abs(arm.bends(before.headings)))
-        if np.any(np.abs(arm.bends(sweep.headings)) > np.minimum(allowed, arm.bend_limits)):
+        """Whether a motion keeps the limits and ends on the goal."""
+        if not self.holds(sweep, before):
             return False
-        if self.own is not None and not self.own.met(sweep):
-            return False
-        end = pose_in(self.space, sweep.coordinates[-1])
-        return self.end_fixed or max(self.goal.errors(end)) <= _GOAL_ERROR
+        return self.end_fixed or self.goal.on_goal(pose_in(self.space, sweep.coordinates[-1]))
 
-
-_GOAL_ERROR = 10.0 * POLISH_TOLERANCE
+    def failures(self, headings: FloatArray) -> IntArray:
+        """Intervals of a motion, link headings of shape (K + 1, links) [rad], that are not certified."""
+        return failures_of(self.limits, headings)
 
 
 @dataclass(frozen=True)
@@ -126,46 +126,53 @@ class _Iterate:
     """
 
     sweep: Sweep
-    curvature: Curvature
+    curvature: RowCurvature
     damping: float
     prices: FloatArray
     gained: float = 0.0
 
 
-def sequential_convex(program: Program, coordinates: FloatArray, rounds: int = ROUNDS) -> FloatArray:
+def sequential_convex(program: MotionProgram, coordinates: FloatArray) -> FloatArray:
     """Optimise a certified motion.
 
     Args:
         program: what to keep.
         coordinates: at the keyframes, shape (K + 1, p).
-        rounds: most steps taken.
 
     Returns:
         The last iterate's coordinates, shape (K + 1, p); certified.
     """
-    objective = program.objective(len(coordinates) - 1)
+    settings = program.settings.optimisation
+    moved = any(limit.moves_keyframes for limit in program.limits)
+    objective = program.objective
     sweep = Sweep(program.space, coordinates)
-    iterate, idle = _Iterate(sweep, Curvature.none(sweep), FIRST_DAMPING, np.full(len(sweep.turns), PRICE)), 0
-    for _ in range(rounds):
+    prices = np.full(len(sweep.turns), settings.price)
+    iterate = _Iterate(sweep, RowCurvature.none(sweep), settings.first_damping, prices)
+    idle = 0
+    for _ in range(settings.moved_rounds if moved else settings.rounds):
         before = objective.value(iterate.sweep.coordinates)
         following = _round(program, objective, iterate)
         if following is None:
             break
         iterate = following
-        idle = idle + 1 if iterate.gained < WORTH * before else 0
-        if idle >= PATIENCE or program.deadline.passed():
+        idle = idle + 1 if iterate.gained < settings.worth * before else 0
+        if idle >= settings.patience or program.deadline.passed():
             break
     return iterate.sweep.coordinates
 
 
-def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterate | None:
+def _round(program: MotionProgram, objective: Objective, iterate: _Iterate) -> _Iterate | None:
     """One accepted step, or None when none is."""
-    rows = program.make_rows(iterate.sweep)
-    active = active_rows(rows, iterate.sweep, program.active)
-    nearness = program.beside(rows, iterate.sweep)
-    for _ in range(TRIES):
-        problem = StepProblem(
-            iterate.sweep,
+    settings = program.settings.optimisation
+    sweep = iterate.sweep
+    rows = program.rows(sweep)
+    active = program.active_rows(rows, sweep, program.active)
+    costs = program.costs(rows, sweep)
+    keyframe_rows = tuple(each for limit in program.limits for each in limit.keyframe_rows(sweep, program.u))
+    equations = tuple(each for limit in program.limits for each in limit.keyframe_equations(sweep, program.u))
+    for _ in range(settings.tries):
+        problem = KeyframeProgram(
+            sweep,
             objective,
             active,
             iterate.prices,
@@ -173,8 +180,10 @@ def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterat
             iterate.damping,
             program.goal,
             program.end_fixed,
-            nearness,
-            program.own,
+            costs,
+            keyframe_rows,
+            equations,
+            settings,
         )
         step = problem.solve()
         following, failing = _part_taken(program, rows, problem, step) if step.solved else (None, _NONE)
@@ -183,65 +192,64 @@ def _round(program: Program, objective: Objective, iterate: _Iterate) -> _Iterat
         if program.deadline.passed():
             return None
         prices = iterate.prices.copy()
-        prices[failing] *= RISE
-        iterate = replace(iterate, damping=6.0 * max(iterate.damping, 0.05), prices=prices)
+        prices[failing] *= settings.price_rise
+        damping = settings.refused_growth * max(iterate.damping, settings.raised_damping)
+        iterate = replace(iterate, damping=damping, prices=prices)
     return None
 
 
 _NONE = np.zeros(0, dtype=np.intp)
+"""No intervals."""
 
 
-def active_rows(rows: Rows, sweep: Sweep, within: float) -> Rows:
-    """The rows that a step may meet, thinned to one for each joint, or group of joints, and direction."""
-    values = rows.values(sweep)
-    near = np.flatnonzero(values > -within)
-    near_rows = rows.take(near)
-    return near_rows.take(representatives(near_rows, values[near], -(-sweep.space.arm.links // GROUPS)))
-
-
-def _part_taken(program: Program, rows: Rows, problem: StepProblem, step: Step) -> tuple[_Iterate | None, IntArray]:
+def _part_taken(
+    program: MotionProgram, rows: IntervalRows, problem: KeyframeProgram, step: QuadraticStep
+) -> tuple[_Iterate | None, IntArray]:
     """The longest part of a step that lowers the merit as foreseen and is certified, and where longer ones failed."""
-    start, failed = problem.sweep, _NONE
+    settings = program.settings.optimisation
+    start = problem.sweep
+    failed = _NONE
     before = merit(problem, rows, start)
     foreseen = before - _foreseen_cost(problem, step) - float(problem.prices @ step.slack)
-    for share in SHORTENINGS:
+    for share in settings.shortenings:
         sweep = Sweep(program.space, program.ended(start.coordinates + share * step.change))
         gain = (before - merit(problem, rows, sweep)) / max(share * foreseen, 1e-12)
-        if gain <= _SUFFICIENT or not program.feasible(sweep, start):
+        if gain <= settings.sufficient or not program.feasible(sweep, start):
             continue
         failing = program.failures(sweep.headings)
         if len(failing) == 0:
-            curvature = Curvature(*problem.rows.curvature(sweep, step.multipliers, step.pull))
+            curvature = RowCurvature(*problem.rows.curvature(sweep, step.multipliers, step.pull))
             prices = problem.prices.copy()
-            prices[failed] *= RISE
+            prices[failed] *= settings.price_rise
             gained = _cost(problem, start) - _cost(problem, sweep)
-            return _Iterate(sweep, curvature, _damping(problem.damping, share, gain), prices, gained), failed
+            return _Iterate(sweep, curvature, _damping(problem.damping, share, gain, settings), prices, gained), failed
         failed = failing
     return None, failed
 
 
-def _foreseen_cost(problem: StepProblem, step: Step) -> float:
+def _foreseen_cost(problem: KeyframeProgram, step: QuadraticStep) -> float:
     """The objective after a whole step, as the QP sees it."""
-    cost = problem.objective.value(problem.sweep.coordinates + step.change)
-    near = problem.nearness
-    return cost if near is None else cost + near.foreseen(problem.sweep, step.change)
+    value = problem.objective.value(problem.sweep.coordinates + step.change)
+    return value + sum(cost.foreseen(problem.sweep, step.change) for cost in problem.costs)
 
 
-def _cost(problem: StepProblem, sweep: Sweep) -> float:
+def _cost(problem: KeyframeProgram, sweep: Sweep) -> float:
     """The objective of a motion."""
-    cost = problem.objective.value(sweep.coordinates)
-    return cost if problem.nearness is None else cost + problem.nearness.value(sweep)
+    return problem.objective.value(sweep.coordinates) + sum(cost.value(sweep) for cost in problem.costs)
 
 
-def merit(problem: StepProblem, rows: Rows, sweep: Sweep) -> float:
+def merit(problem: KeyframeProgram, rows: IntervalRows, sweep: Sweep) -> float:
     """Objective plus the price of the worst row of every interval."""
     worst = np.zeros(len(sweep.turns))
     np.maximum.at(worst, rows.interval, rows.values(sweep) / problem.unit)
     return _cost(problem, sweep) + float(problem.prices @ worst)
 
 
-def _damping(damping: float, share: float, gain: float) -> float:
+def _damping(damping: float, share: float, gain: float, settings: OptimisationSettings) -> float:
     """More damping after a shortened step, less after a good one."""
     if share < 1.0:
-        return max(damping, 0.05) * (2.0 if share >= 0.5 else 3.0)
-    return max(damping / 3.0, LEAST_DAMPING) if gain > _GOOD else damping
+        growth = settings.halved_growth if share >= 0.5 else settings.shortened_growth
+        return max(damping, settings.raised_damping) * growth
+    if gain > settings.good:
+        return max(damping / settings.good_shrinkage, settings.least_damping)
+    return damping

@@ -12,10 +12,10 @@ from enum import IntEnum
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.collision.certificate import Certificate
 from ccm_opt.motion.continuation import Deadline, Guide, Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.step import Pose, Stepper, Term
 from ccm_opt.motion.tip_paths import TipPath
@@ -54,7 +54,7 @@ class TreeTask:
     goal: GoalPose
     goal_poses: Iterator[Pose]
     tip_paths: tuple[TipPath, ...]
-    certificate: Certificate
+    certificate: IntervalCertificate
     deadline: Deadline
     seed: int = 0
 

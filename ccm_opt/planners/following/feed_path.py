@@ -12,7 +12,7 @@ from ccm_opt.collision.contacts import ContactFinder, Contacts
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.motion_task import SPARE
+from ccm_opt.motion.search_settings import SearchSettings
 from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.gating import straight_while_held
@@ -42,7 +42,9 @@ class FeedMotions:
         """The certificate that motions must pass."""
         # Ends that touch may be left by motions that touch no deeper; else a little more than contact is asked for.
         contact = allowed_contact(self.arm, self.workspace)
-        spare = np.clip(self.settings.end_gap_share * self.gap - contact, -contact, SPARE * self.arm.length)
+        spare = np.clip(
+            self.settings.end_gap_share * self.gap - contact, -contact, SearchSettings().spare * self.arm.length
+        )
         return Certificate(self.arm, self.workspace, float(spare))
 
     def contacts(self, q: FloatArray) -> tuple[Contacts, ContactFinder, bool]:

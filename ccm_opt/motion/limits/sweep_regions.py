@@ -15,7 +15,7 @@ import shapely
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.motion.optimisation.swept_motion import Sweep
+from ccm_opt.motion.swept_motion import Sweep
 
 _TOUCHING = 1e-6
 """Hulls nearer to a wall than this have no shortest line to speak of [m]."""
@@ -34,7 +34,7 @@ class WallSegments:
     rounding: FloatArray
 
     @classmethod
-    def of(cls, workspace: Workspace) -> "WallSegments":
+    def from_workspace(cls, workspace: Workspace) -> "WallSegments":
         """The segments of a workspace's walls."""
         walls = Walls.of(workspace)
         lone = ~np.isin(walls.vertex_wall, walls.edge_wall)

@@ -15,16 +15,13 @@ import numpy as np
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.collision.contacts import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.optimisation.sweep_regions import HalfPlanes, WallSegments, sweep_regions
-from ccm_opt.motion.optimisation.swept_motion import Sweep, mount_end
-
-SECTORS = 12
-"""Directions that count as different when rows are thinned."""
+from ccm_opt.motion.limits.sweep_regions import HalfPlanes, WallSegments, sweep_regions
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.swept_motion import Sweep
 
 
 @dataclass(frozen=True)
-class Rows:
+class IntervalRows:
     """Rows g ≤ 0 over a motion; all arrays have length m.
 
     Attributes:
@@ -50,9 +47,9 @@ class Rows:
     def __len__(self) -> int:
         return len(self.interval)
 
-    def take(self, mask: BoolArray | IntArray) -> "Rows":
+    def take(self, mask: BoolArray | IntArray) -> "IntervalRows":
         """The rows selected by a mask."""
-        return Rows(*(getattr(self, name)[mask] for name in self.__dataclass_fields__))
+        return IntervalRows(*(getattr(self, name)[mask] for name in self.__dataclass_fields__))
 
     def values(self, sweep: Sweep) -> FloatArray:
         """Values of every row, shape (m,) [m]."""
@@ -82,34 +79,34 @@ class Rows:
         Returns:
             Of the positions by the headings, shape (K + 1, n), any sign; of the sag by the turns, shape (K, n).
         """
-        l, (keyframes, links) = sweep.space.arm.link_length, sweep.headings.shape
+        space = sweep.space
+        keyframes, links = sweep.headings.shape
         forces = np.zeros((keyframes, links + 2, 2))
         forces[-1, 0] = pull
         weighted = multipliers[:, None] * self.normal
         np.add.at(forces, (self.interval + self.side, self.minus), weighted)
         np.add.at(forces, (self.interval + self.side, self.plus), -weighted)
-        link, share = mount_end(sweep.space.arm)
+        link, share = space.mount_end
         forces[:, link] += (1.0 - share) * forces[:, -1]
         forces[:, link + 1] += share * forces[:, -1]
-        forces = np.cumsum(forces[:, :links], axis=1)
-        bend = -l * (np.cos(sweep.headings) * forces[..., 0] + np.sin(sweep.headings) * forces[..., 1])
         sag = np.zeros((keyframes - 1, links + 1))
         np.add.at(sag, (self.interval, self.low), multipliers)
         np.add.at(sag, (self.interval, self.high), -multipliers)
-        return bend, 0.25 * l * np.cumsum(sag, axis=1)[:, :links]
+        return space.position_curvature(sweep.headings, forces), space.sag_curvature(sag)
 
 
-def representatives(rows: Rows, values: FloatArray, group: int) -> IntArray:
+def representatives(rows: IntervalRows, values: FloatArray, group: int, sectors: int) -> IntArray:
     """Indices of the tightest row for each interval side, group of neighbouring joints and direction.
 
     Args:
         rows: the rows.
         values: of the rows, shape (m,).
         group: number of joints in a group.
+        sectors: directions that count as different.
     """
-    sector = np.floor(np.arctan2(rows.normal[:, 1], rows.normal[:, 0]) * SECTORS / (2.0 * np.pi)).astype(np.intp)
+    sector = np.floor(np.arctan2(rows.normal[:, 1], rows.normal[:, 0]) * sectors / (2.0 * np.pi)).astype(np.intp)
     against_wall = rows.minus == 0
-    keys = (2 * rows.interval + rows.side, rows.plus // group, rows.minus // group, against_wall, sector % SECTORS)
+    keys = (2 * rows.interval + rows.side, rows.plus // group, rows.minus // group, against_wall, sector % sectors)
     order = np.lexsort((-values, *keys))
     changes = [np.diff(key[order].astype(np.intp)) != 0 for key in keys]
     first = np.concatenate(([True], np.any(changes, axis=0)))[: len(order)]
@@ -117,12 +114,16 @@ def representatives(rows: Rows, values: FloatArray, group: int) -> IntArray:
     return chosen
 
 
-def join(parts: list[Rows]) -> Rows:
+def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
     """All rows of several lists."""
-    return Rows(*(np.concatenate([getattr(p, name) for p in parts]) for name in Rows.__dataclass_fields__))
+    return IntervalRows(
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in IntervalRows.__dataclass_fields__)
+    )
 
 
-def motion_rows(sweep: Sweep, workspace: Workspace, segments: WallSegments, margin: float, reach: float) -> Rows:
+def motion_rows(
+    sweep: Sweep, workspace: Workspace, segments: WallSegments, margin: float, reach: float
+) -> IntervalRows:
     """All rows of a motion, from regions about its own sweep; poses at the fixed start keep clear without margin.
 
     Args:
@@ -133,29 +134,31 @@ def motion_rows(sweep: Sweep, workspace: Workspace, segments: WallSegments, marg
         reach: what is farther apart makes no rows [m].
     """
     arm = sweep.space.arm
-    planes = sweep_regions(sweep, segments, mount_end(arm)[0], reach)
+    planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach)
     need = arm.radius + workspace.clearance + margin
-    rows = join([wall_rows(planes, arm, need), self_rows(sweep, reach, margin)])
+    rows = joined_rows([wall_rows(planes, sweep.space, need), self_rows(sweep, reach, margin)])
     at_start = rows.interval + rows.side == 0
     return replace(rows, constant=rows.constant - margin * at_start)
 
 
-def wall_rows(planes: HalfPlanes, arm: Arm, need: float) -> Rows:
+def wall_rows(planes: HalfPlanes, space: LinkSpace, need: float) -> IntervalRows:
     """Rows that hold both ends of a link, at both ends of its interval, behind half-planes.
 
     Args:
         planes: the half-planes.
-        arm: the arm.
+        space: the link space.
         need: distance to keep from the half-plane [m].
     """
-    mounted, share = mount_end(arm)
-    m, parts = len(planes.link), []
+    arm = space.arm
+    mounted, share = space.mount_end
+    m = len(planes.link)
+    parts = []
     for end in (0, 1):
         cut = (planes.link == mounted) & (end == 0) & (share > 0.0)
         point = np.where(cut, arm.links + 1, planes.link + end)
         moves = point > 0
         for side in (0, 1):
-            rows = Rows(
+            rows = IntervalRows(
                 planes.interval,
                 np.full(m, side),
                 point,
@@ -166,10 +169,10 @@ def wall_rows(planes: HalfPlanes, arm: Arm, need: float) -> Rows:
                 planes.normal @ arm.base + need - planes.bound,
             )
             parts.append(rows.take(moves))
-    return join(parts)
+    return joined_rows(parts)
 
 
-def self_rows(sweep: Sweep, reach: float, margin: float) -> Rows:
+def self_rows(sweep: Sweep, reach: float, margin: float) -> IntervalRows:
     """Rows that keep distant links apart along the direction that is closest half-way through the interval.
 
     Args:
@@ -178,8 +181,7 @@ def self_rows(sweep: Sweep, reach: float, margin: float) -> Rows:
         margin: gap to keep beyond two radii, where the links between leave that much [m].
     """
     arm = sweep.space.arm
-    pairs = np.triu_indices(arm.links, arm.first_self_pair) if arm.self_collision else (np.zeros(0, dtype=np.intp),) * 2
-    interval, i, j = _near_pairs(sweep, *pairs, reach + 2.0 * arm.radius)
+    interval, i, j = _near_pairs(sweep, *sweep.space.self_pairs, reach + 2.0 * arm.radius)
     p = sweep.middles[interval]
     m = np.arange(len(interval))
     _, _, apart = closest_on_segments(p[m, i], p[m, i + 1], p[m, j], p[m, j + 1])
@@ -188,9 +190,9 @@ def self_rows(sweep: Sweep, reach: float, margin: float) -> Rows:
     interval, i, j, apart, distance = interval[close], i[close], j[close], apart[close], distance[close]
     normal = apart / np.maximum(distance, 1e-12)[:, None]
     need = 2.0 * arm.radius + np.clip(0.2 * ((j - i - 1) * arm.link_length - 2.0 * arm.radius), 0.0, margin)
-    return join(
+    return joined_rows(
         [
-            Rows(interval, np.full(len(i), side), j + t, i + s, j + 1, i, normal, need)
+            IntervalRows(interval, np.full(len(i), side), j + t, i + s, j + 1, i, normal, need)
             for side in (0, 1)
             for t in (0, 1)
             for s in (0, 1)

@@ -6,7 +6,6 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.link_space import LinkSpace
 
 
@@ -45,36 +44,21 @@ class Sweep:
 
     @cached_property
     def sag(self) -> FloatArray:
-        """⅛ Σ_{i<j} l Δφ_i² of joint j, shape (K, n + 1) [m]: how far it may leave its chord."""
-        squares = self.space.arm.link_length * self.turns**2 / 8.0
-        return np.concatenate((np.zeros((len(squares), 1)), np.cumsum(squares, axis=1)), axis=1)
+        """How far joint j may leave its chord, shape (K, n + 1) [m]."""
+        return self.space.sag(self.turns)
 
     @cached_property
     def sag_slopes(self) -> FloatArray:
         """Derivative of the sag by the change of coordinates over the interval, shape (K, n + 1, p) [m per unit]."""
-        steps = (0.25 * self.space.arm.link_length * self.turns)[:, :, None] * self.space.matrix
-        slopes = np.zeros((len(steps), steps.shape[1] + 1, steps.shape[2]))
-        np.cumsum(steps, axis=1, out=slopes[:, 1:])
-        return slopes
+        return self.space.sag_slopes(self.turns)
 
     @cached_property
     def jacobians(self) -> FloatArray:
         """Derivatives of ``points`` by the coordinates, shape (K + 1, n + 2, 2, p) [m per unit]."""
-        l, matrix = self.space.arm.link_length, self.space.matrix
-        keyframes, links = self.headings.shape
-        jacobians = np.zeros((keyframes, links + 2, 2, matrix.shape[1]))
-        np.cumsum((-l * np.sin(self.headings))[:, :, None] * matrix, axis=1, out=jacobians[:, 1:-1, 0])
-        np.cumsum((l * np.cos(self.headings))[:, :, None] * matrix, axis=1, out=jacobians[:, 1:-1, 1])
-        jacobians[:, -1:] = self._at_mount(jacobians)
-        return jacobians
+        joints = self.space.jacobians(self.headings)
+        return np.concatenate((joints, self._at_mount(joints)), axis=1)
 
     def _at_mount(self, joints: FloatArray) -> FloatArray:
         """Values at the mount's end, linear between the joints of its link; the joint axis stays."""
-        link, share = mount_end(self.space.arm)
+        link, share = self.space.mount_end
         return (1.0 - share) * joints[:, link : link + 1] + share * joints[:, link + 1 : link + 2]
-
-
-def mount_end(arm: Arm) -> tuple[int, float]:
-    """Link on which the mount ends, and where on it in [0, 1]."""
-    link = min(int(arm.mount_length / arm.link_length + 1e-9), arm.links - 1)
-    return link, float(np.clip(arm.mount_length / arm.link_length - link, 0.0, 1.0))

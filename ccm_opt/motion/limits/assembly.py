@@ -1,0 +1,31 @@
+"""Where limits are put together: what a step, and what the optimisation of a motion, has to keep.
+
+A new limit that always holds is one more line here; its rows, checks and words stand in a file of its own.
+"""
+
+from ccm_opt.collision.certificate import Certificate
+from ccm_opt.collision.contacts import ContactFinder
+from ccm_opt.motion.limits.contact_limit import ContactLimit
+from ccm_opt.motion.limits.joint_limit import JointLimit
+from ccm_opt.motion.limits.limit import Limit
+from ccm_opt.motion.limits.turn_limit import TurnLimit
+from ccm_opt.motion.step_settings import StepSettings
+
+
+def assembled_limits(
+    finder: ContactFinder, certificate: Certificate, settings: StepSettings, user_limits: tuple[Limit, ...] = ()
+) -> tuple[Limit, ...]:
+    """All limits of a motion, in the order of their rows; true checks run backwards, the costly one of contact last.
+
+    Args:
+        finder: of contacts, with the margin to keep.
+        certificate: of contact between keyframes.
+        settings: of the step.
+        user_limits: what the user asks for; usually none.
+    """
+    return (
+        ContactLimit(finder, certificate, settings),
+        TurnLimit(),
+        JointLimit(settings),
+        *user_limits,
+    )

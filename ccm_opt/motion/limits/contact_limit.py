@@ -1,0 +1,118 @@
+"""The contact limit: the arm keeps clear of walls and of itself.
+
+In a step every near pair is a row; over an interval of a motion every link has half-planes and partners to keep from;
+between keyframes the certificate bounds how far links may stray.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.collision.certificate import Certificate
+from ccm_opt.collision.contacts import WALL, ContactFinder, Contacts
+from ccm_opt.motion.limits.clearance_rows import IntervalRows, motion_rows
+from ccm_opt.motion.limits.limit import Limit, LimitRows
+from ccm_opt.motion.limits.sweep_regions import WallSegments
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.pose import Pose, Term
+from ccm_opt.motion.step_settings import StepSettings
+
+if TYPE_CHECKING:
+    from ccm_opt.motion.swept_motion import Sweep
+
+_UNBOUNDED = 1e30
+
+
+@dataclass(frozen=True, eq=False)
+class ContactLimit(Limit):
+    """Keeps gaps open.
+
+    Attributes:
+        finder: of near pairs; its margin is kept where there is room, its reach says which pairs make rows.
+        certificate: of what lies between keyframes.
+        settings: of the step.
+    """
+
+    finder: ContactFinder
+    certificate: Certificate
+    settings: StepSettings
+
+    # ------------------------------------------------------------ the single step
+    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+        """A row for each near pair: its gap may close by a share of what it has beyond the margin, no more."""
+        del turn
+        finder, settings = self.finder, self.settings
+        contacts = finder.find(pose.points)
+        rows = contact_rows(contacts, jacobians)
+        lower = np.minimum(-settings.closing_share * (contacts.gap - contacts.margin), 0.0)
+        allowed = allowed_shortfall(contacts, settings.keep_share)
+
+        def keeps(trial: Pose) -> bool:
+            after = finder.find(trial.points)
+            return keeps_clear(after, allowed, settings.keep_share) and not finder.crosses(trial.points)
+
+        push = self._push(space, contacts, rows)
+        return LimitRows(rows, lower, np.full(len(rows), _UNBOUNDED), pulls=(push,), keeps=keeps)
+
+    def _push(self, space: LinkSpace, contacts: Contacts, rows: FloatArray) -> Term:
+        """Ask contacts inside their margin to be mended."""
+        wanted = contacts.margin - contacts.gap
+        near = wanted > 0.0
+        unit = space.unit
+        return Term(rows[near] / unit, self.settings.mending_share * wanted[near] / unit, self.settings.push_weight)
+
+    def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
+        """Whether the pose on the goal keeps clear, or no less than the one near it."""
+        del space
+        allowed = allowed_shortfall(self.finder.find(near.points), self.settings.keep_share)
+        after = self.finder.find(final.points)
+        return keeps_clear(after, allowed, self.settings.keep_share) and not self.finder.crosses(final.points)
+
+    # ------------------------------------------------------------ whole motions
+    def interval_rows(self, sweep: "Sweep") -> tuple[IntervalRows, ...]:
+        """Rows from the regions about a motion's own sweep, and of its near pairs of links."""
+        workspace = self.certificate.workspace
+        return (motion_rows(sweep, workspace, self._segments, self.finder.margin, self.finder.reach),)
+
+    @cached_property
+    def _segments(self) -> WallSegments:
+        return WallSegments.from_workspace(self.certificate.workspace)
+
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals in which something may touch."""
+        return self.certificate.failures(headings, depth)
+
+
+def keeps_clear(contacts: Contacts, allowed: float, keep_share: float) -> bool:
+    """Whether every gap is at least its share of the margin, less what was allowed [m]."""
+    floor = keep_share * contacts.margin - allowed
+    return bool(np.all(contacts.gap >= np.minimum(floor, keep_share * contacts.margin)))
+
+
+def allowed_shortfall(contacts: Contacts, keep_share: float) -> float:
+    """How far below its share of the margin the worst gap already is; a step may not make it worse [m]."""
+    return max(0.0, float(np.max(keep_share * contacts.margin - contacts.gap, initial=0.0)))
+
+
+def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
+    """Derivative of every gap by the coordinates, shape (m, p).
+
+    Args:
+        contacts: near pairs of a pose.
+        jacobians: of its joints, shape (links + 1, 2, p) [m per unit].
+    """
+    relative = _point_jacobian(jacobians, contacts.first, contacts.first_at)
+    with_itself = contacts.second != WALL
+    relative[with_itself] -= _point_jacobian(jacobians, contacts.second[with_itself], contacts.second_at[with_itself])
+    rows: FloatArray = np.einsum("md,mdp->mp", contacts.normal, relative)
+    return rows
+
+
+def _point_jacobian(jacobians: FloatArray, link: IntArray, at: FloatArray) -> FloatArray:
+    """Derivative of points on links, linear between the joints, shape (m, 2, p)."""
+    share = at[:, None, None]
+    mixed: FloatArray = (1.0 - share) * jacobians[link] + share * jacobians[link + 1]
+    return mixed

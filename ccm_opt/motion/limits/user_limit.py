@@ -1,0 +1,334 @@
+"""The user's hard constraints as a limit, with the costs that go with them.
+
+Gaps are treated as clearances are: they keep a margin where there is room for it. Equations are rows that a step has
+to meet; after it Newton's method brings the coordinates back onto them.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.motion.limits.joint_limit import overbent
+from ccm_opt.motion.limits.limit import KeyframeRows, Limit, LimitRows, MotionCost
+from ccm_opt.motion.limits.user_costs import UserCosts
+from ccm_opt.motion.limits.user_ends import refuse_broken_goal, refuse_broken_start
+from ccm_opt.motion.limits.user_gaps import intervals_with_broken_gaps
+from ccm_opt.motion.limits.user_limit_settings import UserLimitSettings
+from ccm_opt.motion.limits.user_slopes import SMALLEST, slope_norms
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.pose import Pose, Term
+
+if TYPE_CHECKING:
+    from ccm_opt.motion.swept_motion import Sweep
+    from ccm_opt.user_terms.compiled_terms import UserTerms
+    from ccm_opt.user_terms.row_set import RowSet, RowValues
+
+_UNBOUNDED = 1e30
+
+
+@dataclass(frozen=True, eq=False)
+class UserLimit(Limit):
+    """All constraints and costs of one problem.
+
+    Attributes:
+        terms: the constraints and costs, compiled.
+        settings: numbers.
+        u: path parameter at which the constraints are looked at.
+        at_goal: whether those at the goal are meant, not those on the way.
+    """
+
+    terms: "UserTerms"
+    settings: UserLimitSettings = field(default_factory=UserLimitSettings)
+    u: float = 0.0
+    at_goal: bool = False
+
+    @property
+    def parametric(self) -> bool:
+        """Whether anything depends on the path parameter."""
+        return self.terms.parametric
+
+    @property
+    def resamples(self) -> bool:
+        """No: quantities are symbols of an arm with a given number of links."""
+        return False
+
+    @property
+    def moves_keyframes(self) -> bool:
+        """Yes: a step of the optimisation leaves equations by its square."""
+        return True
+
+    @property
+    def shapes_path(self) -> bool:
+        """Whether there are equations, or anything that depends on the path parameter."""
+        return bool(self.terms.path_rows.equal.any()) or self.terms.parametric
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Path parameters inside (0, 1) at which a term begins or ends to apply."""
+        return tuple(self.terms.breaks.tolist())
+
+    @property
+    def rows(self) -> "RowSet":
+        """Rows of the constraints, on the way or at the goal."""
+        return self.terms.goal_rows if self.at_goal else self.terms.motion_rows
+
+    def placed(self, u: float) -> "UserLimit":
+        """The constraints at another place of the motion."""
+        return replace(self, u=u)
+
+    def placed_at_goal(self) -> "UserLimit":
+        """The constraints at the goal."""
+        return replace(self, u=1.0, at_goal=True)
+
+    def values(self, headings: FloatArray) -> "RowValues":
+        """Rows at link headings, shape (links,) [rad]."""
+        return self.rows.at(headings, self.u)
+
+    # ------------------------------------------------------------ the single step
+    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+        """Equations, asked to be met at once or half a turn of it, and a row for each gap that could close."""
+        del jacobians
+        settings = self.settings
+        before = self.values(pose.headings)
+        equations, target = self._independent(space, before, turn)
+
+        scale = slope_norms(before.gap_slopes)
+        farthest = 2.0 * turn * np.sqrt(space.arm.links)  # what a step can close at most
+        within = ~(before.gaps > (settings.margin + farthest) * scale)
+        scale = scale[within]
+        gaps = before.gaps[within] / scale
+        rows = before.gap_slopes[within] @ space.matrix / scale[:, None]
+        lower = np.minimum(-0.5 * (gaps - settings.margin), 0.0)
+
+        def keeps(trial: Pose) -> bool:
+            return self._keeps(before, self.values(trial.headings))
+
+        return LimitRows(
+            np.vstack((equations, rows)),
+            np.concatenate((target, lower)),
+            np.concatenate((target, np.full(len(rows), _UNBOUNDED))),
+            len(target),
+            (self._pull(rows, gaps, turn),),
+            keeps,
+        )
+
+    def _pull(self, rows: FloatArray, gaps: FloatArray, turn: float) -> Term:
+        """Ask gaps inside their margin to open, broken ones urgently."""
+        margin = self.settings.margin
+        near = gaps < margin
+        short = margin - gaps[near]
+        urgency = np.where(gaps[near] < 0.0, self.settings.urgency, 1.0)
+        wanted = np.where(gaps[near] < 0.0, short, 0.5 * short)
+        return Term(urgency[:, None] * rows[near], urgency * np.minimum(wanted, turn), self.settings.pull_weight)
+
+    def _independent(self, space: LinkSpace, values: "RowValues", turn: float) -> tuple[FloatArray, FloatArray]:
+        """Orthonormal combinations of the equations' rows, and what they have to change by.
+
+        Equations far from met ask for half of the largest turn of a link, so that the QP stays feasible.
+        """
+        slopes = values.equation_slopes @ space.matrix
+        if not len(slopes):
+            return slopes, values.equations
+        left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
+        kept = sizes > self.settings.rank * max(float(sizes[0]), SMALLEST)
+        target = -(left.T @ values.equations)[kept] / sizes[kept]
+        most = float(np.max(np.abs(space.matrix @ (right[kept].T @ target)), initial=0.0))
+        return right[kept], target * min(1.0, 0.5 * turn / max(most, SMALLEST))
+
+    def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
+        """Whether every gap keeps its share of the margin, or no less than it had, and equations are met or nearer."""
+        settings = self.settings
+        floor = np.minimum(settings.keep_share * settings.margin * slope_norms(before.gap_slopes), before.gaps)
+        if not np.isfinite(after.violation) or not np.all(after.gaps >= floor - SMALLEST):
+            return False
+        met = np.max(np.abs(after.equations), initial=0.0) <= settings.met
+        return bool(met or np.abs(after.equations).sum() < np.abs(before.equations).sum())
+
+    def restored(self, space: LinkSpace, v: FloatArray, most: float) -> FloatArray:
+        """Coordinates moved onto the equations, shape (p,); as they are where that fails."""
+        moved = self.moved_onto_rows(space, v, most, gaps=False)
+        return v if moved is None else moved
+
+    def moved_onto_rows(self, space: LinkSpace, v: FloatArray, most: float, *, gaps: bool) -> FloatArray | None:
+        """Coordinates moved onto the equations by Newton's method of least change of the links, shape (p,).
+
+        Args:
+            space: the link space.
+            v: shape (p,).
+            most: largest turn of a link on the way [rad].
+            gaps: whether to move out of broken gaps, and back within joint limits, too.
+
+        Returns:
+            None when that does not converge within ``most``.
+        """
+        start = v
+        held = np.zeros(space.arm.links)
+        for _ in range(self.settings.newton_steps):
+            headings = space.headings(v)
+            values = self.values(headings)
+            if not np.isfinite(values.violation):
+                return None
+            slopes = values.equation_slopes @ space.matrix
+            change = -values.equations
+            if gaps:
+                slopes, change = self.missed(space, headings)
+                limits = self.settings.joint_share * space.bend_limits
+                turned, back = overbent(limits, space.bends(headings), held, self.settings.met)
+                slopes = np.vstack((slopes, turned @ space.matrix))
+                change = np.append(change, back)
+            if np.max(np.abs(change), initial=0.0) <= self.settings.met:
+                return v
+            v = v + _least_change(space, slopes, change)
+            if np.max(np.abs(space.matrix @ (v - start))) > most:
+                return None
+        return None
+
+    # ------------------------------------------------------------ at the goal
+    def miss(self, headings: FloatArray) -> float:
+        """By how much the worst row is missed, beyond what counts as met."""
+        miss = self.values(headings).violation
+        return 0.0 if miss <= self.settings.met_at_goal else miss
+
+    def mending(self, space: LinkSpace, headings: FloatArray, most: float) -> tuple[FloatArray, FloatArray]:
+        """Rows of all that is missed, per radian, shape (k, p), and what they should gain, at most ``most`` [rad]."""
+        values = self.values(headings)
+        margins = self.settings.margin * slope_norms(values.gap_slopes)
+        short = values.gaps < margins
+        slopes = np.vstack((values.equation_slopes, values.gap_slopes[short]))
+        scale = slope_norms(slopes)
+        wanted = np.append(-values.equations, margins[short] - values.gaps[short]) / scale
+        return slopes @ space.matrix / scale[:, None], np.clip(wanted, -most, most)
+
+    def missed(self, space: LinkSpace, headings: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Slopes of the equations and of broken gaps, shape (k, p), and by how much they have to change."""
+        values = self.values(headings)
+        broken = values.gaps < 0.0
+        slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken])) @ space.matrix
+        aim = self.settings.keep_share * self.settings.margin * slope_norms(values.gap_slopes[broken])
+        return slopes, np.append(-values.equations, aim - values.gaps[broken])
+
+    # ------------------------------------------------------------ the optimisation of a motion
+    def _at_keyframe(self, k: int, u: FloatArray) -> "UserLimit":
+        """The constraints at a keyframe; the last is the goal."""
+        return self.placed_at_goal() if k == len(u) - 1 else self.placed(float(u[k]))
+
+    def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """Equations of every keyframe, their slopes of norm 1."""
+        keyframes: list[int] = []
+        rows = [np.zeros((0, sweep.space.dimension))]
+        for k in range(1, len(u)):
+            slopes = self._at_keyframe(k, u).values(sweep.headings[k]).equation_slopes @ sweep.space.matrix
+            rows.append(slopes / slope_norms(slopes)[:, None])
+            keyframes += [k] * len(slopes)
+        zero = np.zeros(len(keyframes))
+        return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero),)
+
+    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """Gaps of every keyframe that are not far from closing, per radian of the whole arm."""
+        keyframes: list[int] = []
+        rows = [np.zeros((0, sweep.space.dimension))]
+        least = [np.zeros(0)]
+        for k in range(1, len(u)):
+            values = self._at_keyframe(k, u).values(sweep.headings[k])
+            scale = slope_norms(values.gap_slopes)
+            near = values.gaps < self.settings.far * scale
+            scale = scale[near]
+            rows.append(values.gap_slopes[near] @ sweep.space.matrix / scale[:, None])
+            least.append(np.minimum(self.settings.margin - values.gaps[near] / scale, 0.0))
+            keyframes += [k] * len(scale)
+        lower = np.concatenate(least)
+        upper = np.full(len(lower), _UNBOUNDED)
+        return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), lower, upper),)
+
+    def costs(self, space: LinkSpace, u: FloatArray) -> tuple[MotionCost, ...]:
+        """The user's costs, soft constraints among them."""
+        return (UserCosts(space, self.terms, u),)
+
+    def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
+        """Inner keyframes put on their equations and out of broken gaps; where that fails they stay as they are."""
+        restored = coordinates.copy()
+        for k in range(1, len(u) - 1):
+            limit = self._at_keyframe(k, u)
+            moved = limit.moved_onto_rows(space, restored[k], self.settings.keyframe_turn, gaps=True)
+            if moved is not None:
+                restored[k] = moved
+        return restored
+
+    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
+        """Whether all equations are met, and no gap is broken."""
+        del before
+        return all(self._at_keyframe(k, u).miss(sweep.headings[k]) <= 0.0 for k in range(1, len(u)))
+
+    # ------------------------------------------------------------ between keyframes
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals in which a gap falls below its reserve; samples need no bisection."""
+        del depth
+        return intervals_with_broken_gaps(self.terms.path_rows, headings, self.settings)
+
+    # ------------------------------------------------------------ the smooth path
+    def missed_on_path(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+        """Slopes by the link headings of equations and broken gaps, shape (k, links), and what they have to change."""
+        values = self.terms.path_rows.at(headings, u)
+        broken = values.gaps < 0.0
+        slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
+        return slopes, np.append(-values.equations, -values.gaps[broken])
+
+    def misses_path(self, headings: FloatArray, u: FloatArray) -> BoolArray:
+        """At which samples a row is missed by more than its share of what is allowed."""
+        rows = self.terms.path_rows
+        table = rows.table(headings, u)
+        miss = np.where(rows.equal, np.abs(table), -table)
+        missed: BoolArray = np.any(miss > self.settings.path_share * self.settings.allowed, axis=1)
+        return missed
+
+    # ------------------------------------------------------------ ends and words
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the hard constraints."""
+        return tuple(hard.constraint.name for hard in self.terms.hard)
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What would help when no motion is found."""
+        return ("relax the constraints, or make them soft",)
+
+    def refuse_ends(self, start: FloatArray, goal: FloatArray | None) -> None:
+        """Refuse a start or a whole-arm goal that breaks a constraint, and terms that are not finite at the start."""
+        refuse_broken_start(self.terms, start, self.settings.allowed)
+        if goal is not None:
+            refuse_broken_goal(self.terms, goal, self.settings.allowed)
+
+    def worst(self, headings: FloatArray) -> tuple[str, float]:
+        """Name of the constraint that is missed most in radians of the arm, and its miss in the user's unit."""
+        rows = self.rows
+        table = rows.table(headings[None], self.u)[0]
+        miss = np.where(rows.equal, np.abs(table), np.maximum(-table, 0.0))
+        if np.all(np.isnan(miss)):
+            return "", 0.0
+        k = int(np.nanargmax(miss / self._slope_norms(headings)))
+        return rows.names[k], float(miss[k])
+
+    def describe(self, headings: FloatArray) -> str:
+        """The constraint that is missed, or else at its bound, in words; empty when none is."""
+        name, miss = self.worst(headings)
+        if miss > self.settings.met:
+            return f"constraint '{name}' is missed by {miss:.3g}"
+        rows = self.rows
+        turns = rows.table(headings[None], self.u)[0] / self._slope_norms(headings)
+        near = ~rows.equal & (turns < 2.0 * self.settings.margin)
+        return f"constraint '{rows.names[int(np.flatnonzero(near)[0])]}' is at its bound" if near.any() else ""
+
+    def _slope_norms(self, headings: FloatArray) -> FloatArray:
+        """Norm of the slope of every row, whether it applies here or not, shape (rows,)."""
+        return slope_norms(np.asarray(self.rows.slopes(headings, 0.0, self.u)[1]))
+
+
+def _least_change(space: LinkSpace, slopes: FloatArray, change: FloatArray) -> FloatArray:
+    """Least change of the links that changes rows by given amounts, shape (p,)."""
+    scale = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST)
+    scaled = slopes / scale[:, None]
+    spread = space.inverse_metric @ scaled.T
+    least: FloatArray = spread @ np.linalg.lstsq(scaled @ spread, change / scale, rcond=1e-10)[0]
+    return least

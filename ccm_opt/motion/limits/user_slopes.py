@@ -1,0 +1,14 @@
+"""Slopes of the user's rows: what a gap or an equation is measured against."""
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+
+SMALLEST = 1e-12
+"""Keeps divisions by norms of slopes finite."""
+
+
+def slope_norms(slopes: FloatArray) -> FloatArray:
+    """Norm of every row's slope by the link headings, shape (m,); never 0."""
+    norms: FloatArray = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST)
+    return norms

@@ -1,0 +1,123 @@
+"""Settings of the optimisation of a certified motion."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ObjectiveSettings:
+    """Weights inside the objective; what the user weighs stands in the problem.
+
+    Attributes:
+        heading: weight of the turns of the links beside the turns of the joints. Taste.
+        unevenness: weight of ∫|q''|²; its root is the share of the motion over which corners are rounded. Taste.
+        shape: weight of the curve's curvature and of its differences, in nominal links. Taste.
+        shape_change: share of that weight on changes of the curvature from keyframe to keyframe. Taste.
+        second_heading: weight of the turns of the links in ∫|q''|². Taste.
+        ridge: weight on changes of all coordinates, so that the metric is definite. Taste.
+        blend: weight on changes of the coordinate that blends a whole-arm goal in. Taste.
+        wall_distance: walls farther than this beyond the planning margin cost nothing where clearance is weighed, as
+            a share of the arm's length. Taste.
+    """
+
+    heading: float = 1e-3
+    unevenness: float = 4e-3
+    shape: float = 1e-3
+    shape_change: float = 0.1
+    second_heading: float = 0.1
+    ridge: float = 1e-8
+    blend: float = 1e-3
+    wall_distance: float = 0.03
+
+
+@dataclass(frozen=True)
+class InteriorPointSettings:
+    """Numbers of the reference, one nonlinear program.
+
+    Attributes:
+        solutions: of the nonlinear program, the sweep regions renewed between them. Taste.
+        wider: rows this many times farther away than those of a sequential step are taken in. Taste.
+        iterations: of IPOPT. Taste.
+        tolerance: of IPOPT. Taste.
+        shortenings: shares of the way to the solution that are tried until one is certified. Taste.
+    """
+
+    solutions: int = 2
+    wider: float = 2.0
+    iterations: int = 200
+    tolerance: float = 1e-5
+    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)
+
+
+@dataclass(frozen=True)
+class OptimisationSettings:
+    """Numbers of the optimisation of a motion.
+
+    Attributes:
+        intervals: least number of intervals; a motion that needs more legs to be certified keeps them. Measured by
+            tests/benchmarks/bench_optimisation.py.
+        moved_intervals: numbers of intervals that are tried where keyframes have to be moved onto limits, until the
+            motion through them is certified. Taste.
+        leg_depth: bisections that a leg of the thinned motion may need for its certificate. Taste.
+        first_stride: keyframes that a leg of the thinned motion skips at first. Taste.
+        margin: gap that rows ask for beyond contact, as a share of the arm's length. Taste.
+        reach: walls and links farther apart than this many links make no rows. Taste.
+        largest_link: share of the arm's length that counts as a link at most. Taste.
+        active: rows nearer to their bound than this many such links enter the QP. Taste.
+        sectors: directions that count as different when rows are thinned. Taste.
+        groups: arms with more links than this have rows for groups of neighbouring joints. Taste.
+        rounds: most steps that are taken. Measured by tests/benchmarks/bench_optimisation.py.
+        moved_rounds: the same where keyframes have to be moved onto limits. Taste.
+        tries: QPs of one round before it is given up. Taste.
+        worth: share of the objective that a round has to gain. Taste.
+        patience: rounds in a row that may gain less. Taste.
+        price: first price of one nominal link of slack. Taste.
+        price_rise: its rise where the certificate fails. Taste.
+        first_damping: weight on the squared turns of the first step. Taste.
+        raised_damping: damping from which a refused step raises it. Taste.
+        refused_growth: growth of the damping after a refused step. Taste.
+        halved_growth: its growth after a step of half its length or more. Taste.
+        shortened_growth: its growth after a shorter step. Taste.
+        good_shrinkage: its fall after a good step. Taste.
+        least_damping: least damping. Taste.
+        shortenings: shares of a step that are tried until one is certified. Taste.
+        sufficient: share of the foreseen gain at which a step is taken. Taste.
+        good: share of the foreseen gain from which a step is good. Taste.
+        damping_ridge: damping of coordinates beside that of the turns. Taste.
+        slack_curvature: curvature of slack, so that the Hessian is definite. Taste.
+        qp_tolerance: of the QP's solution. Taste.
+        qp_gap: duality gap of the QP's solution; a tenth of it relative. Taste.
+        qp_iterations: of the QP. Taste.
+    """
+
+    intervals: int = 20
+    moved_intervals: tuple[int, ...] = (24, 48, 96)
+    leg_depth: int = 2
+    first_stride: int = 16
+    margin: float = 1e-3
+    reach: float = 2.5
+    largest_link: float = 1.0 / 36.0
+    active: float = 1.1
+    sectors: int = 12
+    groups: int = 36
+    rounds: int = 14
+    moved_rounds: int = 24
+    tries: int = 5
+    worth: float = 3e-3
+    patience: int = 2
+    price: float = 30.0
+    price_rise: float = 4.0
+    first_damping: float = 0.3
+    raised_damping: float = 0.05
+    refused_growth: float = 6.0
+    halved_growth: float = 2.0
+    shortened_growth: float = 3.0
+    good_shrinkage: float = 3.0
+    least_damping: float = 1e-4
+    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25)
+    sufficient: float = 0.1
+    good: float = 0.6
+    damping_ridge: float = 1e-3
+    slack_curvature: float = 1e-6
+    qp_tolerance: float = 1e-5
+    qp_gap: float = 1e-3
+    qp_iterations: int = 60

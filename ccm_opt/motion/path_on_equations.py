@@ -1,0 +1,148 @@
+"""The smooth path of a motion under equations: a C² cubic spline through knots that lie on them.
+
+A cubic spline through points of a smooth curve leaves it by O(h⁴) (de Boor, A Practical Guide to Splines, ch. V), so
+halving the spans in which the equations are missed brings the path back onto them quickly.
+"""
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.limits.joint_limit import overbent
+from ccm_opt.motion.limits.limit import Limit
+from ccm_opt.motion.limits.user_slopes import slope_norms
+from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.optimisation.optimise import path_parameters
+from ccm_opt.motion.search_settings import SmoothPathSettings
+from ccm_opt.motion.spline_path import certified_spline
+
+
+def path_through_knots(motion: Motion, task: MotionTask) -> BSpline | None:
+    """The certified path through knots that meet the task's limits; None when there is none.
+
+    Args:
+        motion: certified, its keyframes on the equations.
+        task: with the limits.
+    """
+    for base in _bases(motion, task):
+        spline = _on_equations(base, task)
+        if spline is not None and _within_limits(spline, task) and not len(_uncertified(spline, task)):
+            return spline
+    return None
+
+
+def _bases(motion: Motion, task: MotionTask) -> list[BSpline]:
+    """Smooth paths near the motion that know its path parameter, smoothest first."""
+    bases = []
+    if not task.parametric:
+        near = certified_spline(motion.headings, task.certificate, task.settings.smooth_path)
+        if near is not None:
+            bases.append(near)
+    u = path_parameters(motion)
+    if len(u) > 3:
+        bases.append(make_interp_spline(u, motion.headings, k=3))
+    return bases
+
+
+def _on_equations(base: BSpline, task: MotionTask) -> BSpline | None:
+    """A spline through points of the base that are moved onto the limits, refined until it keeps them throughout."""
+    settings = task.settings.smooth_path
+    limits = task.user_limits
+    free = np.ones(task.arm.links)
+    free[0] = 0.0 if task.clamped else 1.0
+    breaks = [u for limit in limits for u in limit.breaks]
+    knots = _first_knots(base, breaks, settings.first_spans)
+    values: dict[float, FloatArray] = {0.0: np.asarray(base(0.0)), 1.0: np.asarray(base(1.0))}
+    for _ in range(settings.rounds):
+        for u in knots:
+            if float(u) not in values:
+                moved = moved_onto(limits, task.arm, np.asarray(base(u)), float(u), free, settings)
+                if moved is None:
+                    return None
+                values[float(u)] = moved
+        spline = make_interp_spline(knots, np.array([values[float(u)] for u in knots]), k=3)
+        missed = _missed_spans(spline, knots, limits, settings.equation_samples)
+        if not len(missed):
+            return spline
+        if len(knots) + len(missed) > settings.most_spans:
+            return None
+        around = np.unique(np.clip(np.add.outer(missed, (-1, 0, 1)), 0, len(knots) - 2))
+        knots = np.union1d(knots, 0.5 * (knots[around] + knots[around + 1]))
+    return None
+
+
+def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
+    """The knots of the base and the breaks, halved until there are at least so many spans."""
+    knots = np.union1d(np.clip(base.t, 0.0, 1.0), breaks)
+    while len(knots) - 1 < least:
+        knots = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1]))
+    return knots
+
+
+def moved_onto(
+    limits: tuple[Limit, ...],
+    arm: Arm,
+    headings: FloatArray,
+    u: float,
+    free: FloatArray,
+    settings: SmoothPathSettings,
+) -> FloatArray | None:
+    """Link headings moved onto the equations, out of broken gaps and within joint limits, by least change.
+
+    Args:
+        limits: that the path has to meet.
+        arm: whose bends are limited.
+        headings: shape (links,) [rad].
+        u: path parameter.
+        free: 1 for links that may turn, 0 for others, shape (links,).
+        settings: of Newton's method.
+
+    Returns:
+        None when that does not converge.
+    """
+    held = np.zeros(arm.links)
+    bounds = settings.joint_share * arm.bend_limits
+    for _ in range(settings.newton_steps):
+        slopes, change = overbent(bounds, arm.bends(headings), held, settings.met)
+        for limit in limits:
+            missed, by = limit.missed_on_path(headings, u)
+            slopes = np.vstack((missed, slopes))
+            change = np.append(by, change)
+        if not np.isfinite(change).all():
+            return None
+        if np.max(np.abs(change), initial=0.0) <= settings.met:
+            return headings
+        scale = slope_norms(slopes)
+        step = np.linalg.lstsq(slopes * free / scale[:, None], change / scale, rcond=settings.rank)[0]
+        headings = headings + step
+    return None
+
+
+def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[Limit, ...], samples: int) -> IntArray:
+    """Spans in which a limit is missed, sorted; each is looked at in so many samples."""
+    places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
+    headings = spline(places)
+    missed = np.zeros(len(places), dtype=bool)
+    for limit in limits:
+        missed |= limit.misses_path(headings, places)
+    return np.unique(np.minimum(np.flatnonzero(missed) // samples, len(knots) - 2))
+
+
+def _within_limits(spline: BSpline, task: MotionTask) -> bool:
+    """Whether the bends keep their limits at samples of the path."""
+    arm = task.arm
+    bends = np.abs(arm.bends(spline(_samples(spline, task.settings.smooth_path))))
+    return bool(np.all(bends <= np.maximum(arm.bend_limits, bends[[0, -1]].max(axis=0))))
+
+
+def _uncertified(spline: BSpline, task: MotionTask) -> IntArray:
+    """Intervals between samples of a path that are not certified."""
+    return task.certificate.failures(spline(_samples(spline, task.settings.smooth_path)))
+
+
+def _samples(spline: BSpline, settings: SmoothPathSettings) -> FloatArray:
+    """Places along a path, evenly spread in every span."""
+    knots = np.unique(np.clip(spline.t, 0.0, 1.0))
+    count = max(2, min(settings.certified_samples, settings.most_certified // (len(knots) - 1)))
+    return np.interp(np.arange(count * (len(knots) - 1) + 1) / count, np.arange(len(knots)), knots)

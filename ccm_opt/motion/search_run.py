@@ -1,0 +1,205 @@
+"""One pass of the search: a link space, a planning margin, and the candidates that are run with them."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.motion.backward import pose_at_goal
+from ccm_opt.motion.continuation import Stalled, follow, settle, without_pauses
+from ccm_opt.motion.failures import Failure
+from ccm_opt.motion.goal import GoalPose
+from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.motion_task import CachedItems, Motion, MotionTask
+from ccm_opt.motion.portfolio import GuideCandidate, first_candidates, further_candidates
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.step import Stepper
+from ccm_opt.motion.tracking import ReferenceMotion, follow_reference
+from ccm_opt.motion.tree.tree_search import TreeTask
+
+
+@dataclass(frozen=True)
+class SearchRun:
+    """One pass through the portfolio with one margin.
+
+    Attributes:
+        task: what is looked for.
+        stepper: of the link space through the start, with all limits.
+        start: pose at the start.
+        goal: with the limits that hold there; for a whole-arm goal in the coordinates of the space.
+        guesses: coordinates of poses at or near the goal, each of shape (p,).
+    """
+
+    task: MotionTask
+    stepper: Stepper
+    start: Pose
+    goal: GoalPose
+    guesses: Iterable[FloatArray]
+
+    @classmethod
+    def from_task(cls, task: MotionTask, margin_links: float, fineness: float) -> "SearchRun":
+        """A pass in the link space through the task's start.
+
+        Args:
+            task: what is looked for.
+            margin_links: planning margin, in nominal links.
+            fineness: nominal links to the arm's length.
+        """
+        space, start = LinkSpace.through(task.arm, task.start, fineness, clamped=task.clamped)
+        goal = task.limited_goal
+        guesses: Iterable[FloatArray] = CachedItems(_nearest_coordinates(space, guess) for guess in task.guesses)
+        if task.goal_headings is not None:
+            space, end = space.blended_to(task.goal_headings)
+            start = np.append(start, 0.0)
+            goal = replace(goal, coordinates=end)
+            guesses = (end,)
+        settings = task.settings.search
+        margin = margin_links * space.unit
+        finder = task.finder(margin, max(settings.reach * space.unit, settings.reach_margins * margin))
+        stepper = Stepper(space, finder, task.limits(finder), task.settings)
+        run = cls(task, stepper, stepper.pose(start), goal, guesses)
+        # A motion drawn towards a guess that breaks a limit would be drawn away from what the limit allows.
+        settled = any(limit.moves_keyframes for limit in task.user_limits) and goal.coordinates is None
+        return replace(run, guesses=run.settled_guesses()) if settled else run
+
+    def settled_guesses(self) -> Iterable[FloatArray]:
+        """The guesses brought onto the goal and the limits there, those that can be."""
+        poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
+        return CachedItems(pose.v for pose in poses if pose is not None)
+
+    def first(self) -> Iterator[GuideCandidate]:
+        """The candidates that solve most problems."""
+        return first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, self.goal.coordinates)
+
+    def further(self) -> Iterator[GuideCandidate]:
+        """All other candidates."""
+        return further_candidates(self.stepper, self.start, self.task.tip_paths, self.goal.coordinates)
+
+    def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
+        """The finished motion of the first candidate that arrives and is certified, or None."""
+        for candidate in tried:
+            try:
+                return self.motion(candidate.name, self._arriving(candidate))
+            except Stalled as stalled:
+                failures.append(self.failure(candidate.name, stalled))
+            if self.task.deadline.passed():
+                return None
+        return None
+
+    def _arriving(self, candidate: GuideCandidate) -> list[Pose]:
+        """The certified poses from the start to the goal."""
+        poses = self._led(candidate)
+        return self.certified_without_pauses(poses + self._arrive(poses[-1])[1:])
+
+    def certified_without_pauses(self, poses: list[Pose]) -> list[Pose]:
+        """The motion without pauses, certified.
+
+        Raises:
+            Stalled: when it cannot be certified.
+        """
+        for pause in self.task.settings.continuation.pauses:
+            fewer = without_pauses(poses, pause)
+            if self._certified(fewer):
+                return fewer
+        raise Stalled("the motion arrived but could not be certified", poses)
+
+    def _led(self, candidate: GuideCandidate) -> list[Pose]:
+        """Follow the candidate's guide, then the one that resumes where it ends or stalls."""
+        guide = candidate.make_guide()
+        try:
+            poses = follow(self.stepper, guide, self.start, self.task.deadline)
+        except Stalled as stalled:
+            if candidate.resume is None:
+                raise
+            poses = stalled.poses
+        if candidate.resume is None:
+            return poses
+        rest = candidate.resume(guide, poses[-1])
+        return poses + follow(self.stepper, rest, poses[-1], self.task.deadline)[1:]
+
+    def _arrive(self, pose: Pose) -> list[Pose]:
+        if self.goal.coordinates is None:
+            return settle(self.stepper, self.goal, pose, self.task.deadline)
+        guide = Interpolation(self.stepper.space, pose.v, self.goal.coordinates)
+        poses = follow(self.stepper, guide, pose, self.task.deadline)
+        return [*poses, self.stepper.pose(self.goal.coordinates)]
+
+    def _certified(self, poses: list[Pose]) -> bool:
+        return len(self.task.certificate.failures(headings_of(poses))) == 0
+
+    def tree_task(self, steppers: tuple[Stepper, ...]) -> TreeTask:
+        """What trees of poses are to join, grown with several margins."""
+        task = self.task
+        return TreeTask(
+            steppers,
+            self.start,
+            self.goal,
+            self._goal_poses(),
+            task.tip_paths,
+            task.certificate,
+            task.deadline,
+            task.seed,
+        )
+
+    def _goal_poses(self) -> Iterator[Pose]:
+        """The goal of the whole arm, or poses of it that have the tip at the goal."""
+        if self.goal.coordinates is not None:
+            yield self.stepper.pose(self.goal.coordinates)
+            return
+        for guess in chain(self.task.guesses, self.task.further_guesses()):
+            pose = pose_at_goal(self.task, self.stepper, guess)
+            if pose is not None:
+                yield pose
+
+    def motion(self, name: str, poses: list[Pose]) -> Motion:
+        """The poses as a motion found by a candidate."""
+        return Motion(self.stepper.space, np.array([p.v for p in poses]), headings_of(poses), name)
+
+    def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
+        """A motion bent to the limits; None when that fails."""
+        name = f"{found.candidate}, tracked"
+        reference = ReferenceMotion.from_headings(found.headings)
+        try:
+            way = follow_reference(self.stepper, reference, self.goal, self.start, self.task.deadline)
+        except Stalled as stalled:
+            failures.append(self.failure(name, stalled))
+            return None
+        if not self._certified(way.poses):
+            failures.append(self.failure(name, Stalled("the motion arrived but could not be certified", way.poses)))
+            return None
+        return replace(self.motion(name, way.poses), u=np.array(way.u))
+
+    def failure(self, name: str, stalled: Stalled) -> Failure:
+        """Why a candidate stalled, and what was near."""
+        pose = stalled.poses[-1]
+        finder = self.stepper.finder
+        contacts = finder.find(pose.points)
+        return Failure(
+            candidate=name,
+            message=str(stalled),
+            obstacle=finder.describe(contacts),
+            remaining=self._remaining(pose),
+            limit=self.goal.describe_limits(pose),
+            tightest=finder.tightest(contacts),
+            headings=pose.headings,
+        )
+
+    def _remaining(self, pose: Pose) -> float:
+        """How far the tip, or with a goal for the whole arm the farthest joint, still is from the goal [m]."""
+        if self.goal.coordinates is None:
+            return self.goal.errors(pose)[0]
+        apart = self.stepper.space.positions(self.goal.coordinates) - pose.points
+        return float(np.linalg.norm(apart, axis=1).max())
+
+
+def headings_of(poses: list[Pose]) -> FloatArray:
+    """Link headings of a motion, shape (K, links) [rad]."""
+    return np.array([pose.headings for pose in poses])
+
+
+def _nearest_coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:
+    """Coordinates in the space nearest to given link headings."""
+    return space.blended_to(headings)[1][:-1]

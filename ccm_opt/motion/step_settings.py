@@ -1,0 +1,126 @@
+"""Settings of the continuation: of a single step, of following a guide, and of settling on the goal."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """Numbers of a single step.
+
+    Attributes:
+        limit_share: share of a joint limit that planning uses; what accepted poses and splines overshoot stays below
+            the limit. Taste.
+        keep_share: share of the planning margin that every accepted pose keeps. Taste.
+        largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
+        closing_share: share of its gap beyond the margin by which a near pair may close in one step. Derived: two
+            links that move towards each other close it at most together.
+        mending_share: share of what a gap lacks to its margin that a step asks for. Taste.
+        push_weight: weight on mending gaps inside their margin, against a nominal link's distance. Taste.
+        near_joint_limit: bends nearer to their limit than this get rows in the optimisation [rad]. Taste: a little
+            more than a step turns a joint.
+        ridge: keeps the step's Hessian definite where no term reaches. Taste.
+        iterations_a_row: most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need
+            more than 24 in all. Measured by tests/benchmarks/bench_ompl.py.
+        backtracks: halvings of a step before it is given up. Taste.
+    """
+
+    limit_share: float = 0.98
+    keep_share: float = 0.4
+    largest_turn: float = 0.15
+    closing_share: float = 0.5
+    mending_share: float = 0.5
+    push_weight: float = 30.0
+    near_joint_limit: float = 0.25
+    ridge: float = 1e-9
+    iterations_a_row: int = 8
+    backtracks: int = 6
+
+
+@dataclass(frozen=True)
+class ContinuationSettings:
+    """Numbers of following a guide, and of settling on the goal where it ends.
+
+    Attributes:
+        bending: weight on the curve's curvature in every step, against a nominal link's distance. Taste: it decides
+            only what nothing else does.
+        jerk: weight on the differences of the curvature from knot to knot. Taste.
+        patience: steps without progress before a guide is given up. Taste.
+        pauses: poses nearer than this to the one before are dropped [rad], the first that leaves the motion
+            certified; a path that almost stands still in places cannot be timed well. Taste.
+        settle_steps: most steps of settling on the goal. Taste.
+        settle_least: settling steps that are taken even if the arm hardly moves. Taste.
+        settle_moved: turn of a link below which the arm hardly moves [rad]. Taste.
+        settle_growth: growth of the goal's weight from step to step. Taste.
+        still_weight: weight on standing still while settling, for all links together. Taste.
+        polish_distance: distance from the goal at which polishing is tried, in nominal links. Taste.
+        polish_turn: turn of the tip's heading from the goal's at which polishing is tried [rad]. Taste.
+    """
+
+    bending: float = 1e-4
+    jerk: float = 1e-4
+    patience: int = 60
+    pauses: tuple[float, ...] = (0.02, 1e-3)
+    settle_steps: int = 150
+    settle_least: int = 20
+    settle_moved: float = 1e-5
+    settle_growth: float = 0.2
+    still_weight: float = 0.5
+    polish_distance: float = 0.1
+    polish_turn: float = 0.1
+
+
+@dataclass(frozen=True)
+class GoalSettings:
+    """Numbers of drawing the tip onto the goal, and of putting it there exactly.
+
+    Attributes:
+        polish_tolerance: tip error [m] and heading error [rad] that the polish stops at. Derived: three orders below
+            what the verifier allows.
+        reached: times that tolerance which still counts as on the goal. Taste.
+        polish_steps: most steps of Newton's method. Taste: it converges in four or never.
+        heading_step: largest turn onto the goal's heading that a step asks for [rad]. Taste.
+        distance_step: largest advance onto the goal that a step asks for, in nominal links. Taste.
+        heading_weight: weight of the heading, and of what limits miss at the goal, beside the position. Taste.
+        least_share: singular values below this share of the largest count as none where equations may depend on each
+            other. Taste.
+    """
+
+    polish_tolerance: float = 1e-9
+    reached: float = 10.0
+    polish_steps: int = 12
+    heading_step: float = 0.3
+    distance_step: float = 1.5
+    heading_weight: float = 0.3
+    least_share: float = 1e-10
+
+    @property
+    def on_goal(self) -> float:
+        """Errors up to this count as none [m] and [rad]."""
+        return self.reached * self.polish_tolerance
+
+
+@dataclass(frozen=True)
+class TrackingSettings:
+    """Numbers of tracking a reference motion under constraints that depend on the path parameter u.
+
+    Attributes:
+        first_advance: first step of u. Taste.
+        largest_advance: largest step of u. Taste.
+        least_advance: step of u below which tracking is given up. Taste.
+        growth: of the step of u after each that was met. Taste.
+        arrival: u where tracking ends and the arm settles on the goal. Taste.
+        steps: that may be needed to meet the constraints at a new u. Taste.
+        largest_turn: largest turn towards the reference that a step asks for [rad]. Taste.
+        pull_weight: weight of the reference, against a nominal link's distance. Taste.
+        still_weight: weight of standing still. Taste.
+    """
+
+    first_advance: float = 1.0 / 80.0
+    largest_advance: float = 1.0 / 40.0
+    least_advance: float = 1e-4
+    growth: float = 1.5
+    arrival: float = 0.98
+    steps: int = 24
+    largest_turn: float = 0.3
+    pull_weight: float = 0.1
+    still_weight: float = 0.02

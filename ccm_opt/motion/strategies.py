@@ -1,0 +1,117 @@
+"""The strategies of the search in one list, each with the tasks that it applies to."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from ccm_opt.motion.backward import backward_tasks, reversed_motion
+from ccm_opt.motion.continuation import Stalled
+from ccm_opt.motion.failures import Failure
+from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.passage_widths import fitting_margins
+from ccm_opt.motion.search_run import SearchRun
+from ccm_opt.motion.tree.tree_search import TREES, search_by_trees
+
+
+class SearchStrategy(Protocol):
+    """One way to look for a motion."""
+
+    def applies(self, task: MotionTask) -> bool:
+        """Whether the strategy can find motions for a task."""
+        ...
+
+    def find(self, task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+        """A certified motion, or None and what was tried added to the failures.
+
+        Args:
+            task: arm, room, ends and limits.
+            failures: is added to.
+            fineness: nominal links to the arm's length.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class PortfolioStrategy:
+    """The candidates of the portfolio with one planning margin after another."""
+
+    def applies(self, task: MotionTask) -> bool:
+        """Candidates do not know how far along the motion they are."""
+        return not task.parametric
+
+    def find(self, task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+        """The first candidate's motion that arrives and is certified."""
+        for margin in fitting_margins(task, task.settings.search.margins, fineness):
+            for motion in candidate_motions(task, margin, fineness, failures):
+                if motion is not None:
+                    return motion
+                if task.deadline.passed():
+                    return None
+        return None
+
+
+@dataclass(frozen=True)
+class TrackingStrategy:
+    """A motion that is found without the user's limits, then tracked under them; for limits over the path parameter.
+
+    Where candidates fail under limits that do not depend on it, tracking is another way to keep them.
+    """
+
+    def applies(self, task: MotionTask) -> bool:
+        """There must be something to track under."""
+        return len(task.user_limits) > 0
+
+    def find(self, task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+        """The first motion without the limits that can be bent to them; one for each planning margin is tried."""
+        if task.deadline.passed():
+            return None
+        free = replace(task, user_limits=())
+        for margin in fitting_margins(task, task.settings.search.margins, fineness):
+            found = next((each for each in candidate_motions(free, margin, fineness, []) if each is not None), None)
+            if found is None:
+                continue
+            motion = SearchRun.from_task(task, margin, fineness).tracked(found, failures)
+            if motion is not None or task.deadline.passed():
+                return motion
+        return None
+
+
+@dataclass(frozen=True)
+class TreeStrategy:
+    """Trees of poses from both ends, until the deadline or until they reach nothing new."""
+
+    def applies(self, task: MotionTask) -> bool:
+        """Poses of a tree do not know how far along the motion they are."""
+        return not task.parametric
+
+    def find(self, task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+        """The motion that joins the trees."""
+        if not task.tip_paths or task.deadline.passed():
+            return None
+        runs = [SearchRun.from_task(task, margin, fineness) for margin in task.settings.search.tree_margins]
+        narrowest = runs[-1]
+        steppers = tuple(run.stepper for run in runs)
+        try:
+            poses = search_by_trees(narrowest.tree_task(steppers))
+            return narrowest.motion(TREES, narrowest.certified_without_pauses(poses))
+        except Stalled as stalled:
+            failures.append(narrowest.failure(TREES, stalled))
+        return None
+
+
+def candidate_motions(
+    task: MotionTask, margin: float, fineness: float, failures: list[Failure]
+) -> Iterator[Motion | None]:
+    """Forwards, then backwards from every pose at the goal, then forwards with all that is left; None for failures."""
+    forward = SearchRun.from_task(task, margin, fineness)
+    yield forward.run(forward.first(), failures)
+    for turned in backward_tasks(task, forward.stepper):
+        if turned is not None:
+            backward = SearchRun.from_task(turned, margin, fineness)
+            motion = backward.run(backward.first(), failures)
+            yield reversed_motion(motion) if motion is not None else None
+    yield forward.run(forward.further(), failures)
+
+
+STRATEGIES: tuple[SearchStrategy, ...] = (PortfolioStrategy(), TrackingStrategy(), TreeStrategy())
+"""What is tried in turn."""
