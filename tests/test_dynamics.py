@@ -18,6 +18,7 @@ from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime import compiled_library
 from ccm_opt.dynamics.runtime.back_end import CompiledBackEnd, DynamicsKind, InterpretedBackEnd
 from ccm_opt.dynamics.runtime.c_compiler import COMPILER_VARIABLE, find_compiler
+from ccm_opt.dynamics.runtime.control_law import LoopParameters
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
@@ -150,6 +151,32 @@ def test_both_back_ends_give_the_same(kind: DynamicsKind, rotors: bool, axes: Ax
     expected = DynamicsFunction(kind, model, InterpretedBackEnd()).with_feed(*states, feed)
     assert relative_error(got[0], expected[0]) < TOLERANCE
     assert relative_error(got[1], expected[1]) < TOLERANCE
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), computed=st.booleans(), rotors=st.booleans(), share=st.floats(0.05, 2.0))
+def test_both_back_ends_obey_the_same_control_law(seed: int, computed: bool, rotors: bool, share: float) -> None:
+    """From any state, under noise, brakes and limits that saturate, both loops hold the same efforts over a step."""
+    arm = geared(make_arm(4, varied=True))
+    plant = arm_model(arm if rotors else replace(arm, rotor_inertia=0.0), GRAVITY)
+    believed = arm_model(replace(arm, payload=0.2, rotor_inertia=1e-4 if rotors else 0.0), GRAVITY)
+    library = compiled_library.load_library(plant.structure)
+    if library is None:
+        pytest.skip("no C compiler")
+    gains = (900.0, 60.0, 400.0, 40.0) if computed else (0.5, 0.002, 50.0, 5.0)
+    parameters = LoopParameters(1e-4, computed, *gains, limit=np.full(12, share), feed_limit=20.0 * share)
+
+    random = np.random.default_rng(seed)
+    state = random.uniform(-1.0, 1.0, (2, 13))
+    reference = random.uniform(-1.0, 1.0, (3, 3, 13))
+    noise = random.normal(0.0, 1e-3, (3, 2, 12))
+    held = int(random.integers(0, 2))
+    got = CompiledBackEnd(library).loop(plant, believed, parameters).run(state, reference, noise, held)
+    expected = InterpretedBackEnd().loop(plant, believed, parameters).run(state, reference, noise, held)
+    assert not np.any(got[1][:held])
+    assert np.all(np.abs(got[1][:, :12]) <= share)
+    assert relative_error(got[1], expected[1]) < TOLERANCE
+    assert relative_error(got[0], expected[0]) < TOLERANCE
 
 
 def test_six_hundred_joints_equal_mujoco() -> None:
