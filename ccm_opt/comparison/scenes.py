@@ -97,7 +97,7 @@ def random_headings(rng: np.random.Generator, arm: Arm, bend: float = 3.0) -> Fl
     knots = rng.normal(0.0, bend, 6)
     middles = (np.arange(arm.links) + 0.5) / arm.links
     bends = np.interp(middles, np.linspace(0.0, 1.0, 6), knots) * arm.link_length
-    bends[0] = rng.uniform(-np.pi, np.pi)
+    bends[0] = rng.uniform(-np.pi, np.pi)  # the base may point anywhere
     return arm.headings(np.clip(bends, -0.95 * arm.bend_limits, 0.95 * arm.bend_limits))
 
 

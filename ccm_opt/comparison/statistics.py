@@ -195,6 +195,7 @@ def median_interval(values: FloatArray) -> ConfidenceInterval:
     Statistics, section 3.2). Fewer than six values bound nothing.
     """
     count = len(values)
+    # ppf gives the least k with P(B <= k) of at least the tail, so that P(B < k) stays below it.
     k = int(stats.binom.ppf((1.0 - LEVEL) / 2.0, count, 0.5)) if count else 0
     if k < 1:
         return ConfidenceInterval(-math.inf, math.inf)

@@ -89,6 +89,7 @@ def check_target(target: Path) -> None:
         raise ProblemError(f"cannot write {target}: something that is not a folder has that name; choose another --out")
     if target.is_dir() and any(target.iterdir()) and not (target / RECORD).is_file():
         raise ProblemError(f"cannot write {target}: it is a folder of something else; choose another --out or clear it")
+    # Parents that are missing will be made, in the nearest one that exists.
     nearest = next((parent for parent in target.absolute().parents if parent.exists()), Path("/"))
     if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
         raise ProblemError(f"cannot write {target}: {nearest} is not a writable folder; choose another --out")

@@ -61,7 +61,7 @@ def _add_body(parent: ET.Element, arm: Arm, ball: int) -> ET.Element:
     if ball > 1:
         body.set("pos", numbers((arm.link_length, 0.0, 0.0)))
         return body
-    half = -0.5 * arm.base_heading  # about world +y
+    half = -0.5 * arm.base_heading  # about world +y, which turns x towards -z
     body.set("pos", numbers(base_position(arm)))
     body.set("quat", numbers((np.cos(half), 0.0, np.sin(half), 0.0)))
     return body

@@ -103,7 +103,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     """
     path = folder / ARRAYS
     arrays = _read_arrays(path)
-    arrays.setdefault("stops", np.zeros(0, dtype=np.int64))
+    arrays.setdefault("stops", np.zeros(0, dtype=np.int64))  # folders of earlier versions have none
     of_base = {} if arm.feed is None else FEED_SHAPES
     shapes = {**SHAPES, **of_base}
     _check_shapes(arrays, path, arm.links, shapes)
@@ -177,6 +177,7 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
         if name not in arrays:
             raise ProblemError(f"{path}: the array '{name}' is missing")
         array = arrays[name]
+        # The first array that has a size fixes it for all others.
         wanted = tuple(
             sizes.setdefault(size, got) if isinstance(size, str) else size
             for size, got in zip(shape, array.shape, strict=False)

@@ -10,7 +10,10 @@ def dotted(path: KeyPath) -> str:
     """A key path as people write it: ``workspace.obstacles[2].polygon``."""
     text = ""
     for part in path:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if text else part
     return text
 
 
@@ -37,6 +40,17 @@ def without_key(data: Mapping[str, object], path: KeyPath) -> dict[str, object]:
         copy.pop(head, None)
     elif isinstance(child := copy.get(head), Mapping):
         copy[head] = without_key(child, rest)
-    elif isinstance(child, list) and isinstance(rest[0], int) and len(rest) > 1 and isinstance(child[rest[0]], Mapping):
-        copy[head] = [without_key(item, rest[1:]) if k == rest[0] else item for k, item in enumerate(child)]
+    elif isinstance(child, list):
+        copy[head] = _without_key_of_entry(child, rest)
+    return copy
+
+
+def _without_key_of_entry(entries: list[object], path: KeyPath) -> list[object]:
+    """A copy of an array of tables in which the key at the end of ``path`` is gone; the rest is shared."""
+    index, *rest = path
+    copy = list(entries)
+    if isinstance(index, int) and rest:
+        entry = copy[index]
+        if isinstance(entry, Mapping):
+            copy[index] = without_key(entry, tuple(rest))
     return copy

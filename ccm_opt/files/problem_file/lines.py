@@ -84,7 +84,7 @@ class _Scanner:
             if array and depth == len(keys) - 1:
                 self.counts[path] = self.counts.get(path, -1) + 1
             self._mark(path, line)
-            if path in self.counts:
+            if path in self.counts:  # [a.b] below [[a]] belongs to the latest element of a
                 path = (*path, self.counts[path])
         self._mark(path, line)
         self.table = path

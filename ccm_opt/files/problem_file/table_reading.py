@@ -68,15 +68,16 @@ def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: 
     Returns:
         The problem, or None when there are issues.
     """
-    given = data
-    data = with_scene(given, folder, issues)
-    check_alternatives(data, issues)
-    draft = _validate(data, issues)
-    _check_between(draft, str(data.get("units", "m")), issues)
+    whole = with_scene(data, folder, issues)
+    check_alternatives(whole, issues)
+    draft = _validate(whole, issues)
+    _check_between(draft, str(whole.get("units", "m")), issues)
     tables = _complete(draft)
     if tables is None or issues.found:
         return None
-    return build_problem(tables, source if data is given else tomlkit.dumps(data))
+    # With the obstacles of a drawing written out the problem can be read again without that drawing.
+    has_drawing = whole is not data
+    return build_problem(tables, tomlkit.dumps(whole) if has_drawing else source)
 
 
 def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
@@ -91,6 +92,7 @@ def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
 
     return _Draft(
         root=issues.validate(RootTable, data, (), scale),
+        # Obstacles are validated one by one, so that a defect of one does not hide those of the others.
         workspace=section(WorkspaceTable, "workspace", leave_out="obstacles"),
         obstacles=_obstacles(data, issues, scale),
         arm=section(ArmTable, "arm"),

@@ -91,12 +91,14 @@ def _parsed(content: bytes) -> "Drawing":
     from ezdxf import recover  # noqa: PLC0415 - loaded only when a DXF file is read
     from ezdxf.audit import AuditError  # noqa: PLC0415 - likewise
 
+    # The parser would mend a file that was cut short in silence, and obstacles would be missing.
     if b"EOF" not in content[-64:]:
         raise ProblemError("the DXF file has no end: it was cut short, or it is no DXF; save it again")
     try:
         drawing, auditor = recover.read(io.BytesIO(content))
     except Exception as error:  # whatever the parser stumbles over
         raise ProblemError(f"not readable as DXF: {error}") from error
+    # An undefined block counts as mended when its references are deleted; here that is a lost obstacle.
     lost = [fix for fix in auditor.fixes if fix.code == AuditError.UNDEFINED_BLOCK]
     for defect in [*auditor.errors, *lost]:
         raise ProblemError(f"the DXF file is damaged: {defect.message} Save it again from a CAD program.")
@@ -106,7 +108,7 @@ def _parsed(content: bytes) -> "Drawing":
 def _entities(drawing: "Drawing", refusals: list[str]) -> Iterator[_Placed]:
     """The visible entities of the model space, blocks taken apart, each upright."""
     hidden = {layer.dxf.name.lower() for layer in drawing.layers if layer.is_off() or layer.is_frozen()}
-    hidden.add("defpoints")
+    hidden.add("defpoints")  # CAD programs never print this layer
     for entity in drawing.modelspace():
         name = f"{entity.dxftype().lower()} {entity.dxf.get('handle', '')}".strip()
         for item in _exploded(entity, str(entity.dxf.get("layer", "0")), name, refusals, _DEEPEST):

@@ -18,6 +18,8 @@ Entity: TypeAlias = Any
 """An entity of ezdxf, of the type that its ``dxftype()`` says."""
 _FRAME_VERTEX = 16
 """Flag of a POLYLINE vertex that steers a fitted curve and is not on it (DXF reference, VERTEX, code 70)."""
+_CLOSED = 1e-9
+"""A spline whose ends are nearer than this, relative to its extent, is closed."""
 _FULL_TURN = 1e-9
 """Arcs that miss a full turn by less than this are full [rad]."""
 
@@ -43,6 +45,7 @@ def hatch_rings(entity: Entity, distance: float) -> tuple[tuple[FloatArray, ...]
 
 def corner_points(entity: Entity) -> FloatArray:
     """Corners of a SOLID, TRACE or 3DFACE in order round it, shape (3 or 4, 2)."""
+    # A triangle repeats its last corner.
     points = np.array([(p.x, p.y) for p in entity.wcs_vertices()], dtype=np.float64)
     repeated = np.all(points == np.roll(points, 1, axis=0), axis=1)
     corners: FloatArray = points[~repeated]
@@ -84,6 +87,7 @@ def _sweep(start: float, end: float) -> tuple[float, float]:
 
 
 def _lwpolyline(entity: Entity, distance: float) -> Piece:
+    # Columns: x, y, width at the start and at the end of the leg, bulge.
     table = np.array(entity.get_points("xyseb"), dtype=np.float64).reshape(-1, 5)
     width = max(float(table[:, 2:4].max(initial=0.0)), float(entity.dxf.get("const_width", 0.0)))
     return _polygonal(table[:, :2], table[:, 4], bool(entity.closed), distance, 0.5 * width)
@@ -95,8 +99,15 @@ def _polyline(entity: Entity, distance: float) -> Piece:
     drawn = [vertex.dxf for vertex in entity.vertices if not vertex.dxf.flags & _FRAME_VERTEX]
     points = np.array([(v.location.x, v.location.y) for v in drawn], dtype=np.float64).reshape(-1, 2)
     bulges = np.array([v.get("bulge", 0.0) for v in drawn], dtype=np.float64)
-    widths = [v.get(key, entity.dxf.get(f"default_{key}", 0.0)) for v in drawn for key in ("start_width", "end_width")]
-    return _polygonal(points, bulges, bool(entity.is_closed), distance, 0.5 * float(max(widths, default=0.0)))
+    width = max((_vertex_width(vertex, entity) for vertex in drawn), default=0.0)
+    return _polygonal(points, bulges, bool(entity.is_closed), distance, 0.5 * width)
+
+
+def _vertex_width(vertex: Entity, polyline: Entity) -> float:
+    """Width of the leg after a vertex where it is greatest; the polyline's where the vertex gives none."""
+    start = vertex.get("start_width", polyline.dxf.get("default_start_width", 0.0))
+    end = vertex.get("end_width", polyline.dxf.get("default_end_width", 0.0))
+    return float(max(start, end))
 
 
 def _polygonal(points: FloatArray, bulges: FloatArray, closed: bool, distance: float, half_width: float = 0.0) -> Piece:
@@ -122,7 +133,8 @@ def _flat_spline(tool: "BSpline", distance: float) -> Piece:
         raise ProblemError("it is a rational spline; explode it into a polyline or arcs")
     control = np.array([(p.x, p.y) for p in tool.control_points], dtype=np.float64)
     points = flatten_spline(np.array(tool.knots(), dtype=np.float64), control, tool.degree, distance)
-    closed = len(points) > 3 and bool(np.hypot(*(points[0] - points[-1])) <= 1e-9 * np.ptp(points, axis=0).max())
+    extent = np.ptp(points, axis=0).max()
+    closed = len(points) > 3 and bool(np.hypot(*(points[0] - points[-1])) <= _CLOSED * extent)
     return Piece(points[:-1] if closed else points, closed, curved=True)
 
 
@@ -139,7 +151,11 @@ def _boundary(path: Entity, distance: float) -> Piece:
 
 
 def _gap(pieces: Sequence[Piece]) -> float:
-    return 1e-6 * float(np.ptp(np.concatenate([piece.points for piece in pieces]), axis=0).max()) if pieces else 0.0
+    """Distance up to which ends of a boundary's edges meet: what programs that write six digits leave between them."""
+    if not pieces:
+        return 0.0
+    points = np.concatenate([piece.points for piece in pieces])
+    return 1e-6 * float(np.ptp(points, axis=0).max())
 
 
 def _edge(edge: Entity, distance: float) -> Piece:

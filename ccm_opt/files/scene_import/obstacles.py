@@ -66,6 +66,7 @@ def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()
 
 def _grown(polygons: shapely.MultiPolygon, growth: float, corner_reach: float) -> list[shapely.Polygon]:
     """Polygons that hold every point within ``growth``; corners stay corners, but for very sharp ones."""
+    # Mitred corners keep the number of vertices, but a very sharp one would reach far beyond the growth.
     mitred = polygons.buffer(growth, join_style="mitre")
     return polygons_of(shapely.intersection(mitred, polygons.buffer(corner_reach * growth)))
 

@@ -54,6 +54,7 @@ def repaired(polygon: shapely.Polygon, settings: ImportSettings = IMPORT) -> lis
     if polygon.is_valid and polygon.area > 0.0:
         return [polygon]
     why = shapely.is_valid_reason(polygon)
+    # Of a bow tie GEOS keeps both halves, so that a change of area shows that more than a slip was repaired.
     mended = polygons_of(shapely.make_valid(polygon))
     area = sum(part.area for part in mended)
     if area == 0.0:

@@ -10,6 +10,7 @@ import io
 import math
 import re
 import xml.etree.ElementTree as ET  # expat bounds entity expansion, and no external entity is loaded
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,10 +24,11 @@ if TYPE_CHECKING:
     import svgelements
 
 _NAME = "data-obstacle-name"
+"""Attribute that carries a shape's name through the parser."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _NOT_SHAPES = frozenset(("clipPath", "filter", "image", "marker", "mask", "metadata", "pattern", "text"))
 _DRAWN = frozenset(("circle", "ellipse", "line", "path", "polygon", "polyline", "rect"))
-_NUMBERS = re.compile(r"[MmZzLlHhVvCcSsQqTtAa0-9eE+\-.,\s]*")
+_PATH_TEXT = re.compile(r"[MmZzLlHhVvCcSsQqTtAa0-9eE+\-.,\s]*")
 _CLOSED = 1e-9
 """A path whose ends are nearer than this, relative to its extent, is closed."""
 
@@ -63,6 +65,7 @@ def _prepared(content: bytes) -> ET.Element:
         raise ProblemError(f"not readable as XML: {error}") from None
     if _tag(root) != "svg":
         raise ProblemError(f"expected the outermost element svg, got {_tag(root)}")
+    # Without them the parser leaves the coordinates as they are drawn.
     for key in ("width", "height", "viewBox", "preserveAspectRatio", "x", "y"):
         root.attrib.pop(key, None)
     _prune(root)
@@ -72,6 +75,7 @@ def _prepared(content: bytes) -> ET.Element:
 
 
 def _prune(element: ET.Element) -> None:
+    """Take out the elements that draw no shape, with all that is in them."""
     for child in list(element):
         if _tag(child) in _NOT_SHAPES:
             element.remove(child)
@@ -86,8 +90,9 @@ def _name_shapes(element: ET.Element, group: str | None) -> None:
     if _tag(element) in _DRAWN:
         name = given or group or _tag(element)
         element.set(_NAME, name)
-        if not _NUMBERS.fullmatch(element.get("d", "") + element.get("points", "")):
+        if not _PATH_TEXT.fullmatch(element.get("d", "") + element.get("points", "")):
             raise ProblemError(f"'{name}' has path data with something that is neither a command nor a number")
+    # The id of the document says nothing about its shapes.
     inherited = group if _tag(element) == "svg" else given or group
     for child in element:
         _name_shapes(child, inherited)
@@ -112,6 +117,21 @@ def _visible(item: "svgelements.Shape") -> bool:
     return item.values.get("visibility") not in {"hidden", "collapse"}
 
 
+@dataclass(frozen=True)
+class _Subpath:
+    """A part of a path that is drawn without lifting the pen, in the element's coordinates.
+
+    Attributes:
+        points: shape (k, 2); a closed one does not repeat its first point.
+        closed: whether its ends meet.
+        curved: whether it has curves.
+    """
+
+    points: FloatArray
+    closed: bool
+    curved: bool
+
+
 def _shapes(item: "svgelements.Shape", distance: float) -> list[Shape]:
     """The shapes of one element: a disc, or a region of its closed subpaths, and a line for each open one."""
     name = str(item.values.get("attributes", {}).get(_NAME, "shape"))
@@ -120,17 +140,25 @@ def _shapes(item: "svgelements.Shape", distance: float) -> list[Shape]:
         raise ProblemError(f"'{name}' has a transform that is not finite")
     if (disc := _disc(item, name, matrix)) is not None:
         return [disc]
+    # Curves are flattened before they are transformed, so the distance shrinks by as much as the transform stretches.
     stretch = float(np.linalg.norm(matrix[:, :2], ord=2))
     try:
         subpaths = [_flattened(subpath, distance / max(stretch, 1e-300)) for subpath in _subpaths(item)]
     except ProblemError as error:
         raise ProblemError(f"'{name}': {error}") from None
-    placed = [(points @ matrix[:, :2].T + matrix[:, 2], closed, curved) for points, closed, curved in subpaths]
-    rings = tuple(points for points, closed, _ in placed if closed)
+
+    def placed(subpath: _Subpath) -> FloatArray:
+        points: FloatArray = subpath.points @ matrix[:, :2].T + matrix[:, 2]
+        return points
+
+    closed = [subpath for subpath in subpaths if subpath.closed]
     rule: FillRule = "evenodd" if item.values.get("fill-rule") == "evenodd" else "nonzero"
-    curved = any(curved for _, closed, curved in placed if closed)
-    found: list[Shape] = [Region(name, rings, rule, curved)] if rings else []
-    return found + [Line(name, points, curved) for points, closed, curved in placed if not closed]
+    found: list[Shape] = []
+    if closed:
+        rings = tuple(placed(subpath) for subpath in closed)
+        found.append(Region(name, rings, rule, any(subpath.curved for subpath in closed)))
+    found += [Line(name, placed(subpath), subpath.curved) for subpath in subpaths if not subpath.closed]
+    return found
 
 
 def _matrix(item: "svgelements.Shape") -> FloatArray:
@@ -145,6 +173,7 @@ def _disc(item: "svgelements.Shape", name: str, matrix: FloatArray) -> Disc | No
 
     if not isinstance(item, svgelements.Circle | svgelements.Ellipse):
         return None
+    # The half axes after the transform: a circle when they are of equal length and at a right angle.
     axes = matrix[:, :2] * np.array([float(item.rx), float(item.ry)])
     radius = math.sqrt(abs(float(np.linalg.det(axes))))
     if not np.allclose(axes.T @ axes, radius**2 * np.eye(2), rtol=0.0, atol=1e-12 * radius**2):
@@ -162,13 +191,13 @@ def _subpaths(item: "svgelements.Shape") -> list[list[object]]:
             subpaths.append([])
         elif subpaths:
             subpaths[-1].append(segment)
-            if isinstance(segment, svgelements.Close):
+            if isinstance(segment, svgelements.Close):  # what follows without a Move is a subpath too
                 subpaths.append([])
     return [subpath for subpath in subpaths if subpath]
 
 
-def _flattened(subpath: list[object], distance: float) -> tuple[FloatArray, bool, bool]:
-    """Points of a subpath, whether it is closed, and whether it has curves; a closed one does not repeat a point."""
+def _flattened(subpath: list[object], distance: float) -> "_Subpath":
+    """A subpath with its curves as polylines."""
     import svgelements  # noqa: PLC0415 - loaded already
 
     pieces = [_segment_points(segment, distance) for segment in subpath]
@@ -179,7 +208,7 @@ def _flattened(subpath: list[object], distance: float) -> tuple[FloatArray, bool
     meets = len(points) > 3 and float(np.hypot(*(points[-1] - points[0]))) <= _CLOSED * extent
     closed = meets or isinstance(subpath[-1], svgelements.Close)
     curved = not all(isinstance(segment, svgelements.Line | svgelements.Close) for segment in subpath)
-    return (points[:-1] if meets else points), closed, curved
+    return _Subpath(points[:-1] if meets else points, closed, curved)
 
 
 def _segment_points(segment: object, distance: float) -> FloatArray:

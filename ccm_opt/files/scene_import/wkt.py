@@ -37,7 +37,7 @@ def _pieces(text: str) -> list[str]:
     pieces = []
     piece = ""
     for line in text.splitlines():
-        piece = f"{piece} {line}".strip()
+        piece = f"{piece} {line}".strip()  # a geometry may go over several lines
         if piece and piece.count("(") <= piece.count(")"):
             pieces.append(re.sub(r"^SRID=\d+;", "", piece.rstrip(";"), flags=re.IGNORECASE))
             piece = ""
