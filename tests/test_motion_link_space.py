@@ -133,21 +133,23 @@ def test_headings_scale_with_the_arm() -> None:
 @given(
     seed=seeds,
     links=st.sampled_from((12, 24, 96)),
-    fineness=st.sampled_from((24.0, 60.0, 200.0)),
+    nominal_links=st.sampled_from((24.0, 60.0, 200.0)),
     clamped=st.booleans(),
 )
-def test_spaces_of_every_fineness_follow_their_curve(seed: int, links: int, fineness: float, *, clamped: bool) -> None:
+def test_spaces_of_every_fineness_follow_their_curve(
+    seed: int, links: int, nominal_links: float, *, clamped: bool
+) -> None:
     """However fine the space, clamped or not: the start is exact, and links turn as the means of the curve do."""
     arm = make_arm(links)
     rng = np.random.default_rng(seed)
     start = random_headings(rng, arm)
-    space, v = LinkSpace.through(arm, start, fineness, clamped=clamped)
+    space, v = LinkSpace.through(arm, start, nominal_links, clamped=clamped)
     np.testing.assert_allclose(space.headings(v), start, atol=1e-12)
     moved = v + rng.normal(0.0, 1.0, len(v))
     turned = space.headings(moved) - space.headings(v)
     expected = mean_headings(space.curve(moved), links) - mean_headings(space.curve(v), links)
     np.testing.assert_allclose(turned, expected, atol=1e-10)
-    assert space.unit == pytest.approx(arm.length / fineness)
+    assert space.nominal_length == pytest.approx(arm.length / nominal_links)
 
 
 @settings(max_examples=20)

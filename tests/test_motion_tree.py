@@ -13,7 +13,7 @@ from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion.continuation import Deadline, Stalled
-from ccm_opt.motion.link_space import FINENESS
+from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import CachedItems, MotionTask
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.search_run import SearchRun
@@ -47,7 +47,7 @@ NO_CANDIDATES = (TreeStrategy(),)
 
 def tree_task(task: MotionTask) -> TreeTask:
     """What the search grows its trees for."""
-    runs = [SearchRun.from_task(task, margin, FINENESS) for margin in task.settings.search.tree_margins]
+    runs = [SearchRun.from_task(task, margin, NOMINAL_LINKS) for margin in task.settings.search.tree_margins]
     return runs[-1].tree_task(tuple(run.stepper for run in runs))
 
 

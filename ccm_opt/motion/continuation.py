@@ -129,7 +129,7 @@ def polished(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
     space = stepper.space
     settings = stepper.settings.continuation
     distance, turn = goal.errors(pose)
-    if distance > settings.polish_distance * space.unit or turn > settings.polish_turn:
+    if distance > settings.polish_distance * space.nominal_length or turn > settings.polish_turn:
         return None
     final = stepper.pose(polish(space, goal, pose.v))
     if not goal.on_goal(final) or not goal.limits_met(final):

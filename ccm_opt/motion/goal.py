@@ -65,7 +65,7 @@ class GoalPose:
     def terms(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, weight: float) -> list[Term]:
         """What draws the tip onto the goal."""
         settings = self.settings
-        unit = space.unit
+        unit = space.nominal_length
         error = self.position - pose.points[-1]
         error = error * min(1.0, settings.distance_step * unit / max(float(np.hypot(*error)), _SMALLEST))
         terms = [Term(jacobians[-1] / unit, error / unit, weight)]

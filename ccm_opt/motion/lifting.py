@@ -98,7 +98,7 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
             continue  # the ends are given
         pose = stepper.pose(coordinates[k])
         stay = [
-            Term(space.matrix, np.zeros(space.arm.links), space.share),
+            Term(space.matrix, np.zeros(space.arm.links), space.nominal_per_link),
             Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), stepper.settings.lifting.coordinate_weight),
         ]
         mended[k] = stepper.step(pose, space.jacobians(pose.headings), stay).v

@@ -18,11 +18,14 @@ from ccm_opt.jointed.arm import Arm
 
 SEGMENTS = 5
 KNOTS = 4 * SEGMENTS + 1
-FINENESS = 24.0
-"""Units to the length of an arm where passages are wide: a nominal link is a twenty-fourth of the arm."""
+NOMINAL_LINKS = 24.0
+"""Nominal links to the length of an arm where passages are wide: the unit of length of all weights in planning."""
 _FIT_WEIGHT = 1e-6
+"""Weight on curvature differences, which break ties of the fit."""
 _METRIC_SHARE = 1e-6
+"""Share of its diagonal that is added to the metric, so that it is definite."""
 _METRIC_RIDGE = 1e-9
+"""What is added to it in every direction."""
 
 
 @dataclass(frozen=True)
@@ -33,36 +36,36 @@ class LinkSpace:
         arm: the arm whose links they are.
         matrix: A, shape (links, p).
         offset: φ₀, shape (links,) [rad].
-        fineness: how many units there are to the arm's length.
+        nominal_links: how many of them there are to the arm's length.
         clamped: whether the first link keeps its heading; θ(0) then follows from the curvature.
     """
 
     arm: Arm
     matrix: FloatArray
     offset: FloatArray
-    fineness: float = FINENESS
+    nominal_links: float = NOMINAL_LINKS
     clamped: bool = False
 
     @property
-    def unit(self) -> float:
-        """The length in which guides measure advances, leashes and folds [m]."""
-        return self.arm.length / self.fineness
+    def nominal_length(self) -> float:
+        """Length of a nominal link, in which guides measure advances, leashes and folds [m]."""
+        return self.arm.length / self.nominal_links
 
     @property
-    def share(self) -> float:
-        """Units to a link; the weight of a term that is summed over all links."""
-        return self.fineness / self.arm.links
+    def nominal_per_link(self) -> float:
+        """Nominal links to a link; the weight of a term that is summed over all links."""
+        return self.nominal_links / self.arm.links
 
     @classmethod
     def through(
-        cls, arm: Arm, headings: FloatArray, fineness: float = FINENESS, *, clamped: bool = False
+        cls, arm: Arm, headings: FloatArray, nominal_links: float = NOMINAL_LINKS, *, clamped: bool = False
     ) -> tuple["LinkSpace", FloatArray]:
         """The space that holds given link headings exactly, and their coordinates there.
 
         Args:
             arm: the arm.
             headings: link headings of the start, shape (links,) [rad].
-            fineness: units to the arm's length.
+            nominal_links: to the arm's length.
             clamped: keep the heading of the first link in all of the space.
 
         Returns:
@@ -72,7 +75,7 @@ class LinkSpace:
         if clamped:
             matrix = matrix - matrix[0]
         start = fit_coordinates(matrix, headings - (headings[0] if clamped else 0.0), arm.length)
-        return cls(arm, matrix, headings - matrix @ start, fineness, clamped), start
+        return cls(arm, matrix, headings - matrix @ start, nominal_links, clamped), start
 
     def blended_to(self, headings: FloatArray) -> tuple["LinkSpace", FloatArray]:
         """The space with one more coordinate w, so that w = 1 holds other given link headings exactly too.

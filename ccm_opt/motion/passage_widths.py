@@ -8,7 +8,7 @@ from ccm_opt.collision.walls import Walls
 from ccm_opt.geometry.polygons import cross
 from ccm_opt.geometry.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
 from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES
-from ccm_opt.motion.link_space import FINENESS
+from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import MotionTask
 
 
@@ -17,14 +17,14 @@ def nominal_links_asked(task: MotionTask) -> float:
 
     A nominal link shorter than a link is of no use, so arms of few links are always planned with the usual ones.
     """
-    if not task.tip_paths or task.arm.links <= FINENESS:
-        return FINENESS
+    if not task.tip_paths or task.arm.links <= NOMINAL_LINKS:
+        return NOMINAL_LINKS
     settings = task.settings.guides.passages
     walls = Walls.of(task.workspace)
     widths = passage_widths(walls, task.tip_paths[0].taut, task.arm.length, settings.samples)
     narrowest = float(widths.min()) / task.arm.length
-    if narrowest * FINENESS >= settings.narrow:
-        return FINENESS
+    if narrowest * NOMINAL_LINKS >= settings.narrow:
+        return NOMINAL_LINKS
     return min(settings.roomy / max(narrowest, 1e-9), float(task.arm.links))
 
 

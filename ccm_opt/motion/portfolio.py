@@ -116,7 +116,7 @@ def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> GuideCandidate:
 
 def _heading_window(stepper: Stepper) -> float:
     """Length over which a track's heading is smoothed [m]."""
-    return stepper.settings.guides.heading_window * stepper.space.unit
+    return stepper.settings.guides.heading_window * stepper.space.nominal_length
 
 
 def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
@@ -127,7 +127,7 @@ def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
     widths = passage_widths(stepper.finder.walls, path.taut, arm.length, settings.passages.samples)
     # A fold turns inside the width that the arm's own thickness leaves.
     width = float(np.quantile(widths, hairpin.passage_quantile)) - 2.0 * arm.radius
-    wanted = hairpin.passage_share * width / stepper.space.unit
+    wanted = hairpin.passage_share * width / stepper.space.nominal_length
     fitting = float(np.clip(wanted, min(hairpin.lengths), max(hairpin.lengths)))
     others = [length for length in hairpin.lengths if abs(length - fitting) > hairpin.same_length]
     return fitting, *others
@@ -182,7 +182,7 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
     # Both lengths grow or fall with the joint, for the path from a joint differs from its neighbour's by at most a
     # link; so bisection finds where they cross a bound, and few taut paths have to be drawn.
     last = _last_true(lambda joint: new_length(joint) <= arm.length, arm.links)
-    near_shortest = tip_path_length(last) + stepper.space.unit
+    near_shortest = tip_path_length(last) + stepper.space.nominal_length
     first = last - _last_true(lambda back: tip_path_length(last - back) <= near_shortest, last)
     return first, path.from_joint(start.points, first)
 
@@ -203,7 +203,7 @@ def _last_true(holds: Callable[[int], bool], last: int) -> int:
 def _fold(stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, length: float) -> Hairpin:
     """The guide of a fold of some length, in nominal links, that has not begun to travel yet."""
     arm = stepper.space.arm
-    fold_length = length * stepper.space.unit
+    fold_length = length * stepper.space.nominal_length
     # The strands lie at least so far apart that the arm keeps its planning margin from itself; a half circle of the
     # fold's length has them further apart.
     strands = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, fold_length / np.pi)

@@ -6,7 +6,7 @@ links, they are planned on their own links.
 
 from ccm_opt.motion.failures import Failure, nothing_found
 from ccm_opt.motion.lifting import lift
-from ccm_opt.motion.link_space import FINENESS
+from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.passage_widths import nominal_links_asked
@@ -34,22 +34,22 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
 
 def _found_by(strategy: SearchStrategy, task: MotionTask, failures: list[Failure]) -> Motion | None:
     """The optimised motion that a strategy finds at few links, lifted, or else on the task's own links."""
-    fineness = nominal_links_asked(task)
-    if _planned_coarsely(task, fineness):
+    nominal_links = nominal_links_asked(task)
+    if _planned_coarsely(task, nominal_links):
         coarse = coarsened(task, task.settings.search.design_links)
-        found = strategy.find(coarse, failures, FINENESS)
+        found = strategy.find(coarse, failures, NOMINAL_LINKS)
         lifted = _lifted(found, coarse, task) if found is not None else None
         if lifted is not None:
             return lifted
-    motion = strategy.find(task, failures, fineness)
+    motion = strategy.find(task, failures, nominal_links)
     return optimise(motion, task) if motion is not None else None
 
 
-def _planned_coarsely(task: MotionTask, fineness: float) -> bool:
+def _planned_coarsely(task: MotionTask, nominal_links: float) -> bool:
     """Whether planning with few links first pays, and is possible."""
     settings = task.settings.search
     many = task.arm.links > settings.many_links * settings.design_links
-    wide = fineness <= FINENESS  # narrow passages need short links
+    wide = nominal_links <= NOMINAL_LINKS  # narrow passages need short links
     resamples = all(limit.resamples for limit in task.user_limits)
     return many and wide and resamples and not task.clamped
 

@@ -40,15 +40,15 @@ class SearchRun:
     guesses: Iterable[FloatArray]
 
     @classmethod
-    def from_task(cls, task: MotionTask, margin_links: float, fineness: float) -> "SearchRun":
+    def from_task(cls, task: MotionTask, margin_links: float, nominal_links: float) -> "SearchRun":
         """A pass in the link space through the task's start.
 
         Args:
             task: what is looked for.
             margin_links: planning margin, in nominal links.
-            fineness: nominal links to the arm's length.
+            nominal_links: nominal links to the arm's length.
         """
-        space, start = LinkSpace.through(task.arm, task.start, fineness, clamped=task.clamped)
+        space, start = LinkSpace.through(task.arm, task.start, nominal_links, clamped=task.clamped)
         goal = task.limited_goal
         guesses: Iterable[FloatArray] = CachedItems(_nearest_coordinates(space, guess) for guess in task.guesses)
         if task.goal_headings is not None:
@@ -57,8 +57,8 @@ class SearchRun:
             goal = replace(goal, coordinates=end)
             guesses = (end,)
         settings = task.settings.search
-        margin = margin_links * space.unit
-        finder = task.finder(margin, max(settings.reach * space.unit, settings.reach_margins * margin))
+        margin = margin_links * space.nominal_length
+        finder = task.finder(margin, max(settings.reach * space.nominal_length, settings.reach_margins * margin))
         stepper = Stepper(space, finder, task.limits(finder), task.settings)
         run = cls(task, stepper, stepper.pose(start), goal, guesses)
         # A motion drawn towards a guess that breaks a limit would be drawn away from what the limit allows.

@@ -113,6 +113,6 @@ def smoothness_terms(space: LinkSpace, v: FloatArray, bending: float, jerk: floa
         jerk: weight on its differences from knot to knot.
     """
     curvature = np.zeros((KNOTS, space.dimension))
-    curvature[:, 1 : KNOTS + 1] = space.unit * np.eye(KNOTS)
+    curvature[:, 1 : KNOTS + 1] = space.nominal_length * np.eye(KNOTS)
     difference = np.diff(curvature, axis=0)
     return [Term(curvature, -curvature @ v, bending), Term(difference, -difference @ v, jerk)]

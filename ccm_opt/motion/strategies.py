@@ -20,13 +20,13 @@ class SearchStrategy(Protocol):
         """Whether the strategy can find motions for a task."""
         ...
 
-    def find(self, task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """A certified motion, or None and what was tried added to the failures.
 
         Args:
             task: arm, room, ends and limits.
             failures: is added to.
-            fineness: nominal links to the arm's length.
+            nominal_links: nominal links to the arm's length.
         """
         ...
 
@@ -39,10 +39,10 @@ class PortfolioStrategy:
         """Candidates do not know how far along the motion they are."""
         return not task.parametric
 
-    def find(self, task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The first candidate's motion that arrives and is certified."""
-        for margin in fitting_margins(task, task.settings.search.margins, fineness):
-            for motion in candidate_motions(task, margin, fineness, failures):
+        for margin in fitting_margins(task, task.settings.search.margins, nominal_links):
+            for motion in candidate_motions(task, margin, nominal_links, failures):
                 if motion is not None:
                     return motion
                 if task.deadline.passed():
@@ -61,16 +61,18 @@ class TrackingStrategy:
         """There must be something to track under."""
         return len(task.user_limits) > 0
 
-    def find(self, task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The first motion without the limits that can be bent to them; one for each planning margin is tried."""
         if task.deadline.passed():
             return None
         free = replace(task, user_limits=())
-        for margin in fitting_margins(task, task.settings.search.margins, fineness):
-            found = next((each for each in candidate_motions(free, margin, fineness, []) if each is not None), None)
+        for margin in fitting_margins(task, task.settings.search.margins, nominal_links):
+            found = next(
+                (each for each in candidate_motions(free, margin, nominal_links, []) if each is not None), None
+            )
             if found is None:
                 continue
-            motion = SearchRun.from_task(task, margin, fineness).tracked(found, failures)
+            motion = SearchRun.from_task(task, margin, nominal_links).tracked(found, failures)
             if motion is not None or task.deadline.passed():
                 return motion
         return None
@@ -84,11 +86,11 @@ class TreeStrategy:
         """Poses of a tree do not know how far along the motion they are."""
         return not task.parametric
 
-    def find(self, task: MotionTask, failures: list[Failure], fineness: float) -> Motion | None:
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The motion that joins the trees."""
         if not task.tip_paths or task.deadline.passed():
             return None
-        runs = [SearchRun.from_task(task, margin, fineness) for margin in task.settings.search.tree_margins]
+        runs = [SearchRun.from_task(task, margin, nominal_links) for margin in task.settings.search.tree_margins]
         narrowest = runs[-1]
         steppers = tuple(run.stepper for run in runs)
         try:
@@ -100,14 +102,14 @@ class TreeStrategy:
 
 
 def candidate_motions(
-    task: MotionTask, margin: float, fineness: float, failures: list[Failure]
+    task: MotionTask, margin: float, nominal_links: float, failures: list[Failure]
 ) -> Iterator[Motion | None]:
     """Forwards, then backwards from every pose at the goal, then forwards with all that is left; None for failures."""
-    forward = SearchRun.from_task(task, margin, fineness)
+    forward = SearchRun.from_task(task, margin, nominal_links)
     yield forward.run(forward.first(), failures)
     for turned in backward_tasks(task, forward.stepper):
         if turned is not None:
-            backward = SearchRun.from_task(turned, margin, fineness)
+            backward = SearchRun.from_task(turned, margin, nominal_links)
             motion = backward.run(backward.first(), failures)
             yield reversed_motion(motion) if motion is not None else None
     yield forward.run(forward.further(), failures)

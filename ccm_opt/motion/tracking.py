@@ -108,8 +108,8 @@ def _advanced(stepper: Stepper, target: FloatArray, pose: Pose) -> list[Pose] | 
         before = pose
         turn = np.clip(target - pose.headings, -settings.largest_turn, settings.largest_turn)
         terms = [
-            Term(space.matrix, turn, settings.pull_weight * space.share),
-            Term(space.matrix, np.zeros(len(turn)), settings.still_weight * space.share),
+            Term(space.matrix, turn, settings.pull_weight * space.nominal_per_link),
+            Term(space.matrix, np.zeros(len(turn)), settings.still_weight * space.nominal_per_link),
             *smoothness_terms(space, pose.v, smoothness.bending, smoothness.jerk),
         ]
         pose = stepper.step(pose, space.jacobians(pose.headings), terms)

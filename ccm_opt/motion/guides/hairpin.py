@@ -68,7 +68,7 @@ class Hairpin:
     @property
     def nominal_length(self) -> float:
         """The nominal link [m]."""
-        return self.space.unit
+        return self.space.nominal_length
 
     @property
     def tip_arc(self) -> float:
@@ -99,7 +99,7 @@ class Hairpin:
         """What draws the arm towards the reference; the tip's error in nominal links has weight 1."""
         settings = self.settings
         links = self.space.arm.links
-        per_link = self.space.share
+        per_link = self.space.nominal_per_link
         turns = self.space.matrix
         tip = jacobians[-1] / self.nominal_length
         joints = jacobians[1:].reshape(2 * links, -1) / self.nominal_length

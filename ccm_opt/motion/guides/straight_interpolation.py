@@ -45,7 +45,7 @@ class Interpolation:
         change = self._target_coordinates() - pose.v
         change = np.clip(change, -settings.coordinate_step, settings.coordinate_step)
         return [
-            Term(self.space.matrix, self.target() - pose.headings, self.space.share),
+            Term(self.space.matrix, self.target() - pose.headings, self.space.nominal_per_link),
             # Arms of few links have fewer headings than coordinates: the rest would drift and bend the curve between.
             Term(np.eye(len(change)), change, settings.coordinate_weight),
         ]

@@ -39,13 +39,13 @@ class TipLed:
     @property
     def nominal_length(self) -> float:
         """The nominal link [m]."""
-        return self.space.unit
+        return self.space.nominal_length
 
     def terms(self, pose: Pose, jacobians: FloatArray) -> list[Term]:
         """Draw the tip to the target, links on the track into its heading, and move the rest as little as may be."""
         settings = self.settings
         links = self.space.arm.links
-        per_link = self.space.share
+        per_link = self.space.nominal_per_link
         turns = self.space.matrix
         tip = jacobians[-1] / self.nominal_length
         joints = jacobians[1:].reshape(2 * links, -1) / self.nominal_length

@@ -61,7 +61,7 @@ class ContactLimit(Limit):
         """Ask contacts inside their margin to be mended."""
         wanted = contacts.margin - contacts.gap
         near = wanted > 0.0
-        unit = space.unit
+        unit = space.nominal_length
         return Term(rows[near] / unit, self.settings.mending_share * wanted[near] / unit, self.settings.push_weight)
 
     def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.ipopt_call import ipopt_call
 from ccm_opt.motion.limits.clearance_rows import IntervalRows
+from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.optimisation.nearness import WallNearness
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.sequential_convex import MotionProgram
@@ -62,7 +63,7 @@ def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> F
     headings = ca.horzcat(ca.DM(sweep.headings[0]), turning)
     tie = ca.vec(ca.DM(space.matrix) @ moving + ca.repmat(ca.DM(space.offset), 1, frames - 1) - turning)
     points = _points(ca, program, headings)
-    unit = space.arm.length / 24.0
+    unit = space.arm.length / NOMINAL_LINKS
     inequalities = _row_values(ca, rows, points, headings, space.arm.link_length) / unit - slack[rows.interval.tolist()]
     ends = _end_values(ca, program, sweep, v, points)
     bends = ca.vec(ca.DM(space.bend_rows) @ (moving - ca.DM(sweep.coordinates[1:].T)))

@@ -11,6 +11,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.limits.clearance_rows import IntervalRows
 from ccm_opt.motion.limits.limit import Quadratic
+from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.swept_motion import Sweep
 
 
@@ -66,4 +67,4 @@ class WallNearness:
 
     def share(self, links: int, intervals: int) -> float:
         """Factor of the sum of squares."""
-        return self.weight * 24.0 / (links * intervals)
+        return self.weight * NOMINAL_LINKS / (links * intervals)

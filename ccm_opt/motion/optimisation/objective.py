@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.motion.link_space import KNOTS, LinkSpace
+from ccm_opt.motion.link_space import KNOTS, NOMINAL_LINKS, LinkSpace
 from ccm_opt.motion.motion_task import JointSlowness
 from ccm_opt.motion.optimisation.optimisation_settings import ObjectiveSettings
 from ccm_opt.problem import Weights
@@ -68,7 +68,7 @@ class Objective:
 
     @cached_property
     def _share(self) -> float:
-        return 24.0 / self.space.arm.links
+        return NOMINAL_LINKS / self.space.arm.links
 
     @cached_property
     def _bends(self) -> FloatArray:
@@ -90,7 +90,7 @@ class Objective:
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
         """Curvature values of the curve and their differences, in nominal links."""
         curvature = np.zeros((KNOTS, self.space.dimension))
-        curvature[:, 1 : KNOTS + 1] = self.space.arm.length / 24.0 * np.eye(KNOTS)
+        curvature[:, 1 : KNOTS + 1] = self.space.arm.length / NOMINAL_LINKS * np.eye(KNOTS)
         return curvature, np.diff(curvature, axis=0)
 
     def value(self, coordinates: FloatArray) -> float:

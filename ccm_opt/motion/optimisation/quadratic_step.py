@@ -17,6 +17,7 @@ from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.limits.clearance_rows import IntervalRows
 from ccm_opt.motion.limits.limit import KeyframeRows, MotionCost, Quadratic
+from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.optimisation.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.swept_motion import Sweep
@@ -69,7 +70,7 @@ class KeyframeProgram:
         sweep: the motion to step from.
         objective: what to make small.
         rows: what to keep.
-        prices: of one nominal link (24 to the arm) of slack in each interval, shape (K,).
+        prices: of one nominal link of slack in each interval, shape (K,).
         curvature: of the rows.
         damping: weight on the squared turns of the links.
         goal: where the tip has to stay.
@@ -98,9 +99,9 @@ class KeyframeProgram:
         return [cost.model(self.sweep) for cost in self.costs]
 
     @property
-    def unit(self) -> float:
-        """The nominal link [m]."""
-        return self.sweep.space.arm.length / 24.0
+    def nominal_length(self) -> float:
+        """Length of a nominal link, by which rows are scaled whatever space the motion was planned in [m]."""
+        return self.sweep.space.arm.length / NOMINAL_LINKS
 
     @property
     def width(self) -> int:
@@ -111,7 +112,7 @@ class KeyframeProgram:
         """Solve the QP."""
         intervals = len(self.sweep.turns)
         p = self.width - 1
-        unit = self.unit
+        unit = self.nominal_length
         matrix, lower, upper = self.inequalities()
         result = _solve(
             self.hessian(),
@@ -195,7 +196,7 @@ class KeyframeProgram:
         if self.end_fixed:
             rows[:, last] = np.eye(p)
         else:
-            rows[:2, last] = self.sweep.jacobians[-1, links] / self.unit
+            rows[:2, last] = self.sweep.jacobians[-1, links] / self.nominal_length
             rows[2:, last] = self.sweep.space.matrix[-1]
         parts = [sp.csc_matrix(rows)]
         for equations in self.keyframe_equations:
@@ -218,7 +219,7 @@ class KeyframeProgram:
         shape = (m, len(self.sweep.turns) * self.width)
         matrices = [sp.csc_matrix((data, (row, column)), shape=shape)]
         lower = [np.full(m, -_FREE)]
-        upper = [-self.rows.values(self.sweep) / self.unit]
+        upper = [-self.rows.values(self.sweep) / self.nominal_length]
         for rows in self.keyframe_rows:
             matrices.append(self._at_keyframes(rows.keyframe, rows.slopes))
             lower.append(rows.lower)
@@ -229,7 +230,7 @@ class KeyframeProgram:
         """Entries of the linearised rows as (data, row, column); the first keyframe is fixed and has no columns."""
         p, k = self.width - 1, self.rows.interval
         start, end = self.rows.slopes(self.sweep)
-        data = np.column_stack((start / self.unit, end / self.unit, np.full(len(k), -1.0)))
+        data = np.column_stack((start / self.nominal_length, end / self.nominal_length, np.full(len(k), -1.0)))
         data[k == 0, :p] = 0.0
         columns = np.empty(data.shape, dtype=np.intp)
         columns[:, :p] = (np.maximum(k - 1, 0) * self.width)[:, None] + np.arange(p)

@@ -241,7 +241,7 @@ def _cost(problem: KeyframeProgram, sweep: Sweep) -> float:
 def merit(problem: KeyframeProgram, rows: IntervalRows, sweep: Sweep) -> float:
     """Objective plus the price of the worst row of every interval."""
     worst = np.zeros(len(sweep.turns))
-    np.maximum.at(worst, rows.interval, rows.values(sweep) / problem.unit)
+    np.maximum.at(worst, rows.interval, rows.values(sweep) / problem.nominal_length)
     return _cost(problem, sweep) + float(problem.prices @ worst)
 
 

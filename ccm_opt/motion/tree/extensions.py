@@ -143,7 +143,7 @@ class ExtensionSampler:
             points = path_of_tip()
         except UnreachableGoal:
             return self.to_shape(tree)
-        track = TipTrack.along(points, guides.heading_window * space.unit, float(pose.headings[-1]))
+        track = TipTrack.along(points, guides.heading_window * space.nominal_length, float(pose.headings[-1]))
         return Extension(node, TipLed(space, track, settings=guides.tip_led))
 
     def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:

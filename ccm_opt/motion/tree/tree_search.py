@@ -227,7 +227,7 @@ class TreeSearch:
         tree = self.trees[_Root.START]
         pose = tree.poses[node]
         distance, _ = task.goal.errors(pose)
-        if distance > task.settings.settling_distance * task.space.unit:
+        if distance > task.settings.settling_distance * task.space.nominal_length:
             return
         try:
             poses = settle(task.steppers[-1], task.goal, pose, task.deadline)
