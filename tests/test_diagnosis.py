@@ -19,10 +19,10 @@ from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
-from ccm_opt.diagnosis.passages import Way
+from ccm_opt.diagnosis.passages import PassageSearch
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.reach import least_chord
-from ccm_opt.diagnosis.recall import Recalling
+from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
 from ccm_opt.errors import Diagnosis, Finding, MotionNotFound, ProblemError, RetimingError, UnreachableGoal
@@ -154,7 +154,7 @@ def screened(radius: float = 0.02, gap: float | None = None) -> Problem:
 @pytest.mark.parametrize("radius", [0.01, 0.03])
 def test_the_shortest_way_is_a_taut_string(radius: float) -> None:
     """Round one end of a wall the way is as long as two tangents and an arc, to a few thousandths, never longer."""
-    way = Way(screened(radius), np.array([0.7, 0.0]), 1e-3)
+    way = PassageSearch(screened(radius), np.array([0.7, 0.0]), 1e-3)
     exact = string_round(np.zeros(2), np.array([0.7, 0.0]), np.array([0.4, 0.3]), radius + 0.02)
     assert exact * 0.995 - 1e-3 <= way.space.shortest <= exact
 
@@ -162,7 +162,7 @@ def test_the_shortest_way_is_a_taut_string(radius: float) -> None:
 def test_the_widest_way_is_half_the_gap() -> None:
     """Bisection finds the margin at which the gap closes, and both of its walls."""
     problem = screened(0.05, gap=0.07)
-    way = Way(problem, np.array([0.7, 0.0]), 1e-3)
+    way = PassageSearch(problem, np.array([0.7, 0.0]), 1e-3)
     assert way.widest == pytest.approx(0.035, rel=5e-3)
     (finding,) = failed(problem)
     assert (finding.kind, set(finding.obstacles)) == ("too thick", {"upper", "lower"})
@@ -356,7 +356,7 @@ def test_a_path_is_recalled_when_only_loads_change() -> None:
             return None  # type: ignore[return-value]
 
     planner = Counting()
-    recalling = Recalling(planner)
+    recalling = RecordingPlanner(planner)
     problem = make_limited(screened())
     for changed in (problem, TORQUE.write(problem, 2.0), MASS.write(problem, 0.5)):
         recalling.plan(changed)

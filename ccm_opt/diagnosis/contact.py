@@ -48,7 +48,8 @@ def axis_gap(wall: Obstacle, bodies: shapely.Geometry, room: shapely.Polygon) ->
 
 def tip_has_room(problem: Problem, goal: FloatArray, tolerance: float) -> bool:
     """Whether the tip fits somewhere within the tolerance of a goal (2,) [m]."""
-    need, tip = problem.arm.radius + problem.workspace.clearance - tolerance, shapely.Point(goal)
+    need = problem.arm.radius + problem.workspace.clearance - tolerance
+    tip = shapely.Point(goal)
     gaps = (axis_gap(wall, tip, problem.workspace.boundary) for wall in problem.workspace.walls)
     return all(gap >= need - ROUNDING for gap in gaps)
 
@@ -60,7 +61,9 @@ def _farthest(body: shapely.Geometry, edge: shapely.Geometry) -> float:
 
 
 def _walls_touched(problem: Problem, pose: WholePose) -> Iterator[Finding]:
-    arm, workspace = problem.arm, problem.workspace
+    """Every wall that a pose touches, at the link that is deepest in it."""
+    arm = problem.arm
+    workspace = problem.workspace
     first, links = free_links(arm, arm.joint_positions(pose.headings, pose.feed))
     if not links:
         return
@@ -87,15 +90,18 @@ def free_links(arm: Arm, points: FloatArray) -> tuple[int, list[shapely.LineStri
 
 def _tip_blocked(problem: Problem, place: TipPlace) -> Iterator[Finding]:
     """Walls that leave the tip, or with a heading the last link, no room within the tolerances."""
-    arm, tolerances = problem.arm, place.tolerances
+    arm = problem.arm
+    tolerances = place.tolerances
     if arm.mount_length >= arm.length:
         return
-    play, what = tolerances.position, "the tip"
+    play = tolerances.position
+    what = "the tip"
     body: shapely.Geometry = shapely.Point(place.goal.position)
     if place.goal.heading is not None:
         visible = min(arm.link_length, arm.length - arm.mount_length)
         back = visible * unit_vector(place.goal.heading)
-        body, what = shapely.LineString([place.goal.position - back, place.goal.position]), f"link {arm.links}"
+        body = shapely.LineString([place.goal.position - back, place.goal.position])
+        what = f"link {arm.links}"
         play += arm.link_length * tolerances.heading
     need = arm.radius + problem.workspace.clearance
     for wall in problem.workspace.walls:
@@ -115,8 +121,10 @@ def _touch(
     play: float,
 ) -> Finding:
     """One contact: the gap from axis to wall, the arm's radius and the clearance asked for."""
-    radius, clearance = problem.arm.radius, problem.workspace.clearance
-    lacking, free = radius + clearance - gap, radius - gap
+    radius = problem.arm.radius
+    clearance = problem.workspace.clearance
+    lacking = radius + clearance - gap
+    free = radius - gap
     where = "is outside" if wall.name == BOUNDARY_NAME and gap < 0.0 else "overlaps"
     if free > 0.0:
         how = f"{what} {where} '{wall.name}' by {millimetres(free if gap >= 0.0 else -gap)}"

@@ -1,4 +1,4 @@
-"""The two questions of the driver: is there any use in planning, and why was no plan found."""
+"""What the driver asks: is there any use in planning, and why was no plan found."""
 
 from dataclasses import replace
 
@@ -25,6 +25,7 @@ def refuse_impossible(problem: Problem) -> None:
 
 
 def _refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
+    """Raise what is found, the first finding as the reason; nothing found, nothing raised."""
     if findings:
         raise UnreachableGoal(Diagnosis(f"{goal}{findings[0].reason}", "necessary checks", findings=findings))
 
@@ -38,9 +39,10 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials) -> NoPlanFou
         trials: solves changed problems in the time that is left.
     """
     proved = failed(problem)
-    told = proved or _overloads(problem, error) or tight_places(problem)
-    solved = relaxations(problem, told, trials)
-    findings = ranked(told, solved)
+    # What is proved leaves no use for what is likely; an overload is known of the path that was found, no more.
+    known = proved or _overloads(problem, error) or tight_places(problem)
+    solved = relaxations(problem, known, trials)
+    findings = ranked(known, solved)
     return type(error)(_diagnosis(problem, error.diagnosis, findings, solved))
 
 
@@ -72,6 +74,6 @@ def _advice(problem: Problem, findings: tuple[Finding, ...]) -> tuple[str, ...]:
         if isinstance(candidate, Omission):
             lines.append(f"{candidate.words}, though no solve has shown that it is enough")
         elif (bound := hardest_bound(candidate, proved)) is not None:
-            told = candidate.relaxation(problem, candidate.rounded(problem, bound), bound)
-            lines.append(f"{told.words} at least, though no solve has shown that it is enough")
+            needed = candidate.relaxation(problem, candidate.rounded(problem, bound), bound)
+            lines.append(f"{needed.words} at least, though no solve has shown that it is enough")
     return tuple(lines)

@@ -11,9 +11,6 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import Problem
 
-FULL = 1.0
-"""Share of its limit up to which a torque is allowed."""
-
 
 def strong_enough(problem: Problem) -> Iterator[Finding]:
     """Poses that some joint cannot hold; only for a base that stands still."""
@@ -25,7 +22,7 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
         angles = revolute_angles(problem.arm, problem.arm.bends(pose.headings))
         load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
         number = int(np.argmax(load / torque))
-        if load[number] > FULL * torque[number]:
+        if load[number] > torque[number]:
             where = f"{pose.key}: at the {pose.name} {joint_words(problem.arm, number)}"
             yield overloaded(problem, where, number, float(load[number]), pose)
 

@@ -1,17 +1,15 @@
-"""The parameters of a problem that may be relaxed, one at a time: how each is read, changed and told."""
+"""The parameters of a problem that may be relaxed, one at a time: how each is read, changed and reported."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.passages import without
 from ccm_opt.errors import Relaxation
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import CurvePose, Problem, TipGoal
-
-FIGURES = 4
-"""Figures that a value keeps, rounded to the easier side: what is told is what was solved."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +22,7 @@ class Parameter:
         read: its value in a problem, SI units and radians.
         write: the problem with another value.
         words: a value with its unit, in a problem.
-        scale: what a value is multiplied by to be told in the unit of ``words``.
+        scale: what a value is multiplied by to be reported in the unit of ``words``.
         fits: whether it can be changed in a problem.
         unit: what a value is multiplied by to be in SI units; 1 but for shares.
     """
@@ -38,19 +36,21 @@ class Parameter:
     fits: Callable[[Problem], bool] = lambda _: True
     unit: Callable[[Problem], float] = lambda _: 1.0
 
-    def rounded(self, problem: Problem, value: float) -> float:
-        """A value rounded, as it is told, to the easier side."""
-        told = value * self.scale(problem)
-        if told <= 0.0:
+    def rounded(self, problem: Problem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:
+        """A value rounded to some figures, to the easier side: so what is reported is what was solved."""
+        reported = value * self.scale(problem)
+        if reported <= 0.0:
             return 0.0
-        digits = FIGURES - 1 - int(np.floor(np.log10(told)))
-        count = told * 10.0**digits
+        digits = figures - 1 - int(np.floor(np.log10(reported)))
+        count = reported * 10.0**digits
+        # A value that is round already, up to rounding of its digits, stays.
         count = np.ceil(count - 1e-6) if self.easier > 0 else np.floor(count + 1e-6)
         return float(count / 10.0**digits / self.scale(problem))
 
     def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
-        """What is told when a problem was solved with a value."""
-        given, sign = self.read(problem), "≥" if self.easier > 0 else "≤"
+        """What is reported when a problem was solved with a value."""
+        given = self.read(problem)
+        sign = "≥" if self.easier > 0 else "≤"
         change = abs(value - given) / max(abs(given), 1e-300)
         words = self.words(problem, value).replace("?", sign, 1)
         unit = self.unit(problem)
@@ -70,10 +70,10 @@ def _with_link_length(problem: Problem, length: float) -> Problem:
 
 def _as_cylinders(old: Arm, new: Arm) -> Arm:
     """The new arm with the inertia of solid cylinders where the old arm's is that."""
-    axial, transverse = (_axial(old), _transverse(old))
-    if not (np.allclose(old.inertia_axial, axial) and np.allclose(old.inertia_transverse, transverse)):
+    cylinders = np.allclose(old.inertia_axial, _axial(old)) and np.allclose(old.inertia_transverse, _transverse(old))
+    if not cylinders or new.radius <= 0.0:
         return new
-    return replace(new, inertia_axial=_axial(new), inertia_transverse=_transverse(new)) if new.radius > 0.0 else new
+    return replace(new, inertia_axial=_axial(new), inertia_transverse=_transverse(new))
 
 
 def _axial(arm: Arm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
@@ -115,9 +115,9 @@ def _uniform_torque(problem: Problem) -> float:
 
 
 def _torque_words(problem: Problem, share: float) -> str:
-    told = share * _uniform_torque(problem)
+    value = share * _uniform_torque(problem)
     same = problem.limits.torque is not None and not np.ptp(problem.limits.torque)
-    return f"limits.torque ? {told:.4g} N m" if same else f"limits.torque ? {told:.4g} times what it is"
+    return f"limits.torque ? {value:.4g} N m" if same else f"limits.torque ? {value:.4g} times what it is"
 
 
 def _uniform_mass(problem: Problem) -> float:
@@ -127,12 +127,10 @@ def _uniform_mass(problem: Problem) -> float:
 
 
 def _mass_words(problem: Problem, share: float) -> str:
-    told = share * _uniform_mass(problem)
-    return (
-        f"arm.masses ? {told:.4g} times what they are"
-        if np.ptp(problem.arm.masses)
-        else f"arm.link_mass ? {told:.4g} kg"
-    )
+    value = share * _uniform_mass(problem)
+    if np.ptp(problem.arm.masses):
+        return f"arm.masses ? {value:.4g} times what they are"
+    return f"arm.link_mass ? {value:.4g} kg"
 
 
 def _no_curves(problem: Problem) -> bool:
@@ -211,7 +209,7 @@ class Omission:
     """Something of the problem that is left out.
 
     Attributes:
-        words: what is told.
+        words: what is reported.
         key: of the problem file.
         value: name of an obstacle, or None.
         changed: the problem without it.
@@ -223,7 +221,7 @@ class Omission:
     changed: Callable[[Problem], Problem]
 
     def relaxation(self) -> Relaxation:
-        """What is told when the problem was solved without it."""
+        """What is reported when the problem was solved without it."""
         return Relaxation(self.words, self.key, self.value)
 
 

@@ -9,49 +9,45 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.diagnosis.contact import tip_has_room
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageSettings
 from ccm_opt.diagnosis.keyed_poses import tip_places
-from ccm_opt.diagnosis.room import THIN, WideSpace, wide_space
+from ccm_opt.diagnosis.wide_space import THIN, WideSpace, wide_space
 from ccm_opt.diagnosis.words import at, listed, metres, millimetres, point
 from ccm_opt.errors import Finding
 from ccm_opt.freespace.bottleneck import nearest_walls
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
 from ccm_opt.problem import Problem
 
-FINENESS = 1e-3
-"""Relative accuracy of the widest margin."""
-BEYOND = 1.01
-"""Margin at which the narrowest place of the widest way is closed, as a multiple of the margin that just passes."""
-MOST_REMOVED = 16
-"""Obstacles that are taken away one at a time, nearest to the narrow place first."""
-DETOUR = 1e-3
-"""A way longer than the straight line by less than this share of it is no other finding than that of the reach."""
-
 
 def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
     """Goals of the tip without a way that is wide and short enough; only for a base that stands still."""
     for place in tip_places(problem):
-        way = Way(problem, place.goal.position, place.tolerances.position)
-        straight = float(np.hypot(*(way.goal - problem.arm.base)))
-        if np.isfinite(way.space.shortest):
-            if way.space.shortest > max(problem.arm.length, (straight - way.tolerance) * (1.0 + DETOUR)):
-                yield _too_long(way, place.key)
-        elif tip_has_room(problem, way.goal, way.tolerance):
-            yield _closed(way, place.key)
+        search = PassageSearch(problem, place.goal.position, place.tolerances.position)
+        straight = float(np.hypot(*(search.goal - problem.arm.base)))
+        if np.isfinite(search.space.shortest):
+            # A straight way that is too long is a matter of reach, and is reported there.
+            straight_way = (straight - search.tolerance) * (1.0 + search.settings.detour)
+            if search.space.shortest > max(problem.arm.length, straight_way):
+                yield _too_long(search, place.key)
+        elif tip_has_room(problem, search.goal, search.tolerance):
+            yield _closed(search, place.key)
 
 
 @dataclass(frozen=True)
-class Way:
-    """The question of a way for the arm's axis.
+class PassageSearch:
+    """Looks for a way for the arm's axis from the base to a goal, as the arm is or thinner.
 
     Attributes:
         problem: what was asked.
         goal: of the tip, shape (2,) [m].
         tolerance: of the goal's position [m].
+        settings: accuracy, and how many obstacles are taken away.
     """
 
     problem: Problem
     goal: FloatArray
     tolerance: float
+    settings: PassageSettings = DEFAULT_DIAGNOSIS.passages
 
     @cached_property
     def space(self) -> WideSpace:
@@ -65,17 +61,17 @@ class Way:
 
     def at(self, margin: float, workspace: Workspace | None = None) -> WideSpace:
         """Free space with another margin, or in another workspace."""
-        return wide_space(self.problem, self.goal, self.tolerance, margin, workspace)
+        return wide_space(self.problem, self.goal, self.tolerance, margin, workspace, self.settings.arc_sides)
 
     @cached_property
     def widest(self) -> float:
         """The largest margin with any way [m]; 0 when there is none for an arm of no width."""
-        return _largest(self.margin, lambda margin: self.at(margin).connected)
+        return _largest(self.margin, lambda margin: self.at(margin).connected, self.settings.fineness)
 
     @cached_property
     def widest_within_length(self) -> float:
         """The largest margin with a way no longer than the arm [m]; 0 when there is none."""
-        return _largest(min(self.margin, self.widest or self.margin), self._short_enough)
+        return _largest(min(self.margin, self.widest or self.margin), self._short_enough, self.settings.fineness)
 
     def _short_enough(self, margin: float) -> bool:
         return self.at(margin).shortest <= self.problem.arm.length
@@ -84,7 +80,7 @@ class Way:
         """Obstacles without which there is a way wide and short enough, nearest to a place (2,) first."""
         obstacles = self.problem.workspace.obstacles
         gaps = [shapely.distance(o.core, shapely.Point(near)) - o.rounding for o in obstacles]
-        order = np.argsort(gaps, kind="stable")[:MOST_REMOVED]
+        order = np.argsort(gaps, kind="stable")[: self.settings.most_removed]
         length = self.problem.arm.length
         return tuple(
             obstacles[k].name
@@ -98,27 +94,31 @@ def without(workspace: Workspace, name: str) -> Workspace:
     return replace(workspace, obstacles=tuple(o for o in workspace.obstacles if o.name != name))
 
 
-def _largest(high: float, holds: Callable[[float], bool]) -> float:
+def _largest(high: float, holds: Callable[[float], bool], fineness: float) -> float:
     """The largest margin up to ``high`` that satisfies a monotone condition, by bisection; 0 when none does."""
     if holds(high):
         return high
     if not holds(THIN):
         return 0.0
     low = THIN
-    while high - low > FINENESS * high:
+    while high - low > fineness * high:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
+        if holds(middle):
+            low = middle
+        else:
+            high = middle
     return low
 
 
-def _too_long(way: Way, key: str) -> Finding:
+def _too_long(search: PassageSearch, key: str) -> Finding:
     """All ways are longer than the arm."""
-    arm, need = way.problem.arm, way.space.shortest
-    taut = way.space.routes(arm.base, way.goal, 1)[0].taut
+    arm = search.problem.arm
+    need = search.space.shortest
+    taut = search.space.routes(arm.base, search.goal, 1)[0].taut
     corner = taut[len(taut) // 2] if len(taut) > 2 else taut.mean(axis=0)
-    round_what = _walls_round(way, taut[1:-1])
+    round_what = _walls_round(search, taut[1:-1])
     bounds = {"arm.link_length": need / arm.links}
-    margin = way.widest_within_length - way.problem.workspace.clearance
+    margin = search.widest_within_length - search.problem.workspace.clearance
     if margin > 0.0:
         bounds["arm.radius"] = margin
     detour = f" round {listed(round_what)}" if round_what else ""
@@ -130,47 +130,47 @@ def _too_long(way: Way, key: str) -> Finding:
         place=point(corner),
         measured=need,
         allowed=arm.length,
-        obstacles=tuple(dict.fromkeys((*way.opened_without(corner), *round_what))),
+        obstacles=tuple(dict.fromkeys((*search.opened_without(corner), *round_what))),
         bounds=bounds,
     )
 
 
-def _walls_round(way: Way, corners: FloatArray) -> tuple[str, ...]:
+def _walls_round(search: PassageSearch, corners: FloatArray) -> tuple[str, ...]:
     """Names of the walls that the shortest way bends round, in order."""
-    return tuple(dict.fromkeys(nearest_walls(way.problem.workspace, corner, 1)[0] for corner in corners))
+    return tuple(dict.fromkeys(nearest_walls(search.problem.workspace, corner, 1)[0] for corner in corners))
 
 
-def _closed(way: Way, key: str) -> Finding:
+def _closed(search: PassageSearch, key: str) -> Finding:
     """No way is wide enough: the widest there is, or none for an arm of any width."""
-    problem = way.problem
+    problem = search.problem
     diameter = f"diameter {millimetres(2.0 * problem.arm.radius)}"
     if problem.workspace.clearance:
         diameter += f" and clearance {millimetres(problem.workspace.clearance)} on either side"
-    if way.widest > 0.0:
-        place, walls = _narrowest(way, way.at(BEYOND * way.widest))
-        gap = 2.0 * way.widest
+    if search.widest > 0.0:
+        place, walls = _narrowest(search, search.at(search.settings.beyond * search.widest))
+        gap = 2.0 * search.widest
         reason = (
             f"{key}: the arm is too thick: every way to the goal is closed to it; the widest leads through a gap of "
             f"{millimetres(gap)} between {listed(walls)} at {at(place)}, the arm has {diameter}"
         )
-        return _blocking("too thick", reason, way, key, place, walls, gap)
-    place, walls = _narrowest(way, way.at(THIN))
-    opened = way.opened_without(place)
+        return _blocking("too thick", reason, search, key, place, walls, gap)
+    place, walls = _narrowest(search, search.at(THIN))
+    opened = search.opened_without(place)
     who = listed(opened[:3]) if opened else listed(walls)
     reason = f"{key}: no way leads to the goal, not for an arm of any width: {who} closes it off at {at(place)}"
     if len(opened) > 1:
         reason = f"{key}: no way leads to the goal, not for an arm of any width; any of {who} closes it off"
-    return _blocking("blocked", reason, way, key, place, walls, 0.0)
+    return _blocking("blocked", reason, search, key, place, walls, 0.0)
 
 
-def _narrowest(way: Way, space: WideSpace) -> tuple[FloatArray, tuple[str, ...]]:
+def _narrowest(search: PassageSearch, space: WideSpace) -> tuple[FloatArray, tuple[str, ...]]:
     """The missing link between the pieces of free space that hold base and goal, and the walls beside it."""
     if space.polygons.is_empty:
-        place = 0.5 * (way.problem.arm.base + way.goal)
+        place = 0.5 * (search.problem.arm.base + search.goal)
     else:
         start, end = space.components_of_ends
         place = shapely.get_coordinates(shapely.shortest_line(start, end)).mean(axis=0)
-    return place, _walls_beside(way.problem.workspace, place)
+    return place, _walls_beside(search.problem.workspace, place)
 
 
 def _walls_beside(workspace: Workspace, place: FloatArray) -> tuple[str, ...]:
@@ -182,21 +182,23 @@ def _walls_beside(workspace: Workspace, place: FloatArray) -> tuple[str, ...]:
 
 
 def _blocking(
-    kind: str, reason: str, way: Way, key: str, place: FloatArray, walls: tuple[str, ...], gap: float
+    kind: str, reason: str, search: PassageSearch, key: str, place: FloatArray, walls: tuple[str, ...], gap: float
 ) -> Finding:
-    clearance, bounds = way.problem.workspace.clearance, {}
-    margin = way.widest_within_length if way.widest else 0.0
+    """The finding of a closed way, with the radius and the clearance that would open it where they can."""
+    clearance = search.problem.workspace.clearance
+    bounds = {}
+    margin = search.widest_within_length if search.widest else 0.0
     if margin > clearance:
         bounds["arm.radius"] = margin - clearance
-    if margin > way.problem.arm.radius and clearance > 0.0:
-        bounds["workspace.clearance"] = margin - way.problem.arm.radius
+    if margin > search.problem.arm.radius and clearance > 0.0:
+        bounds["workspace.clearance"] = margin - search.problem.arm.radius
     return Finding(
         kind,
         reason,
         key=key,
         place=point(place),
         measured=gap,
-        allowed=2.0 * way.margin,
-        obstacles=tuple(dict.fromkeys((*way.opened_without(place), *walls))),
+        allowed=2.0 * search.margin,
+        obstacles=tuple(dict.fromkeys((*search.opened_without(place), *walls))),
         bounds=bounds,
     )

@@ -71,7 +71,8 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     side of that direction; so from some joint on the bends add up to the turn from there to the tip's heading.
     """
     towards = place.goal.position - arm.base
-    distance, bends = float(np.hypot(*towards)), (arm.links - 1) * arm.joint_limit
+    distance = float(np.hypot(*towards))
+    bends = (arm.links - 1) * arm.joint_limit
     direction = heading_of(towards) if distance > place.tolerances.position else None
     aside = float(np.arcsin(min(place.tolerances.position / max(distance, 1e-300), 1.0)))
     heading = place.goal.heading
@@ -92,6 +93,7 @@ def _turn(angle: float) -> float:
 
 
 def _short_of_turn(arm: Arm, place: TipPlace, what: str, turn: float, most: float) -> Iterator[Finding]:
+    """A turn that is more than all joints together can make, with the limits that would do [rad]."""
     if turn <= most + ROUNDING:
         return
     base = most - (arm.links - 1) * arm.joint_limit

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
 from ccm_opt.diagnosis.parameters import PARAMETERS, Omission, Parameter, without_heading, without_obstacle
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, TimeLimitReached, VerificationError
 from ccm_opt.freespace.workspace import BOUNDARY_NAME
@@ -12,30 +13,6 @@ from ccm_opt.problem import Problem
 
 Solve: TypeAlias = Callable[[Problem], object]
 """Plans, times and verifies a problem, or raises; what it returns is not looked at."""
-STEPS = (0.045, 0.1, 0.2, 0.4)
-"""How far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds."""
-GUESSED_STEPS = (0.1, 0.25, 0.5)
-"""The same where the bound is only where the problem stands."""
-CLOSE = 0.046
-"""Share of its value within which a parameter is bracketed by what failed, or cannot be, and what worked."""
-LEAST_TIME = 0.05
-"""No try begins with less time than this [s]."""
-TRY_SHARE = 0.5
-"""Share of the time left that one try may use."""
-LONGEST_TRY = 2.5
-"""CPU time that one try may use at most [s]."""
-LONGEST_SEARCH = 8.0
-"""CPU time that all tries may use together, however much is left [s]."""
-STARVED = 0.5
-"""A try that got less than this share of the CPU time that one may use did not get its chance."""
-ATTEMPTS = 2
-"""Tries of one problem, when the first was starved."""
-PATIENCE = 2.0
-"""CPU time after which nothing new is begun when something that helps is known [s]."""
-ENOUGH = 4
-"""Relaxations that are told."""
-MOST_OMITTED = 2
-"""Obstacles that are left out in a try of their own."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +25,13 @@ class Trials:
         solve: solves a problem or raises.
         until: monotonic time at which all must end [s].
         begun: monotonic time and CPU time at which the trials began [s].
+        settings: steps, and shares of the time.
     """
 
     solve: Solve
     until: float
     begun: tuple[float, float] = field(default_factory=lambda: (time.monotonic(), time.process_time()))
+    settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
 
     @property
     def spent(self) -> float:
@@ -62,24 +41,27 @@ class Trials:
     @property
     def slowness(self) -> float:
         """Wall time that a second of CPU time takes on this machine now."""
-        return max(1.0, (time.monotonic() - self.begun[0]) / self.spent) if self.spent > LEAST_TIME else 1.0
+        if self.spent <= self.settings.least_time:
+            return 1.0
+        return max(1.0, (time.monotonic() - self.begun[0]) / self.spent)
 
     @property
     def left(self) -> float:
         """Wall time that is left [s]."""
-        return min(self.until - time.monotonic(), (LONGEST_SEARCH - self.spent) * self.slowness)
+        return min(self.until - time.monotonic(), (self.settings.longest_search - self.spent) * self.slowness)
 
     def succeeds(self, problem: Problem) -> bool:
         """Whether a problem is solved within its share of the time; a try that a busy machine starved is repeated."""
-        for _ in range(ATTEMPTS):
-            limit = min(TRY_SHARE * self.left, LONGEST_TRY * self.slowness)
+        settings = self.settings
+        for _ in range(settings.attempts):
+            limit = min(settings.try_share * self.left, settings.longest_try * self.slowness)
             before = self.spent
-            if limit < LEAST_TIME:
+            if limit < settings.least_time:
                 return False
             try:
                 self.solve(replace(problem, planner=replace(problem.planner, time_limit=limit)))
             except TimeLimitReached:
-                if self.spent - before > STARVED * LONGEST_TRY:
+                if self.spent - before > settings.starved * settings.longest_try:
                     return False
             except (NoPlanFound, VerificationError, ProblemError):
                 return False
@@ -97,9 +79,12 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
         trials: solves.
     """
     binding = tuple(f for f in findings if f.proved) or tuple(f for f in findings if f.kind == "torque")
+    settings = trials.settings
     found: list[Relaxation] = []
-    for candidate in candidates(problem, findings):
-        if len(found) >= ENOUGH or trials.left < LEAST_TIME or (found and trials.spent > PATIENCE):
+    for candidate in candidates(problem, findings, settings.most_omitted):
+        if len(found) >= settings.enough or trials.left < settings.least_time:
+            break
+        if found and trials.spent > settings.patience:
             break
         if isinstance(candidate, Omission):
             relaxed = candidate.relaxation() if trials.succeeds(candidate.changed(problem)) else None
@@ -110,8 +95,16 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
     return tuple(sorted(found, key=lambda relaxed: relaxed.change))
 
 
-def candidates(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[Parameter | Omission]:
-    """What may mend all that is proved, or else all that is likely, most promising first."""
+def candidates(
+    problem: Problem, findings: tuple[Finding, ...], most_omitted: int = DEFAULT_DIAGNOSIS.trials.most_omitted
+) -> Iterator[Parameter | Omission]:
+    """What may mend all that is proved, or else all that is likely, most promising first.
+
+    Args:
+        problem: what was asked.
+        findings: what stands in its way.
+        most_omitted: obstacles that are left out, each alone.
+    """
     proved = tuple(finding for finding in findings if finding.proved)
     relevant = proved or findings
     keys = [key for finding in relevant for key in finding.bounds]
@@ -120,8 +113,10 @@ def candidates(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[Para
     yield from sorted(fitting, key=lambda each: keys.index(each.key))
     if relevant and all(_heading_may_mend(finding) for finding in relevant):
         heading = without_heading(problem)
-        yield from () if heading is None else (heading,)
-    yield from (without_obstacle(name) for name in _removable(proved, findings)[:MOST_OMITTED])
+        if heading is not None:
+            yield heading
+    for name in _removable(proved, findings)[:most_omitted]:
+        yield without_obstacle(name)
 
 
 def _heading_may_mend(finding: Finding) -> bool:
@@ -153,10 +148,17 @@ def least_change(parameter: Parameter, problem: Problem, bound: float | None, tr
         bound: the value that it must pass, or None when that is not known.
         trials: solves.
     """
-    failed = begin = parameter.read(problem) if bound is None else bound
-    for step in GUESSED_STEPS if bound is None else STEPS:
+    settings = trials.settings
+    if bound is None:
+        begin = parameter.read(problem)
+        steps = settings.guessed_steps
+    else:
+        begin = bound
+        steps = settings.steps
+    failed = begin
+    for step in steps:
         value = parameter.rounded(problem, begin * (1.0 + parameter.easier * step))
-        if trials.left < LEAST_TIME:
+        if trials.left < settings.least_time:
             return None
         if trials.succeeds(parameter.write(problem, value)):
             return parameter.relaxation(problem, _closed_in(parameter, problem, failed, value, trials), bound)
@@ -166,7 +168,8 @@ def least_change(parameter: Parameter, problem: Problem, bound: float | None, tr
 
 def _closed_in(parameter: Parameter, problem: Problem, failed: float, worked: float, trials: Trials) -> float:
     """A value that works, close to one that does not, by bisection while there is time."""
-    while abs(worked - failed) > CLOSE * abs(worked) and trials.left > LEAST_TIME:
+    settings = trials.settings
+    while abs(worked - failed) > settings.close * abs(worked) and trials.left > settings.least_time:
         middle = parameter.rounded(problem, 0.5 * (failed + worked))
         if trials.succeeds(parameter.write(problem, middle)):
             worked = middle

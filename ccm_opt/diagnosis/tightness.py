@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TightnessSettings
 from ccm_opt.diagnosis.words import at, degrees, listed, metres, millimetres, point
 from ccm_opt.errors import ConfigurationNotFound, Finding, NoPlanFound
 from ccm_opt.freespace.bottleneck import narrowest_passage, nearest_walls
@@ -18,19 +19,8 @@ from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.curve import configuration_task, find_routes, route_margin
 from ccm_opt.problem import Problem
 
-NARROW = 1.5
-"""A gap narrower than this many diameters is told."""
-SHORT = 1.08
-"""An arm shorter than this multiple of the route is told."""
-STIFF = 1.25
-"""A turn with less room than this multiple of what the tightest bend needs is told."""
-LEAST_TURN = np.deg2rad(20.0)
-"""Turns of a route below this are not told [rad]."""
-TOLD = 3
-"""Routes whose tightness is told."""
 
-
-def tight_places(problem: Problem) -> tuple[Finding, ...]:
+def tight_places(problem: Problem, settings: TightnessSettings = DEFAULT_DIAGNOSIS.tightness) -> tuple[Finding, ...]:
     """What is likely to stand in the way, the tightest first; nothing for arms on a feed axis."""
     if problem.arm.base_axes:
         return ()
@@ -40,14 +30,15 @@ def tight_places(problem: Problem) -> tuple[Finding, ...]:
         routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
     except NoPlanFound:
         return ()
-    told = [
+    tight = [
         finding
-        for number, route in enumerate(routes[:TOLD], start=1)
+        for number, route in enumerate(routes[: settings.routes], start=1)
         for check in (_narrow, _short, _stiff)
-        for finding in check(problem, room, route, number)
+        for finding in check(problem, room, route, number, settings)
     ]
+    # Routes share gaps and corners: each is reported once, where it is tightest.
     best: dict[tuple[object, ...], Finding] = {}
-    for finding in sorted(told, key=_spare):
+    for finding in sorted(tight, key=_spare):
         best.setdefault((finding.kind, finding.obstacles), finding)
     return (*best.values(), *_curve(problem, ends, room, routes))
 
@@ -57,11 +48,14 @@ def _spare(finding: Finding) -> float:
     return (finding.measured or 0.0) / max(finding.allowed or 0.0, 1e-300)
 
 
-def _narrow(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iterator[Finding]:
+def _narrow(
+    problem: Problem, room: FreeSpace, route: Route, number: int, settings: TightnessSettings
+) -> Iterator[Finding]:
     """The narrowest gap on a route against the diameter."""
     narrow = narrowest_passage(problem.workspace, room.triangulation, route.sleeve)
-    gap, need = narrow.width + 2.0 * room.margin, 2.0 * (problem.arm.radius + problem.workspace.clearance)
-    if gap <= NARROW * need:
+    gap = narrow.width + 2.0 * room.margin
+    need = 2.0 * (problem.arm.radius + problem.workspace.clearance)
+    if gap <= settings.narrow * need:
         yield Finding(
             "too thick",
             f"the narrowest gap on route {number}, {millimetres(gap)} between {listed(narrow.walls)} at "
@@ -75,11 +69,13 @@ def _narrow(problem: Problem, room: FreeSpace, route: Route, number: int) -> Ite
         )
 
 
-def _short(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iterator[Finding]:
+def _short(
+    problem: Problem, room: FreeSpace, route: Route, number: int, settings: TightnessSettings
+) -> Iterator[Finding]:
     """The length of a route against the arm's."""
     del room
     arm = problem.arm
-    if arm.length <= SHORT * route.length:
+    if arm.length <= settings.short * route.length:
         yield Finding(
             "too short",
             f"route {number} is {metres(route.length)} long, the arm of {metres(arm.length)} has little to spare",
@@ -90,7 +86,9 @@ def _short(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iter
         )
 
 
-def _stiff(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iterator[Finding]:
+def _stiff(
+    problem: Problem, room: FreeSpace, route: Route, number: int, settings: TightnessSettings
+) -> Iterator[Finding]:
     """The sharpest turn of a route against the tightest bend of the arm, given the room that there is.
 
     A turn by α round an inner corner from which the outer corner is a distance h away leaves room for an arc of radius
@@ -98,10 +96,10 @@ def _stiff(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iter
     """
     arm = problem.arm
     tightest = 0.5 * arm.link_length / np.tan(0.5 * min(arm.joint_limit, 0.99 * np.pi))
-    for corner, turn, outwards in _turns(route.taut, 2.0 * room.margin):
+    for corner, turn, outwards in _turns(route.taut, 2.0 * room.margin, settings.least_turn):
         half = np.cos(0.5 * min(abs(turn), 0.95 * np.pi))
         radius = _depth(room, corner, outwards, arm.length) * half / (1.0 - half)
-        if radius <= STIFF * tightest:
+        if radius <= settings.stiff * tightest:
             wall = nearest_walls(problem.workspace, corner, 1)
             yield Finding(
                 "too stiff",
@@ -116,8 +114,14 @@ def _stiff(problem: Problem, room: FreeSpace, route: Route, number: int) -> Iter
             )
 
 
-def _turns(taut: FloatArray, together: float) -> Iterator[tuple[FloatArray, float, FloatArray]]:
-    """Corners of a taut path, those nearer than ``together`` to the one before counted to it: place, turn, outside."""
+def _turns(taut: FloatArray, together: float, least: float) -> Iterator[tuple[FloatArray, float, FloatArray]]:
+    """Corners of a taut path: place (2,) [m], turn [rad] and direction to the outside (2,).
+
+    Args:
+        taut: shape (k, 2) [m].
+        together: a corner nearer than this to the one before is counted to it [m].
+        least: turns below this are left out [rad].
+    """
     legs = np.diff(taut, axis=0)
     legs = legs[leg_lengths(taut) > 1e-9]
     if len(legs) < 2:
@@ -128,10 +132,11 @@ def _turns(taut: FloatArray, together: float) -> Iterator[tuple[FloatArray, floa
     for k in np.unique(group):
         mine = np.flatnonzero(group == k)
         turn = float(angles[mine].sum())
-        if abs(turn) < LEAST_TURN:
+        if abs(turn) < least:
             continue
-        before, after = (leg / np.linalg.norm(leg) for leg in (legs[mine[0]], legs[mine[-1] + 1]))
-        outwards = before - after
+        first = legs[mine[0]]
+        last = legs[mine[-1] + 1]
+        outwards = first / np.linalg.norm(first) - last / np.linalg.norm(last)
         yield corners[mine[len(mine) // 2]], turn, outwards / max(float(np.linalg.norm(outwards)), 1e-300)
 
 

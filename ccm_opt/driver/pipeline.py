@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from ccm_opt.diagnosis.explain import explained, refuse_impossible
-from ccm_opt.diagnosis.recall import Recalling
+from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.assembly import assembled
 from ccm_opt.driver.closed_loop import simulate_and_check
@@ -60,7 +60,7 @@ def solve(
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation)
         terms = compiled_terms(problem.arm, constraints, costs)
-    chosen = Recalling(planner or default_planner(problem, stages, terms))
+    chosen = RecordingPlanner(planner or default_planner(problem, stages, terms))
 
     try:
         with stages("necessary checks"):
@@ -77,7 +77,7 @@ def solve(
             """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
             quiet = Stages()
             its_terms = compiled_terms(changed.arm, constraints, costs)
-            its_planner = Recalling(planner or default_planner(changed, quiet, its_terms), chosen.paths)
+            its_planner = RecordingPlanner(planner or default_planner(changed, quiet, its_terms), chosen.paths)
             return verified_plan(changed, its_planner, quiet, retimer, its_terms)
 
         # Explanation: of the same kind as the failure, with the causes and the changes that would help.

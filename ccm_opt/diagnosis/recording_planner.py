@@ -1,4 +1,4 @@
-"""A planner that recalls its paths: limits of torque and masses of links change no path, so none is planned twice."""
+"""A planner that records its paths: limits of torque and masses of links change no path, so none is planned twice."""
 
 from dataclasses import dataclass, field
 
@@ -8,19 +8,19 @@ from ccm_opt.solution import JointPath
 
 
 @dataclass(frozen=True)
-class Recalling:
-    """A planner with a memory; satisfies the ``Planner`` protocol.
+class RecordingPlanner:
+    """A planner that hands out a recorded path again; satisfies the ``Planner`` protocol.
 
     Attributes:
-        planner: plans what is not recalled.
-        paths: found so far, each with the problem that it was found for.
+        planner: plans what is not recorded.
+        paths: recorded so far, each with the problem that it was found for.
     """
 
     planner: Planner
     paths: list[tuple[Problem, JointPath]] = field(default_factory=list)
 
     def plan(self, problem: Problem) -> JointPath:
-        """The path of a problem; the one recalled when nothing that decides it has changed.
+        """The path of a problem; the recorded one when nothing that decides it has changed.
 
         Raises:
             NoPlanFound: with the reason and what would help.

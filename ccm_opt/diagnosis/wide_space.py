@@ -7,14 +7,13 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.problem import Problem
 
-ARC = 12
-"""Sides of a quarter of a circle; inscribed arcs lose .2 % of their radius."""
 THIN = 1e-6
-"""Margin that stands for an arm of no width [m]."""
+"""Rounding: the margin that stands for an arm of no width [m]."""
 
 
 @dataclass(frozen=True)
@@ -26,22 +25,26 @@ class WideSpace(FreeSpace):
         mount: arm length from the base that may touch obstacles [m].
         goal: of the tip, shape (2,) [m].
         tolerance: of the goal's position [m].
+        arc_sides: sides of a quarter of a circle.
     """
 
     base: FloatArray
     mount: float
     goal: FloatArray
     tolerance: float
+    arc_sides: int
 
     @cached_property
     def polygons(self) -> shapely.MultiPolygon:
         """Free space as polygons; the exact free set is a subset of it."""
-        room = shapely.buffer(self.workspace.boundary, -self.margin, quad_segs=ARC)
+        # Inscribed arcs make obstacles a little smaller than they are; discs around the ends are circumscribed.
+        arc = self.arc_sides
+        room = shapely.buffer(self.workspace.boundary, -self.margin, quad_segs=arc)
         grown = [
-            shapely.buffer(wall.core, wall.rounding + self.margin, quad_segs=ARC) for wall in self.workspace.obstacles
+            shapely.buffer(wall.core, wall.rounding + self.margin, quad_segs=arc) for wall in self.workspace.obstacles
         ]
         free = shapely.difference(room, shapely.union_all(grown))
-        ends = [_disc(self.base, self.mount), _disc(self.goal, self.tolerance)]
+        ends = [_disc(self.base, self.mount, arc), _disc(self.goal, self.tolerance, arc)]
         whole = shapely.union_all([free, *(shapely.intersection(end, self.workspace.boundary) for end in ends)])
         polygons = [part for part in shapely.get_parts(whole) if isinstance(part, shapely.Polygon)]
         space = shapely.MultiPolygon([part for part in polygons if part.area > 1e-12])
@@ -72,10 +75,10 @@ class WideSpace(FreeSpace):
         return max(found[0].length - self.tolerance, 0.0) if found else np.inf
 
 
-def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
+def _disc(middle: FloatArray, radius: float, arc_sides: int) -> shapely.Geometry:
     """A polygon that contains the disc."""
-    wide = max(radius, THIN) / np.cos(np.pi / (4 * ARC))
-    disc: shapely.Geometry = shapely.buffer(shapely.Point(middle), wide, quad_segs=ARC)
+    wide = max(radius, THIN) / np.cos(np.pi / (4 * arc_sides))
+    disc: shapely.Geometry = shapely.buffer(shapely.Point(middle), wide, quad_segs=arc_sides)
     return disc
 
 
@@ -85,6 +88,7 @@ def wide_space(
     tolerance: float,
     margin: float | None = None,
     workspace: Workspace | None = None,
+    arc_sides: int = DEFAULT_DIAGNOSIS.passages.arc_sides,
 ) -> WideSpace:
     """The wide free space of a problem.
 
@@ -94,7 +98,10 @@ def wide_space(
         tolerance: of the goal's position [m].
         margin: distance of the axis from walls [m]; radius and clearance when None.
         workspace: another workspace, or the problem's when None.
+        arc_sides: sides of a quarter of a circle.
     """
-    arm, workspace = problem.arm, workspace or problem.workspace
-    margin = arm.radius + workspace.clearance if margin is None else margin
-    return WideSpace(workspace, max(margin, THIN), arm.base, arm.mount_length, goal, tolerance)
+    arm = problem.arm
+    workspace = workspace or problem.workspace
+    if margin is None:
+        margin = arm.radius + workspace.clearance
+    return WideSpace(workspace, max(margin, THIN), arm.base, arm.mount_length, goal, tolerance, arc_sides)

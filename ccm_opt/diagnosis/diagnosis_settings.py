@@ -1,0 +1,100 @@
+"""The numbers of the explanation of failures, in one place: proofs, tight places, and tries of changed problems."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class PassageSettings:
+    """How finely passages are measured, and which obstacles are taken away.
+
+    Attributes:
+        fineness: relative accuracy of the widest margin. Taste.
+        beyond: margin at which the narrowest place of the widest way is closed, as a multiple of the margin that just
+            passes. Taste; ten times the fineness.
+        most_removed: obstacles that are taken away one at a time, nearest to the narrow place first. Taste.
+        detour: a way longer than the straight line by less than this share of it is reported by the check of reach
+            alone. Taste.
+        arc_sides: sides of a quarter of a circle; inscribed arcs lose 0.2 % of their radius. Taste.
+    """
+
+    fineness: float = 1e-3
+    beyond: float = 1.01
+    most_removed: int = 16
+    detour: float = 1e-3
+    arc_sides: int = 12
+
+
+@dataclass(frozen=True)
+class TightnessSettings:
+    """What counts as tight though it is not proved too tight.
+
+    Attributes:
+        narrow: a gap narrower than this many diameters is reported. Taste.
+        short: an arm shorter than this multiple of the route is reported. Taste.
+        stiff: a turn with less room than this multiple of what the tightest bend needs is reported. Taste.
+        least_turn: turns of a route below this are not reported [rad]. Taste: 20°.
+        routes: routes whose tightness is reported. Taste.
+    """
+
+    narrow: float = 1.5
+    short: float = 1.08
+    stiff: float = 1.25
+    least_turn: float = 0.3490658503988659
+    routes: int = 3
+
+
+@dataclass(frozen=True)
+class TrialSettings:
+    """How changed problems are tried, and for how long.
+
+    Attributes:
+        steps: how far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds. Taste.
+        guessed_steps: the same where the bound is only where the problem stands. Taste.
+        close: share of its value within which a parameter is bracketed by what failed, or cannot be, and what worked.
+            Derived: just more than the first step, so that a try that succeeds there need not be repeated.
+        least_time: no try begins with less time than this [s]. Taste.
+        try_share: share of the time left that one try may use. Taste.
+        longest_try: CPU time that one try may use at most [s]. Taste.
+        longest_search: CPU time that all tries may use together, however much is left [s]. Taste.
+        starved: a try that got less than this share of the CPU time that one may use did not get its chance. Taste.
+        attempts: tries of one problem, when the first was starved. Taste.
+        patience: CPU time after which nothing new is begun when something that helps is known [s]. Taste.
+        enough: relaxations that are reported. Taste.
+        most_omitted: obstacles that are left out in a try of their own. Taste.
+    """
+
+    steps: tuple[float, ...] = (0.045, 0.1, 0.2, 0.4)
+    guessed_steps: tuple[float, ...] = (0.1, 0.25, 0.5)
+    close: float = 0.046
+    least_time: float = 0.05
+    try_share: float = 0.5
+    longest_try: float = 2.5
+    longest_search: float = 8.0
+    starved: float = 0.5
+    attempts: int = 2
+    patience: float = 2.0
+    enough: int = 4
+    most_omitted: int = 2
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """All numbers of the explanation of failures.
+
+    Attributes:
+        passages: of the proofs that no way is wide or short enough.
+        tightness: of what is likely to stand in the way.
+        trials: of the tries of changed problems.
+        findings: findings that are reported, at most. Taste.
+        figures: figures that a reported value keeps, rounded to the easier side before it is solved. Taste.
+    """
+
+    passages: PassageSettings = field(default_factory=PassageSettings)
+    tightness: TightnessSettings = field(default_factory=TightnessSettings)
+    trials: TrialSettings = field(default_factory=TrialSettings)
+    findings: int = 5
+    figures: int = 4
+
+
+DEFAULT_DIAGNOSIS = DiagnosisSettings()
+"""The numbers that are used unless others are passed."""
