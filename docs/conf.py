@@ -1,3 +1,10 @@
+from pathlib import Path
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
 from ccm_opt import __version__
 
 project = "ccm_opt"
@@ -24,6 +31,27 @@ nitpick_ignore_regex = [
     # Types of other packages; links to them would need the network at build time.
     ("py:class", r"(numpy|np|npt|scipy|shapely|pathlib|collections|typing)\b.*"),
     ("py:class", r"(Path|Mapping|Sequence|Callable|BSpline|ndarray|dtype|float64|Any|Number)"),
+    # Classes that no page documents.
+    ("py:class", r"ccm_opt\.hill_climbing\.distance\.Precision"),
     # Python's own.
     ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
 ]
+
+
+class SettingsModules(SphinxDirective):
+    """The documentation of every module of settings, so that the page of settings is complete."""
+
+    def run(self) -> list[nodes.Node]:
+        """Expand to one ``automodule`` a module."""
+        root = Path(__file__).parent.parent
+        files = sorted((root / "ccm_opt").rglob("*_settings.py"))
+        modules = [".".join(file.relative_to(root).with_suffix("").parts) for file in files]
+        lines = [line for name in modules for line in (f".. automodule:: {name}", "   :members:", "")]
+        container = nodes.container()
+        self.state.nested_parse(StringList(lines, __file__), self.content_offset, container)
+        return container.children
+
+
+def setup(app: Sphinx) -> None:
+    """Make the directive known."""
+    app.add_directive("settings-modules", SettingsModules)

@@ -50,7 +50,7 @@ class CrowdingSettings:
 
     @property
     def self_points(self) -> int:
-        """Chords at whose ends the arm pushes itself: every other end of the others."""
+        """Chords at whose ends the arm pushes itself, every other end of the others."""
         return self.points // 2
 
 

@@ -20,7 +20,7 @@ class ConfigurationSettings:
         least_region_share: length that the guess gives to each region at least [L]. Taste.
         guess_curvature: share of the curvature limit that the guess may use: it starts inside. Taste.
         knot_weight: weight of uneven knots. Taste; leaves no direction of the variables without curvature.
-        bound_weight: weight of the bounds on |κ|. Taste; as for the knots, and it keeps the certificates tight.
+        bound_weight: weight of the bounds on ``|κ|``. Taste; as for the knots, and it keeps the certificates tight.
         slope_weight: weight of steps of curvature. Taste.
         nearness_weight: weight of nearness to walls, before the user's. Taste.
         nearness_distance: sides of regions farther away than this cost nothing [L]. Taste.

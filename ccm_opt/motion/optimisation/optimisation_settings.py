@@ -9,10 +9,10 @@ class ObjectiveSettings:
 
     Attributes:
         heading: weight of the turns of the links beside the turns of the joints. Taste.
-        unevenness: weight of ∫|q''|²; its root is the share of the motion over which corners are rounded. Taste.
+        unevenness: weight of ``∫|q''|²``; its root is the share of the motion over which corners are rounded. Taste.
         shape: weight of the curve's curvature and of its differences, in nominal links. Taste.
         shape_change: share of that weight on changes of the curvature from keyframe to keyframe. Taste.
-        second_heading: weight of the turns of the links in ∫|q''|². Taste.
+        second_heading: weight of the turns of the links in ``∫|q''|²``. Taste.
         ridge: weight on changes of all coordinates, so that the metric is definite. Taste.
         blend: weight on changes of the coordinate that blends a whole-arm goal in. Taste.
         wall_distance: walls farther than this beyond the planning margin cost nothing where clearance is weighed, as
