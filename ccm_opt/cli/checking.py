@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from ccm_opt.cli.outcome import NO_PLAN, SOLVED, report, run_all
+from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all
 from ccm_opt.cli.tables import checks_table, report_console
-from ccm_opt.files.export.reading_back import load_motion, load_problem_data
-from ccm_opt.files.problem_file import problem_from_mapping
+from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
 from ccm_opt.verification import verify
 
 
@@ -23,9 +22,9 @@ def check_folders(folders: Sequence[Path]) -> int:
 
 
 def _check(folder: Path) -> int:
-    problem = problem_from_mapping(load_problem_data(folder), f"{folder}/solution.json")
+    problem = load_recorded_problem(folder)
     motion = load_motion(folder, problem.arm)
     checks = verify(problem, motion.trajectory, motion.joints)
     passed = all(check.passed for check in checks)
     title = f"{problem.name}: {'every check holds' if passed else 'refused'}"
-    return report(lambda: report_console().print(checks_table(title, checks)), SOLVED if passed else NO_PLAN)
+    return print_result(lambda: report_console().print(checks_table(title, checks)), SOLVED if passed else NO_PLAN)

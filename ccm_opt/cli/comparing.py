@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from ccm_opt.cli.cancelling import CANCELLED
 from ccm_opt.cli.comparison_tables import print_comparison
-from ccm_opt.cli.outcome import BUG, SOLVED, complain, report, run_all
+from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all
 from ccm_opt.comparison.comparison_files import JOURNAL, write_comparison
 from ccm_opt.comparison.executors import DaskWorkers, LocalWorkers, Workers
 from ccm_opt.comparison.journal import open_journal
@@ -79,7 +79,7 @@ def _compare(options: CompareOptions) -> int:
         comparison = compare(cases, methods, workers, journal, time_limit=options.time_limit, progress=progress)
     write_comparison(comparison, options.out, _pictures(comparison) if options.pictures else {})
     crashed = any(run.outcome == "crashed" for run in comparison.failures)
-    return report(lambda: print_comparison(comparison, options.out), BUG if crashed else SOLVED)
+    return print_result(lambda: print_comparison(comparison, options.out), BUG if crashed else SOLVED)
 
 
 def chosen_cases(options: CompareOptions) -> tuple[Case, ...]:

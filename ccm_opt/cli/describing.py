@@ -7,7 +7,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from ccm_opt.cli.outcome import SOLVED, report, run_all
+from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.tables import report_console
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.jointed.arm import Arm
@@ -38,7 +38,7 @@ def _describe(problem: Problem) -> int:
         console.print(parameter_table(problem.arm, problem.limits))
         console.print(link_table(problem.arm))
 
-    return report(show, SOLVED)
+    return print_result(show, SOLVED)
 
 
 def arm_lines(problem: Problem) -> list[str]:

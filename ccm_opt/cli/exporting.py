@@ -3,13 +3,12 @@
 import sys
 from pathlib import Path
 
-from ccm_opt.cli.outcome import SOLVED, report, run_all
+from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.mjcf import mjcf_text
-from ccm_opt.files.export.reading_back import load_motion, load_problem_data
+from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.files.problem_file import problem_from_mapping
 
 FORMATS = ("urdf", "mjcf", "yaml", "csv")
 """What ``--format`` accepts."""
@@ -37,7 +36,7 @@ def exported_text(folder: Path, kind: str) -> str:
     """
     if kind not in FORMATS:
         raise ProblemError(f"--format {kind} is unknown; expected {', '.join(FORMATS)}")
-    problem = problem_from_mapping(load_problem_data(folder), f"{folder}/solution.json")
+    problem = load_recorded_problem(folder)
     if kind == "urdf":
         return urdf_text(problem.arm, problem.name, problem.limits)
     if kind == "mjcf":
@@ -50,7 +49,7 @@ def exported_text(folder: Path, kind: str) -> str:
 def _export(folder: Path, kind: str, out: Path | None) -> int:
     text = exported_text(folder, kind)
     if out is None:
-        return report(lambda: _print(text), SOLVED)
+        return print_result(lambda: _print(text), SOLVED)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(text, encoding="utf-8")

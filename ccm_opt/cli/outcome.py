@@ -58,7 +58,7 @@ def warn(message: str) -> None:
     _print_on_stderr(f"[yellow]warning:[/yellow] {escape(message)}")
 
 
-def report(show: Callable[[], None], code: int) -> int:
+def print_result(show: Callable[[], None], code: int) -> int:
     """Print a result on stdout, without giving up the work when nobody reads it.
 
     Args:

@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ccm_opt.cli.outcome import NO_PLAN, SOLVED, report, run_all, warn
+from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.tables import peak_torque_cells, report_console, value_table
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_problem_data
-from ccm_opt.files.problem_file import problem_from_mapping
+from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem
 from ccm_opt.problem import Problem
 from ccm_opt.solution import SimulatedMotion
 
@@ -60,7 +59,7 @@ def simulate_folders(folders: Sequence[Path], overrides: Overrides, *, pictures:
 
 
 def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
-    recorded = problem_from_mapping(load_problem_data(folder), f"{folder}/solution.json")
+    recorded = load_recorded_problem(folder)
     problem = overrides.applied(recorded)
     motion = load_motion(folder, recorded.arm)
     from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
@@ -71,7 +70,7 @@ def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
     touched = [name for name, value in figures.items() if name.endswith("clearance_m") and value < 0.0]
     for name in touched:
         warn(f"{problem.name}: the simulated arm touches: {name} is {figures[name]:.3g}")
-    return report(lambda: _print(problem, motion, simulated, figures), NO_PLAN if touched else SOLVED)
+    return print_result(lambda: _print(problem, motion, simulated, figures), NO_PLAN if touched else SOLVED)
 
 
 def _draw(folder: Path, problem: Problem, motion: SavedMotion, simulated: SimulatedMotion) -> None:

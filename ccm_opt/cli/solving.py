@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 from ccm_opt.cli.display_settings import DISPLAY
-from ccm_opt.cli.outcome import SOLVED, report, run_all, warn
+from ccm_opt.cli.outcome import SOLVED, print_result, run_all, warn
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import print_solution
 from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, VerificationError
@@ -97,7 +97,7 @@ def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
-    code = report(lambda: print_solution(solution, clock, str(folder)), SOLVED)
+    code = print_result(lambda: print_solution(solution, clock, str(folder)), SOLVED)
     _warn_of_tracking(solution)
     return code
 

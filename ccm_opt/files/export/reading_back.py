@@ -14,8 +14,10 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError, VerificationError
 from ccm_opt.files.export.folder import ARRAYS, RECORD
 from ccm_opt.files.export.solution_json import SCHEMA
+from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import bends_from_revolutes, joint_names
+from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory
 
 POSITION_TOLERANCE = 1e-9
@@ -86,6 +88,19 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
     if not isinstance(data, Mapping):
         raise ProblemError(f"{folder / RECORD}: expected a table under 'problem', got {type(data).__name__}")
     return data
+
+
+def load_recorded_problem(folder: Path) -> Problem:
+    """The problem that a folder's plan solves.
+
+    Args:
+        folder: an output folder.
+
+    Raises:
+        ProblemError: when there is no readable record, or the problem in it is not usable.
+        VerificationError: when the record says that there is no plan.
+    """
+    return problem_from_mapping(load_problem_data(folder), str(folder / RECORD))
 
 
 def load_motion(folder: Path, arm: Arm) -> SavedMotion:
