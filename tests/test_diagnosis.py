@@ -31,9 +31,9 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.solution import JointPath
-from tests.benchmarks.bench_diagnosis import named_rightly, relaxation_error
 
 from .diagnosis_families import FAMILIES, GRAVITY, make_case, string_round
+from .diagnosis_judgement import named_rightly, relaxation_error
 from .scenes import Scene, clutter, make_arm, open_scene, random_headings
 
 

@@ -11,7 +11,7 @@ from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.problem import JointPose, Problem
-from tests.benchmarks.planned_runs import run
+from tests.planned_runs import run
 from tests.scenes import ROOM, Scene, make_arm
 
 RADIUS = 0.015

@@ -18,8 +18,8 @@ from ccm_opt.motion.passage_widths import passage_widths
 from ccm_opt.motion.tip_paths import find_tip_paths, turning_by
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from tests.benchmarks.crossings import CrossingCheck, densely
-from tests.benchmarks.ompl_scenes import LARGEST_CORRIDOR, SCENES, corridor, horn
+from tests.crossings import CrossingCheck, densely
+from tests.ompl_scenes import LARGEST_CORRIDOR, SCENES, corridor, horn
 
 needs_compiler = pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="no C compiler")
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from tests.benchmarks.bench_planning import head, row, warm_up
 from tests.benchmarks.dense_sweep import sweep
-from tests.benchmarks.planned_runs import Outcome, Run, quantile, run
 from tests.benchmarks.scene_families import FAMILIES, LINKS, problems
+from tests.planned_runs import Outcome, Run, quantile, run
 
 FOUND_ONLY = 3
 """Of so many plans one is not optimised."""

@@ -25,9 +25,9 @@ from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.solution import JointPath, JointStates
 from ccm_opt.verification.newton_euler import joint_torques
-from tests.benchmarks.crossings import CrossingCheck
 from tests.benchmarks.ompl_peer import PLANNERS, run_peer
-from tests.benchmarks.ompl_scenes import LARGEST_CORRIDOR, SCENES
+from tests.crossings import CrossingCheck
+from tests.ompl_scenes import LARGEST_CORRIDOR, SCENES
 
 SAMPLES = 20_001
 """Poses of our path that the crossing check sees."""

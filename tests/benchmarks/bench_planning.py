@@ -25,8 +25,8 @@ import numpy as np
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from tests.benchmarks.dense_sweep import Sweep, sweep
 from tests.benchmarks.duct_scenes import s_duct
-from tests.benchmarks.planned_runs import Outcome, Run, quantile, run
 from tests.benchmarks.shared_problems import NAMES, problem_data, with_links
+from tests.planned_runs import Outcome, Run, quantile, run
 from tests.scenes import Scene, clutter, corridor
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"

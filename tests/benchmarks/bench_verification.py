@@ -23,10 +23,11 @@ def make_case(links: int, samples: int = 1001, duration: float = 4.0) -> tuple[P
     limits = Limits(np.full(3 * links, 2.0), np.full(3 * links, 10.0), np.full(3 * links, 50.0))
     bends = trajectory.bend_angles
     problem = Problem("bench", workspace, arm, limits, JointPose(bends[0]), JointPose(bends[-1]))
-    rates = (trajectory.bend_velocities, trajectory.bend_accelerations)
-    torques = joint_torques(arm, problem.simulation.gravity, bends, *rates)
-    turned = (revolute_angles(arm, values) for values in (bends, *rates))
-    return problem, trajectory, JointStates(joint_names(arm), *turned, torques)
+    rates = trajectory.bend_velocities
+    growth = trajectory.bend_accelerations
+    torques = joint_torques(arm, problem.simulation.gravity, bends, rates, growth)
+    angles, velocities, accelerations = (revolute_angles(arm, values) for values in (bends, rates, growth))
+    return problem, trajectory, JointStates(joint_names(arm), angles, velocities, accelerations, torques)
 
 
 def make_arm(links: int, length: float) -> Arm:

@@ -16,8 +16,8 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from tests.benchmarks.crossings import CrossingCheck, densely
-from tests.benchmarks.ompl_scenes import SCENES
+from tests.crossings import CrossingCheck, densely
+from tests.ompl_scenes import SCENES
 
 RESOLUTION = 5e-4
 """Step of OMPL's motion check as a share of the extent of joint space."""

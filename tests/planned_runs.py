@@ -1,4 +1,4 @@
-"""Plan, time and verify one problem, and keep what a benchmark tells about it."""
+"""Plan, time and verify one problem, and keep what a benchmark reports of it."""
 
 import resource
 import traceback
@@ -59,9 +59,9 @@ def run(problem: Problem, name: str = "", *, optimised: bool = True) -> Run:
     try:
         return _judged(problem, path, planned)
     except NoPlanFound as failure:
-        return replace(planned, outcome="no plan", reason=told(failure))
+        return replace(planned, outcome="no plan", reason=in_one_line(failure))
     except Exception as crash:  # noqa: BLE001 - whatever it is, it is reported as a defect
-        return replace(planned, outcome="crash", reason=told(crash))
+        return replace(planned, outcome="crash", reason=in_one_line(crash))
 
 
 def _planned(problem: Problem, blank: Run) -> tuple[Run, JointPath | None]:
@@ -70,9 +70,9 @@ def _planned(problem: Problem, blank: Run) -> tuple[Run, JointPath | None]:
     try:
         path = CurvePlanner().plan(problem)
     except NoPlanFound as failure:
-        return replace(blank, reason=told(failure), seconds=user_seconds() - begin), None
+        return replace(blank, reason=in_one_line(failure), seconds=user_seconds() - begin), None
     except Exception as crash:  # noqa: BLE001 - whatever it is, it is reported as a defect
-        return replace(blank, outcome="crash", reason=told(crash), seconds=user_seconds() - begin), None
+        return replace(blank, outcome="crash", reason=in_one_line(crash), seconds=user_seconds() - begin), None
     return replace(blank, seconds=user_seconds() - begin, candidate=path.candidate), path
 
 
@@ -89,7 +89,7 @@ def _judged(problem: Problem, path: JointPath, planned: Run) -> Run:
     return replace(planned, outcome=outcome, reason=reason, duration=trajectory.duration, trajectory=trajectory)
 
 
-def told(error: Exception) -> str:
+def in_one_line(error: Exception) -> str:
     """An error in one line: a diagnosis' reason, or the message of a crash and its place."""
     if isinstance(error, NoPlanFound):
         return f"{type(error).__name__}: {error.diagnosis.reason}"
