@@ -85,13 +85,11 @@ class ContactFinder:
         self.arm, self.walls, self.margin, self.reach = arm, walls, margin, reach
         self._slack = SLACK * reach
         self._wall_gap = arm.radius + clearance + walls.rounding
-        self._mount_link = min(int(arm.mount_length / arm.link_length + 1e-9), arm.links - 1)
-        self._mount_at = min(arm.mount_length / arm.link_length - self._mount_link, 1.0)
-        i, j = np.triu_indices(arm.links, arm.first_self_pair) if arm.self_collision else (np.zeros(0, int),) * 2
+        self._mount_link, self._mount_at = arm.mount_end
+        i, j = arm.self_pairs
         self._pairs = i, j
-        spare = 0.2 * ((j - i - 1) * arm.link_length - 2.0 * arm.radius)
         self._self_margin = np.zeros((arm.links, arm.links))
-        self._self_margin[i, j] = np.clip(spare, 0.0, margin)
+        self._self_margin[i, j] = arm.link_margins(i, j, margin)
         self._near: _NeighbourList | None = None
         self._latest: tuple[FloatArray, Contacts] | None = None
         self._edge_mid = self.walls.edges.mean(axis=1)

@@ -112,7 +112,7 @@ def clear_headings(rng: np.random.Generator, arm: Arm, bend: float = 3.0) -> Flo
 def links_apart(arm: Arm, points: FloatArray) -> bool:
     """Whether distant links keep more than ``KEPT_OFF`` between their surfaces; points (links + 1, 2) [m]."""
     links = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
-    i, j = np.triu_indices(arm.links, arm.first_self_pair)
+    i, j = arm.distant_pairs
     gaps = shapely.distance(links[i], links[j]) - 2.0 * arm.radius
     return bool(np.all(gaps > KEPT_OFF))
 

@@ -79,13 +79,12 @@ def _walls_touched(problem: Problem, pose: WholePose) -> Iterator[Finding]:
 
 def free_links(arm: Arm, points: FloatArray) -> tuple[int, list[shapely.LineString]]:
     """Index of the first link beyond the mount, and the axes of the links from there, the mount cut off."""
-    whole = int(arm.mount_length / arm.link_length + 1e-9)
-    if whole >= arm.links:
-        return whole, []
-    share = max(arm.mount_length / arm.link_length - whole, 0.0)
-    cut = points[whole] + share * (points[whole + 1] - points[whole])
-    corners = np.vstack((cut, points[whole + 1 :]))
-    return whole, [shapely.LineString(corners[k : k + 2]) for k in range(len(corners) - 1)]
+    first, share = arm.mount_end
+    if share > 1.0 - 1e-9:  # the whole arm is mount
+        return arm.links, []
+    cut = points[first] + share * (points[first + 1] - points[first])
+    corners = np.vstack((cut, points[first + 1 :]))
+    return first, [shapely.LineString(corners[k : k + 2]) for k in range(len(corners) - 1)]
 
 
 def _tip_blocked(problem: Problem, place: TipPlace) -> Iterator[Finding]:
@@ -150,11 +149,11 @@ def _touch(
 
 def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     """The two distant links that overlap most."""
-    if not arm.self_collision or arm.first_self_pair >= arm.links:
+    i, j = arm.self_pairs
+    if len(i) == 0:
         return
     points = arm.joint_positions(pose.headings, pose.feed)
     links = np.array([shapely.LineString(points[k : k + 2]) for k in range(arm.links)], dtype=object)
-    i, j = np.triu_indices(arm.links, arm.first_self_pair)
     distances = shapely.distance(links[i], links[j])
     k = int(np.argmin(distances))
     overlap = 2.0 * arm.radius - float(distances[k])

@@ -10,6 +10,8 @@ from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
+LINK_MARGIN_SHARE = 0.2
+"""Share of the free length between two distant links that planning keeps as a margin between them (taste)."""
 HELD_TOLERANCE = 1e-9
 """A joint as near as this to the hole counts as having passed it [m]."""
 
@@ -122,21 +124,40 @@ class Arm:
         return sum(axis.low for axis in self.base_axes), sum(axis.high for axis in self.base_axes)
 
     @property
-    def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs (i, j), i < j, of links that must keep two radii apart, each of shape (p,); none when they may meet."""
-        if not self.self_collision:
-            none = np.zeros(0, dtype=np.intp)
-            return none, none
+    def distant_pairs(self) -> tuple[IntArray, IntArray]:
+        """Pairs (i, j), i < j, of links so far apart along the arm that they can meet, each of shape (p,)."""
         first, second = np.triu_indices(self.links, self.first_self_pair)
         return first, second
 
     @property
+    def self_pairs(self) -> tuple[IntArray, IntArray]:
+        """Pairs of links that must keep two radii apart: the distant ones, or none when links may meet."""
+        if self.self_collision:
+            return self.distant_pairs
+        none = np.zeros(0, dtype=np.intp)
+        return none, none
+
+    def link_margins(self, first: IntArray, second: IntArray, margin: float) -> FloatArray:
+        """Gap that planning keeps between the surfaces of distant links, shape (p,) [m].
+
+        Links that are not far apart along the arm cannot keep the whole margin round a tight bend: they keep a share of
+        what the links between them leave at full stretch.
+
+        Args:
+            first: links nearer to the base, shape (p,).
+            second: the others, shape (p,).
+            margin: that planning keeps from walls [m].
+        """
+        between = (second - first - 1) * self.link_length - 2.0 * self.radius
+        return np.clip(LINK_MARGIN_SHARE * between, 0.0, margin)
+
+    @property
     def mount_end(self) -> tuple[int, float]:
         """Link on which the mount ends, and where on it as a share in [0, 1]; share 1 of the last is the whole arm."""
-        links = self.mount_length / self.link_length
+        length = self.mount_length / self.link_length
         # The small number keeps a mount of whole links from ending on the link before by rounding.
-        link = min(int(links + 1e-9), self.links - 1)
-        return link, float(np.clip(links - link, 0.0, 1.0))
+        link = min(int(length + 1e-9), self.links - 1)
+        return link, min(max(length - link, 0.0), 1.0)
 
     def headings(self, bends: FloatArray) -> FloatArray:
         """Link headings φ from joint bends, shape (..., links) [rad]."""

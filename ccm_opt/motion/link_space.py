@@ -178,18 +178,13 @@ class LinkSpace:
 
     @cached_property
     def mount_end(self) -> tuple[int, float]:
-        """Link on which the mount ends, and where on it in [0, 1]."""
-        arm = self.arm
-        link = min(int(arm.mount_length / arm.link_length + 1e-9), arm.links - 1)
-        return link, float(np.clip(arm.mount_length / arm.link_length - link, 0.0, 1.0))
+        """Link on which the arm's mount ends, and where on it in [0, 1]."""
+        return self.arm.mount_end
 
     @cached_property
     def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Links i < j whose axes must keep two radii apart, each of shape (pairs,)."""
-        if not self.arm.self_collision:
-            return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
-        i, j = np.triu_indices(self.arm.links, self.arm.first_self_pair)
-        return i, j
+        """Links i < j of the arm whose axes must keep two radii apart, each of shape (pairs,)."""
+        return self.arm.self_pairs
 
     def curve(self, v: FloatArray) -> Configuration:
         """The continuous curve behind coordinates."""

@@ -45,7 +45,8 @@ def check_stability(
     poses = _spread(angles, settings.checked_poses)
     _check_damping(options, settings)
     _check_fastest_mode(arm, poses, options, settings, planar=planar)
-    _check_feed(arm, poses, options, settings, planar=planar)
+    for _ in arm.base_axes:
+        _check_feed(arm, poses, options, settings, planar=planar)
     _check_friction(arm, poses, options, settings, planar=planar)
 
 
@@ -106,7 +107,7 @@ def _check_feed(
     arm: Arm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
 ) -> None:
     """Under PD the feed axis moves less than the whole arm at first; refuse damping that is too much for that."""
-    if not arm.base_axes or options.controller == "computed-torque":
+    if options.controller == "computed-torque":
         return
     rate = feed_gains(arm, options).derivative / _lightest_base(arm, poses, planar=planar)
     value = rate * options.step

@@ -30,18 +30,17 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
 
 
 def _feed_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
-    """What the feed axis does; nothing for a fixed base."""
-    if solution.problem.arm.feed is None:
-        return {}
+    """What the feed axis does; nothing for a fixed base, which has no column."""
     trajectory = solution.trajectory
-    return {
-        "base_feed": trajectory.base_positions[:, 0],
-        "feed_velocities": trajectory.base_velocities[:, 0],
-        "feed_accelerations": trajectory.base_accelerations[:, 0],
-        "feed_forces": solution.joints.base_forces[:, 0],
-        "keyframe_feeds": solution.path.keyframes[:, -1],
-        "simulated_feed": solution.simulation.base_positions[:, 0],
+    columns = {
+        "base_feed": trajectory.base_positions,
+        "feed_velocities": trajectory.base_velocities,
+        "feed_accelerations": trajectory.base_accelerations,
+        "feed_forces": solution.joints.base_forces,
+        "keyframe_feeds": solution.path.keyframes[:, trajectory.coordinates.base],
+        "simulated_feed": solution.simulation.base_positions,
     }
+    return {name: column for name, values in columns.items() for column in values.T}
 
 
 def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]]) -> bytes:

@@ -44,14 +44,14 @@ def urdf_text(arm: Arm, name: str, limits: Limits) -> str:
 
 def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
     """What is between the world and the first ball; returns the link that carries it."""
-    first = "mount" if arm.base_axes else "base"
-    ET.SubElement(robot, "link", name=first)
+    names = (*("mount" for _ in arm.base_axes), "base")
+    ET.SubElement(robot, "link", name=names[0])
     mount = ET.SubElement(robot, "joint", name="base_mount", type="fixed")
-    _place(mount, "world", first, base_position(arm), (0.0, -arm.base_heading, 0.0))
-    for axis in arm.base_axes:
-        ET.SubElement(robot, "link", name="base")
+    _place(mount, "world", names[0], base_position(arm), (0.0, -arm.base_heading, 0.0))
+    for axis, carrier, carried in zip(arm.base_axes, names[:-1], names[1:], strict=True):
+        ET.SubElement(robot, "link", name=carried)
         slide = ET.SubElement(robot, "joint", name=FEED, type="prismatic")
-        _place(slide, first, "base", (0.0, 0.0, 0.0))
+        _place(slide, carrier, carried, (0.0, 0.0, 0.0))
         ET.SubElement(slide, "axis", xyz=numbers((1.0, 0.0, 0.0)))
         effort = UNLIMITED_EFFORT if limits.feed_force is None else limits.feed_force
         _add_limit(slide, (axis.low, axis.high), limits.feed_velocity or UNLIMITED_VELOCITY, effort)

@@ -49,7 +49,7 @@ def self_distance(arm: Arm, bends: FloatArray) -> float:
     """Least distance between the axes of links far enough apart along the arm [m]; infinite without such links."""
     points = arm.joint_positions(arm.headings(bends))
     axes = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
-    first, second = np.triu_indices(arm.links, k=arm.first_self_pair)
+    first, second = arm.distant_pairs
     return float(shapely.distance(axes[first], axes[second]).min(initial=np.inf))
 
 

@@ -189,7 +189,7 @@ def self_rows(sweep: Sweep, reach: float, margin: float) -> IntervalRows:
     close = distance < reach + 2.0 * arm.radius
     interval, i, j, apart, distance = interval[close], i[close], j[close], apart[close], distance[close]
     normal = apart / np.maximum(distance, 1e-12)[:, None]
-    need = 2.0 * arm.radius + np.clip(0.2 * ((j - i - 1) * arm.link_length - 2.0 * arm.radius), 0.0, margin)
+    need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
     return joined_rows(
         [
             IntervalRows(interval, np.full(len(i), side), j + t, i + s, j + 1, i, normal, need)
