@@ -10,31 +10,32 @@ from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem
 
+from .arms import plain_arm
+
 if TYPE_CHECKING:
     from ccm_opt.arrays import FloatArray
 
-LINKS, LINK, RADIUS = 16, 0.05, 0.02
+LINKS = 16
+LINK = 0.05
+"""Link length [m]."""
+RADIUS = 0.02
+"""Of the arm [m]."""
 
 
-def make_arm(low: float = 0.0, links: int = LINKS, **changes: object) -> Arm:
+def fed_arm(low: float = 0.0, links: int = LINKS, **changes: object) -> Arm:
     """An arm of links of 50 mm whose guide lies on the negative x axis, its hole at the origin."""
     length = links * LINK
-    values: dict[str, object] = {
-        "links": links,
-        "link_length": LINK,
-        "radius": RADIUS,
+    guided: dict[str, object] = {
         "base": np.array([-length, 0.0]),
-        "base_heading": 0.0,
         "joint_limit": np.deg2rad(50.0),
         "base_limit": np.deg2rad(50.0),
-        "self_collision": True,
         "mount_length": RADIUS,
         "masses": np.full(links, 0.05),
         "inertia_axial": np.full(links, 1e-5),
         "inertia_transverse": np.full(links, 2e-5),
         "feed": Feed(low, length, length),
     }
-    return Arm(**(values | changes))  # type: ignore[arg-type]
+    return plain_arm(links, LINK, RADIUS, **(guided | changes))
 
 
 def make_room(*obstacles: Obstacle) -> Workspace:

@@ -11,6 +11,8 @@ from ccm_opt.problem import Limits
 from ccm_opt.retiming import retime
 from ccm_opt.solution import JointPath, JointTrajectory
 
+from .arms import plain_arm
+
 GRAVITY, MASS, LENGTH, FRICTION = 9.81, 2.0, 0.5, 3.0
 
 
@@ -70,8 +72,17 @@ def run(path: JointPath, limits: Limits, dynamics=weightless, **options: float) 
 
 def slim_arm(links: int, length: float) -> Arm:
     """An arm that bends as far as it likes."""
-    one = np.ones(links)
-    return Arm(links, length, 0.01, np.zeros(2), 0.3, 99.0, 99.0, False, 0.0, 0.1 * one, 1e-5 * one, 1e-4 * one)  # noqa: FBT003
+    return plain_arm(
+        links,
+        length,
+        radius=0.01,
+        base_heading=0.3,
+        joint_limit=99.0,
+        base_limit=99.0,
+        self_collision=False,
+        inertia_axial=np.full(links, 1e-5),
+        inertia_transverse=np.full(links, 1e-4),
+    )
 
 
 def used(trajectory: JointTrajectory, limits: Limits) -> tuple[float, float]:

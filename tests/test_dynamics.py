@@ -27,7 +27,7 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.jacobian import tip_jacobian
-from tests.dynamics_arms import loose_limits, make_arm, random_states, smooth_trajectory
+from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 
 GRAVITY = np.array([1.0, 2.0, -9.81])
 AXES: tuple[Axes, ...] = ("zyx", "zyz")
@@ -65,7 +65,7 @@ def mujoco_model(arm: Arm, gravity: FloatArray = GRAVITY) -> tuple[Any, Any, Any
 @pytest.mark.parametrize("axes", AXES)
 def test_inverse_dynamics_equals_pinocchio(axes: Axes) -> None:
     """RNEA agrees with Pinocchio's at random states of 36 joints, for both orders of axes."""
-    arm = make_arm(12, axes, varied=True)
+    arm = swan_neck(12, axes, varied=True)
     pin, model, data = pinocchio_model(arm)
     q, qd, qdd = random_states(36)
     expected = np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
@@ -74,7 +74,7 @@ def test_inverse_dynamics_equals_pinocchio(axes: Axes) -> None:
 
 def test_inverse_dynamics_equals_mujoco() -> None:
     """RNEA agrees with mj_inverse at random states of 36 joints."""
-    arm = make_arm(12, varied=True)
+    arm = swan_neck(12, varied=True)
     mujoco, model, data = mujoco_model(arm)
     inverse = InverseDynamics(arm, GRAVITY)
     for q, qd, qdd in np.swapaxes(random_states(36), 0, 1):
@@ -86,7 +86,7 @@ def test_inverse_dynamics_equals_mujoco() -> None:
 
 def test_forward_dynamics_equals_pinocchio() -> None:
     """ABA agrees with Pinocchio's at random states of 36 joints."""
-    arm = make_arm(12, varied=True)
+    arm = swan_neck(12, varied=True)
     pin, model, data = pinocchio_model(arm)
     q, qd, tau = random_states(36)
     expected = np.array([pin.aba(model, data, *state) for state in zip(q, qd, tau, strict=True)])
@@ -95,7 +95,7 @@ def test_forward_dynamics_equals_pinocchio() -> None:
 
 def test_forward_dynamics_equals_mujoco() -> None:
     """ABA agrees with mj_forward at random states of 36 joints."""
-    arm = make_arm(12, varied=True)
+    arm = swan_neck(12, varied=True)
     mujoco, model, data = mujoco_model(arm)
     forward = ForwardDynamics(arm, GRAVITY)
     for q, qd, tau in np.swapaxes(random_states(36), 0, 1):
@@ -107,7 +107,7 @@ def test_forward_dynamics_equals_mujoco() -> None:
 @pytest.mark.parametrize("axes", AXES)
 def test_mass_matrix_equals_pinocchio(axes: Axes) -> None:
     """The composite-body mass matrix agrees with Pinocchio's, for both orders of axes."""
-    arm = make_arm(12, axes, varied=True)
+    arm = swan_neck(12, axes, varied=True)
     pin, model, data = pinocchio_model(arm)
     q = random_states(36)[0][0]
     upper = np.triu(pin.crba(model, data, q))
@@ -118,7 +118,7 @@ def test_mass_matrix_equals_pinocchio(axes: Axes) -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 def test_forward_undoes_inverse(seed: int) -> None:
     """Accelerations put through inverse and forward dynamics come back."""
-    arm = make_arm(12, varied=True)
+    arm = swan_neck(12, varied=True)
     q, qd, qdd = random_states(36, seed=seed)
     torques = InverseDynamics(arm, GRAVITY)(q, qd, qdd)
     assert relative_error(ForwardDynamics(arm, GRAVITY)(q, qd, torques), qdd) < TOLERANCE
@@ -128,7 +128,7 @@ def test_forward_undoes_inverse(seed: int) -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 def test_mass_matrix_is_symmetric_positive_and_the_slope_of_inverse_dynamics(seed: int) -> None:
     """M is symmetric and positive definite, and M q̈ is what inverse dynamics add for q̈."""
-    arm = make_arm(12, varied=True)
+    arm = swan_neck(12, varied=True)
     q, qd, qdd = (states[0] for states in random_states(36, seed=seed))
     M, inverse = MassMatrix(arm)(q), InverseDynamics(arm, GRAVITY)
     assert np.array_equal(M, M.T)
@@ -141,7 +141,7 @@ def test_mass_matrix_is_symmetric_positive_and_the_slope_of_inverse_dynamics(see
 @pytest.mark.parametrize("kind", ["inverse_dynamics", "forward_dynamics"])
 def test_both_back_ends_give_the_same(kind: DynamicsKind, rotors: bool, axes: Axes) -> None:
     """Compiled and interpreted functions agree for joints and base, with payload, friction and feed."""
-    arm = geared(make_arm(14, axes, varied=True))
+    arm = geared(swan_neck(14, axes, varied=True))
     model = arm_model(arm if rotors else replace(arm, rotor_inertia=0.0), GRAVITY)
     library = compiled_library.load_library(model.structure)
     if library is None:
@@ -157,7 +157,7 @@ def test_both_back_ends_give_the_same(kind: DynamicsKind, rotors: bool, axes: Ax
 @given(seed=st.integers(0, 2**32 - 1), computed=st.booleans(), rotors=st.booleans(), share=st.floats(0.05, 2.0))
 def test_both_back_ends_obey_the_same_control_law(seed: int, computed: bool, rotors: bool, share: float) -> None:
     """From any state, under noise, brakes and limits that saturate, both loops hold the same efforts over a step."""
-    arm = geared(make_arm(4, varied=True))
+    arm = geared(swan_neck(4, varied=True))
     plant = arm_model(arm if rotors else replace(arm, rotor_inertia=0.0), GRAVITY)
     believed = arm_model(replace(arm, payload=0.2, rotor_inertia=1e-4 if rotors else 0.0), GRAVITY)
     library = compiled_library.load_library(plant.structure)
@@ -181,7 +181,7 @@ def test_both_back_ends_obey_the_same_control_law(seed: int, computed: bool, rot
 
 def test_six_hundred_joints_equal_mujoco() -> None:
     """Compiled inverse dynamics of 200 links agree with MuJoCo (Pinocchio's data alone take half a minute)."""
-    arm = make_arm(200, varied=True)
+    arm = swan_neck(200, varied=True)
     mujoco, model, data = mujoco_model(arm)
     states = 0.2 * random_states(600, count=1)  # a curled arm of 200 links
     data.qpos[:], data.qvel[:], data.qacc[:] = states[:, 0]
@@ -191,7 +191,7 @@ def test_six_hundred_joints_equal_mujoco() -> None:
 
 def test_batches_equal_single_states() -> None:
     """A batch of any length gives what its states give one by one."""
-    arm = make_arm(4)
+    arm = swan_neck(4)
     inverse = InverseDynamics(arm, GRAVITY)
     for count in (0, 1, 31, 32, 33, 70):
         q, qd, qdd = random_states(12, count)
@@ -203,7 +203,7 @@ def test_batches_equal_single_states() -> None:
 
 def test_results_are_not_overwritten() -> None:
     """A result keeps its values when the function is called again."""
-    inverse = InverseDynamics(make_arm(4), GRAVITY)
+    inverse = InverseDynamics(swan_neck(4), GRAVITY)
     first = inverse(*np.zeros((3, 12)))
     kept = first.copy()
     inverse(*np.ones((3, 12)))
@@ -212,14 +212,14 @@ def test_results_are_not_overwritten() -> None:
 
 def test_wrong_shapes_are_refused() -> None:
     """States that do not fit the arm are refused with their shapes."""
-    inverse = InverseDynamics(make_arm(4), GRAVITY)
+    inverse = InverseDynamics(swan_neck(4), GRAVITY)
     with pytest.raises(ProblemError, match=r"\(5, 12\), \(4, 12\), \(5, 12\); expected three of \(N, 12\)"):
         inverse(np.zeros((5, 12)), np.zeros((4, 12)), np.zeros((5, 12)))
 
 
 def test_gravity_torque_of_the_straight_arm_is_statics() -> None:
     """At rest and level, the base bend carries the sum of weight times lever."""
-    arm = make_arm(4, varied=True)
+    arm = swan_neck(4, varied=True)
     inverse = InverseDynamics(arm, np.array([0.0, 0.0, -9.81]))
     levers = (np.arange(4) + 0.5) * arm.link_length * np.cos(arm.base_heading)
     torques = inverse(np.zeros(12), np.zeros(12), np.zeros(12))
@@ -229,7 +229,7 @@ def test_gravity_torque_of_the_straight_arm_is_statics() -> None:
 
 def test_joint_states_of_a_planar_motion() -> None:
     """Joint states carry the bends as θ2 and the torques of the whole motion."""
-    arm, trajectory = make_arm(4), smooth_trajectory(np.array([0.3, -0.2, 0.1, 0.4]), duration=0.1)
+    arm, trajectory = swan_neck(4), smooth_trajectory(np.array([0.3, -0.2, 0.1, 0.4]), duration=0.1)
     inverse = InverseDynamics(arm, GRAVITY)
     states = joint_states(arm, trajectory, inverse)
     assert np.array_equal(states.angles[:, 1::3], -trajectory.bend_angles)
@@ -241,7 +241,7 @@ def test_without_a_compiler_the_virtual_machine_gives_the_same(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The fall-back equals compiled code to rounding, and one log line says that it is in use."""
-    arm, (q, qd, qdd) = make_arm(12), random_states(36)
+    arm, (q, qd, qdd) = swan_neck(12), random_states(36)
     expected = InverseDynamics(arm, GRAVITY)(q, qd, qdd), ForwardDynamics(arm, GRAVITY)(q, qd, qdd)
     monkeypatch.setenv(COMPILER_VARIABLE, "")
     compiled_library._log_uncompiled.cache_clear()
@@ -261,7 +261,7 @@ def test_a_failing_compiler_is_no_failure(
     broken.chmod(0o755)
     monkeypatch.setenv(COMPILER_VARIABLE, str(broken))
     compiled_library._log_uncompiled.cache_clear()
-    torques = InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))
+    torques = InverseDynamics(swan_neck(2), GRAVITY)(*np.zeros((3, 6)))
     assert np.all(np.isfinite(torques))
     assert "the C compiler failed: out of paper" in caplog.text
 
@@ -269,10 +269,10 @@ def test_a_failing_compiler_is_no_failure(
 def test_a_warm_cache_compiles_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Other masses, lengths and gravity use the library that is there; nothing else is left in the folder."""
     monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
-    InverseDynamics(make_arm(2), GRAVITY)
+    InverseDynamics(swan_neck(2), GRAVITY)
     assert len(list(compiled_library.cache_folder().iterdir())) == 1
     monkeypatch.setattr(compiled_library, "_compile", _refuse_to_compile)
-    inverse = InverseDynamics(make_arm(2, varied=True), -GRAVITY)
+    inverse = InverseDynamics(swan_neck(2, varied=True), -GRAVITY)
     assert np.all(np.isfinite(inverse(*np.zeros((3, 6)))))
 
 
@@ -289,9 +289,9 @@ def test_a_damaged_library_is_compiled_again(
     compiler = find_compiler()
     if compiler is None:
         pytest.skip("no C compiler")
-    compiled_library.library_path(arm_structure(make_arm(2)), compiler).write_bytes(b"not a library")
+    compiled_library.library_path(arm_structure(swan_neck(2)), compiler).write_bytes(b"not a library")
     compiled_library._log_uncompiled.cache_clear()
-    assert np.all(np.isfinite(InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))))
+    assert np.all(np.isfinite(InverseDynamics(swan_neck(2), GRAVITY)(*np.zeros((3, 6)))))
     assert not caplog.records
 
 
@@ -305,7 +305,7 @@ def geared(arm: Arm) -> Arm:
 @pytest.mark.parametrize("rotors", [False, True])
 def test_forward_dynamics_with_feed_payload_and_drives_equal_mujoco(rotors: bool) -> None:
     """Accelerations of joints and base under efforts and thrust agree with mj_forward."""
-    arm = geared(make_arm(6, varied=True))
+    arm = geared(swan_neck(6, varied=True))
     arm = arm if rotors else replace(arm, rotor_inertia=0.0)
     mujoco, model, data = mujoco_model(arm)
     forward = ForwardDynamics(arm, GRAVITY)
@@ -320,7 +320,7 @@ def test_forward_dynamics_with_feed_payload_and_drives_equal_mujoco(rotors: bool
 @pytest.mark.parametrize("rotors", [0.0, 1e-4])
 def test_forward_undoes_inverse_on_a_feed_axis(axes: Axes, rotors: float) -> None:
     """Accelerations of joints and base come back from torques and thrust, rotors or none."""
-    arm = replace(geared(make_arm(6, axes, varied=True)), rotor_inertia=rotors)
+    arm = replace(geared(swan_neck(6, axes, varied=True)), rotor_inertia=rotors)
     (q, qd, qdd), feed = random_states(18), np.array([0.3, -1.0, 2.0, 0.0])
     inverse, forward = InverseDynamics(arm, GRAVITY), ForwardDynamics(arm, GRAVITY)
     torques, thrust = inverse(q, qd, qdd, feed), inverse.feed_forces(q, qd, qdd, feed)
@@ -331,7 +331,7 @@ def test_forward_undoes_inverse_on_a_feed_axis(axes: Axes, rotors: float) -> Non
 
 def test_inverse_dynamics_are_the_mass_matrix_and_the_drives() -> None:
     """Efforts less those at rest are M with the feed first times the accelerations, and friction times speed."""
-    arm = geared(make_arm(6, varied=True))
+    arm = geared(swan_neck(6, varied=True))
     q, _, qdd = (states[0] for states in random_states(18))
     inverse, rest = InverseDynamics(arm, GRAVITY), np.zeros(18)
     efforts = np.append(inverse.feed_forces(q, rest, qdd, 0.4), inverse(q, rest, qdd, 0.4))
@@ -345,7 +345,7 @@ def test_inverse_dynamics_are_the_mass_matrix_and_the_drives() -> None:
 
 def test_rotors_make_zyz_regular_where_it_is_straight() -> None:
     """With rotor inertia the straight zyz arm has finite accelerations: those of its own mass matrix."""
-    arm = replace(make_arm(4, "zyz"), rotor_inertia=1e-4)
+    arm = replace(swan_neck(4, "zyz"), rotor_inertia=1e-4)
     torques = np.linspace(-0.1, 0.1, 12)
     got = ForwardDynamics(arm, np.zeros(3))(np.zeros(12), np.zeros(12), torques)
     assert relative_error(got, np.linalg.solve(MassMatrix(arm)(np.zeros(12)), torques)) < TOLERANCE
@@ -356,7 +356,7 @@ def test_rotors_make_zyz_regular_where_it_is_straight() -> None:
 
 def test_the_thrust_carries_the_whole_arm() -> None:
     """At rest on a vertical axis the thrust is the weight of links and payload; fed upward it grows by their mass."""
-    arm = replace(make_arm(4, varied=True), base_heading=0.5 * np.pi, feed=Feed(0.0, 0.4, 0.4), payload=0.3)
+    arm = replace(swan_neck(4, varied=True), base_heading=0.5 * np.pi, feed=Feed(0.0, 0.4, 0.4), payload=0.3)
     inverse, rest = InverseDynamics(arm, np.array([0.0, 0.0, -9.81])), np.zeros((3, 1, 12))
     mass = float(np.sum(arm.masses)) + 0.3
     assert np.isclose(inverse.feed_forces(*rest)[0], 9.81 * mass, rtol=1e-12)
@@ -366,7 +366,7 @@ def test_the_thrust_carries_the_whole_arm() -> None:
 @pytest.mark.parametrize("far", [0.0, 50.0, 1.5e4, 1e7])
 def test_sines_are_exact_to_rounding_at_any_angle(far: float) -> None:
     """Compiled code turns the angles into sines itself: whole turns change nothing beyond the rounding of the angle."""
-    arm = make_arm(4)
+    arm = swan_neck(4)
     q = 2 * np.pi * far + np.random.default_rng(2).uniform(-7.0, 7.0, (200, 12))
     weight = InverseDynamics(replace(arm, payload=1.0), np.array([0.0, 0.0, -1.0]))
     bare = InverseDynamics(arm, np.array([0.0, 0.0, -1.0]))
@@ -378,7 +378,7 @@ def test_sines_are_exact_to_rounding_at_any_angle(far: float) -> None:
 
 def test_arrays_of_any_layout_are_taken() -> None:
     """Strided, integer and single-precision states give what contiguous ones do."""
-    inverse, (q, qd, qdd) = InverseDynamics(make_arm(4), GRAVITY), random_states(12)
+    inverse, (q, qd, qdd) = InverseDynamics(swan_neck(4), GRAVITY), random_states(12)
     expected = inverse(q, qd, qdd)
     assert np.array_equal(inverse(*(np.asfortranarray(x) for x in (q, qd, qdd))), expected)
     assert np.array_equal(inverse(np.repeat(q[0], 2)[::2], qd[0], qdd[0]), expected[0])
@@ -390,11 +390,11 @@ def test_one_library_serves_arms_of_any_length(monkeypatch: pytest.MonkeyPatch, 
     """Two links or two hundred, with other masses and a payload: one library; rotor inertia needs a second."""
     monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
     for links in (2, 24, 200):
-        arm = replace(make_arm(links), payload=0.1 * links)
+        arm = replace(swan_neck(links), payload=0.1 * links)
         ForwardDynamics(arm, GRAVITY)
         InverseDynamics(arm, GRAVITY)
     assert len(list(compiled_library.cache_folder().iterdir())) == 1
-    ForwardDynamics(replace(make_arm(2), rotor_inertia=1e-4), GRAVITY)
+    ForwardDynamics(replace(swan_neck(2), rotor_inertia=1e-4), GRAVITY)
     assert len(list(compiled_library.cache_folder().iterdir())) == 2
 
 
@@ -403,8 +403,8 @@ def test_what_is_prepared_is_there_when_it_is_needed(monkeypatch: pytest.MonkeyP
     monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
     compiles, compile_once = [], compiled_library._compile
     monkeypatch.setattr(compiled_library, "_compile", lambda *args: (compiles.append(1), compile_once(*args)))
-    compiled_library.prepare(make_arm(2))
-    assert np.all(np.isfinite(InverseDynamics(make_arm(2), GRAVITY)(*np.zeros((3, 6)))))
+    compiled_library.prepare(swan_neck(2))
+    assert np.all(np.isfinite(InverseDynamics(swan_neck(2), GRAVITY)(*np.zeros((3, 6)))))
     assert len(compiles) == 1
 
 
@@ -412,7 +412,7 @@ def test_many_at_once_share_one_library(monkeypatch: pytest.MonkeyPatch, tmp_pat
     """Loading the same functions from several threads at once leaves one whole library."""
     monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
     with ThreadPoolExecutor(4) as pool:
-        built = list(pool.map(lambda _: InverseDynamics(make_arm(2), GRAVITY), range(4)))
+        built = list(pool.map(lambda _: InverseDynamics(swan_neck(2), GRAVITY), range(4)))
     torques = [inverse(*np.zeros((3, 6))) for inverse in built]
     assert all(np.array_equal(torque, torques[0]) for torque in torques)
     assert len(list(compiled_library.cache_folder().iterdir())) == 1

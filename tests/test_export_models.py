@@ -15,7 +15,7 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import UNLIMITED_EFFORT, urdf_text
 from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.frames import joint_names, joint_positions_3d, revolute_angles
-from tests.dynamics_arms import carried, loose_limits, make_arm, smooth_trajectory
+from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
 
 GRAVITY = np.array([0.5, 0.0, -9.81])
 AXES: tuple[Axes, ...] = ("zyx", "zyz")
@@ -73,7 +73,7 @@ def mass_and_gravity(reader: str, arm: Arm, q: FloatArray) -> tuple[FloatArray, 
 @pytest.mark.parametrize("reader", READERS)
 def test_mass_matrix_and_gravity_survive(reader: str, axes: Axes) -> None:
     """M agrees with our own after loading, and gravity torques with the URDF's."""
-    arm = make_arm(6, axes, varied=True)
+    arm = swan_neck(6, axes, varied=True)
     q = angles_for(arm)
     M, gravity = mass_and_gravity(reader, arm, q)
     assert np.allclose(M, MassMatrix(arm)(q), rtol=0.0, atol=1e-12 * np.max(M))
@@ -83,7 +83,7 @@ def test_mass_matrix_and_gravity_survive(reader: str, axes: Axes) -> None:
 @pytest.mark.parametrize("axes", AXES)
 def test_urdf_stands_in_the_world_frame(axes: Axes) -> None:
     """Loaded joints carry our names in order, and every ball stands where our frames put it."""
-    arm = make_arm(6, axes)
+    arm = swan_neck(6, axes)
     pin, model, data = load_pinocchio(urdf_text(arm, "arm", loose_limits(arm)), "urdf")
     assert tuple(model.names)[1:] == joint_names(arm)
     q = angles_for(arm)
@@ -95,7 +95,7 @@ def test_urdf_stands_in_the_world_frame(axes: Axes) -> None:
 @pytest.mark.parametrize("axes", AXES)
 def test_mjcf_stands_in_the_world_frame(axes: Axes) -> None:
     """Loaded joints carry our names in order, and the tip stands where our frames put it."""
-    arm = make_arm(6, axes)
+    arm = swan_neck(6, axes)
     mujoco, model, data = load_mujoco(arm)
     assert tuple(model.joint(i).name for i in range(model.njnt)) == joint_names(arm)
     q = angles_for(arm)
@@ -106,7 +106,7 @@ def test_mjcf_stands_in_the_world_frame(axes: Axes) -> None:
 
 def test_zero_angles_are_the_straight_arm() -> None:
     """At zero angles the loaded tip is straight ahead along the base heading, with the plane's y as world z."""
-    arm = make_arm(6)
+    arm = swan_neck(6)
     mujoco, model, data = load_mujoco(arm)
     mujoco.mj_kinematics(model, data)
     tip = arm.joint_positions(arm.headings(np.zeros(6)))[-1]
@@ -115,7 +115,7 @@ def test_zero_angles_are_the_straight_arm() -> None:
 
 def test_a_planar_bend_turns_the_loaded_arm_the_same_way() -> None:
     """A counter-clockwise bend in the plane raises the loaded arm in world z."""
-    arm = make_arm(6)
+    arm = swan_neck(6)
     mujoco, model, data = load_mujoco(arm)
     bends = np.array([0.5, 0.2, -0.1, 0.3, 0.2, 0.1])
     data.qpos[:] = revolute_angles(arm, bends)
@@ -126,7 +126,7 @@ def test_a_planar_bend_turns_the_loaded_arm_the_same_way() -> None:
 
 def test_urdf_carries_the_limits() -> None:
     """Velocity, torque and bend limits arrive; without torque limits a large effort stands in."""
-    arm = make_arm(4)
+    arm = swan_neck(4)
     _, model, _ = load_pinocchio(urdf_text(arm, "arm", loose_limits(arm, torque=3.5)), "urdf")
     assert np.allclose(model.upperEffortLimit, 3.5)
     assert np.allclose(model.upperVelocityLimit, 2.0)
@@ -137,7 +137,7 @@ def test_urdf_carries_the_limits() -> None:
 
 def test_an_arm_without_thickness_loads() -> None:
     """Zero radius still gives files that both programs load."""
-    arm = make_arm(4)
+    arm = swan_neck(4)
     thin = Arm(**{**arm.__dict__, "radius": 0.0, "inertia_axial": np.full(4, 1e-7)})
     load_pinocchio(urdf_text(thin, "thin", loose_limits(thin)), "urdf")
     load_mujoco(thin)
@@ -145,7 +145,7 @@ def test_an_arm_without_thickness_loads() -> None:
 
 def test_folded_links_do_not_push_each_other() -> None:
     """The arm's own links make no contacts in MuJoCo, which would spoil its dynamics."""
-    arm = make_arm(12)
+    arm = swan_neck(12)
     mujoco, model, data = load_mujoco(arm)
     data.qpos[1::3] = 1.0
     mujoco.mj_forward(model, data)
@@ -154,7 +154,7 @@ def test_folded_links_do_not_push_each_other() -> None:
 
 def fed_arm() -> Arm:
     """An arm on a feed axis, with payload, rotors and friction."""
-    arm = make_arm(6, varied=True)
+    arm = swan_neck(6, varied=True)
     return replace(arm, feed=Feed(0.0, 0.4, 0.4), payload=0.3, rotor_inertia=1e-4, friction=0.01)
 
 
@@ -190,7 +190,7 @@ def test_the_loaded_feed_axis_moves_the_arm_along_the_base_heading() -> None:
 def test_mujoco_replays_the_torques(on_axis: bool) -> None:
     """Fed with the planned efforts alone, MuJoCo's arm follows the plan for 0.2 s within 1e-3 rad."""
     mujoco = pytest.importorskip("mujoco")
-    arm = make_arm(12)
+    arm = swan_neck(12)
     trajectory = smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0, interval=1e-3)
     if on_axis:
         arm, base = replace(arm, feed=Feed(0.0, 0.4, 0.4)), smooth_trajectory(np.array([0.3]), 1.0, 1e-3)

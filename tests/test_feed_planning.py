@@ -29,7 +29,7 @@ from ccm_opt.planners.following.gating import straight_while_held
 from ccm_opt.planners.following.path_of_shape import path_of_pose
 from ccm_opt.planners.following.slide import pose_on, slide
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from tests.feed_scenes import LINK, LINKS, RADIUS, bow, make_arm, make_problem, make_room
+from tests.feed_scenes import LINK, LINKS, RADIUS, bow, fed_arm, make_problem, make_room
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
 
@@ -38,7 +38,7 @@ PROBLEMS = Path(__file__).parents[1] / "problems"
 @given(turn=st.floats(-2.5, 2.5).filter(lambda t: abs(t) > 0.05), start=st.floats(0.0, 0.3))
 def test_joints_slide_along_the_path(turn: float, start: float) -> None:
     """Whatever the arc, every joint of every keyframe lies on the axis or on the arc's own circle."""
-    arm = make_arm()
+    arm = fed_arm()
     path = bow(arm, turn)
     end = path.base_with_tip_at_end(arm.links, LINK)
     keyframes = slide(arm, path, start, end)
@@ -52,7 +52,7 @@ def test_joints_slide_along_the_path(turn: float, start: float) -> None:
 
 def test_poses_carry_the_feed() -> None:
     """A pose of the arm stands where the arm stands with its feed given beside it, and gives its configuration back."""
-    arm = make_arm(base_heading=0.7)
+    arm = fed_arm(base_heading=0.7)
     row = np.append(np.linspace(-0.2, 0.3, arm.links), 0.123)
     expected = arm.joint_positions(arm.headings(row[:-1]), 0.123)
     assert np.allclose(arm.points(arm.poses(row)), expected)
@@ -62,7 +62,7 @@ def test_poses_carry_the_feed() -> None:
 
 def test_bending_in_the_guide_is_seen() -> None:
     """A path that bends a joint before it has left the guide is refused, the same a little later is not."""
-    arm = make_arm(feed=Feed(0.0, 0.8, 0.4))
+    arm = fed_arm(feed=Feed(0.0, 0.8, 0.4))
     feeds = np.linspace(0.0, 0.8, 81)
     for leaves, fine in ((0.30, False), (0.45, True)):
         bends = np.zeros((81, arm.links))
@@ -73,7 +73,7 @@ def test_bending_in_the_guide_is_seen() -> None:
 
 def test_deviation_of_a_bow() -> None:
     """On an arc the arm leaves its leader by no more than the sagitta of a link; on the axis not at all."""
-    arm = make_arm()
+    arm = fed_arm()
     path = bow(arm, 1.5)
     keyframes = slide(arm, path, 0.0, path.base_with_tip_at_end(arm.links, LINK))
     found = deviation(arm, keyframes, (path.points,))
@@ -85,7 +85,7 @@ def test_deviation_of_a_bow() -> None:
 
 def test_walls_are_seen_by_the_moving_base() -> None:
     """A straight arm pushed against a wall is not certified, one that stops before it is."""
-    arm = make_arm()
+    arm = fed_arm()
     motions = FeedMotions(arm, make_room(), 1e-3)
     ahead = np.zeros((9, arm.links + 1))
     ahead[:, -1] = np.linspace(0.0, 0.8, 9)
@@ -97,7 +97,7 @@ def test_walls_are_seen_by_the_moving_base() -> None:
 
 def test_feeding_round_a_plate() -> None:
     """A whole problem: a straight arm is fed round a plate to a pose of its tip, and the verifier agrees."""
-    arm = make_arm()
+    arm = fed_arm()
     solution = solve(make_problem(arm, make_room(*_plate(0.35)), TipGoal(np.array([0.45, 0.25]), 0.0)))
     assert all(check.passed for check in solution.checks)
     assert solution.metrics["leader_deviation_straight_mean_m"] < 0.02 * arm.radius
@@ -109,7 +109,7 @@ def test_feeding_round_a_plate() -> None:
 def test_bands_keep_off_the_walls_of_a_bent_tube(turn: float, left: bool, gap: float) -> None:
     """In a tube round an arc a band keeps its distance, or where that is too much the middle, and its ends are kept."""
     sign = 1.0 if left else -1.0
-    middle = bow(make_arm(), sign * turn)
+    middle = bow(fed_arm(), sign * turn)
     line = shapely.LineString(middle.points[middle.arc > 0.7])
     tube = shapely.buffer(line, 0.15).difference(shapely.buffer(line, RADIUS + gap, cap_style="flat"))
     walls = Walls.of(Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0), (Obstacle("tube", tube),)))
@@ -130,7 +130,7 @@ def test_a_tube_is_passed() -> None:
     tube = shapely.buffer(middle, 0.06, cap_style="flat").difference(shapely.buffer(middle, 0.026, cap_style="flat"))
     walls = [Obstacle(f"tube {k}", part) for k, part in enumerate(shapely.get_parts(tube))]
     goal = TipGoal(np.array(middle.coords[-8]), 0.0)
-    problem = make_problem(make_arm(), make_room(*walls), goal)
+    problem = make_problem(fed_arm(), make_room(*walls), goal)
     path = FeedPlanner().plan(problem)
     assert path.candidate.startswith("follow the leader")
     assert_sound(problem, np.asarray(path.spline(np.linspace(0.0, 1.0, 400))))
@@ -140,7 +140,7 @@ def test_a_tube_is_passed() -> None:
 @given(turn=st.floats(-1.8, 1.8).filter(lambda t: abs(t) > 0.05), share=st.floats(0.3, 1.0))
 def test_an_arm_is_drawn_back_along_its_own_shape(turn: float, share: float) -> None:
     """The own path goes through every joint, and back along it every joint is straight when it comes to the hole."""
-    arm = make_arm()
+    arm = fed_arm()
     bow_path = bow(arm, turn)
     feed = share * bow_path.base_with_tip_at_end(arm.links, LINK)
     bends = pose_on(arm, bow_path, feed)
@@ -155,7 +155,7 @@ def test_an_arm_is_drawn_back_along_its_own_shape(turn: float, share: float) -> 
 
 def test_no_own_path_with_a_bend_at_the_hole() -> None:
     """A joint that bends where it has just left the guide cannot be drawn back as it is."""
-    arm = make_arm()
+    arm = fed_arm()
     bends = np.zeros(arm.links)
     bends[8] = 0.4
     assert path_of_pose(arm, bends, 0.4, 0.8 + 1.4 * LINK) is None
@@ -163,7 +163,7 @@ def test_no_own_path_with_a_bend_at_the_hole() -> None:
 
 def test_reversed_paths() -> None:
     """A reversed path has the same poses at mirrored parameters, its keyframes and leaders the other way round."""
-    path = FeedPlanner().plan(make_problem(make_arm(), make_room(), TipGoal(np.array([0.5, 0.2]))))
+    path = FeedPlanner().plan(make_problem(fed_arm(), make_room(), TipGoal(np.array([0.5, 0.2]))))
     back = path.reversed()
     u = np.linspace(0.0, 1.0, 23)
     assert np.allclose(back.spline(u), path.spline(1.0 - u), atol=1e-12)
@@ -173,7 +173,7 @@ def test_reversed_paths() -> None:
 
 def test_reshaping_leaves_the_guide_alone() -> None:
     """At a fixed feed the part beyond the hole changes its shape, for even and odd numbers of links there."""
-    arm, room = make_arm(), make_room(*_plate(0.35))
+    arm, room = fed_arm(), make_room(*_plate(0.35))
     for beyond in (9, 10):
         feed = LINK * beyond
         problem = make_problem(arm, room, TipGoal(np.array([0.3, 0.2])), JointPose(np.zeros(arm.links), 0.0))
@@ -192,9 +192,9 @@ def test_reshaping_leaves_the_guide_alone() -> None:
 @pytest.mark.parametrize("case", ["short range", "bent at the hole", "goal bent at the hole", "back to straight"])
 def test_starts_that_following_alone_does_not_solve(case: str) -> None:
     """The path is certified, straight in the guide and clear of the walls by sampling; its ends are those asked for."""
-    start, goal, arm = _bent(-0.35), _bent(0.35), make_arm()
+    start, goal, arm = _bent(-0.35), _bent(0.35), fed_arm()
     if case == "short range":
-        arm = make_arm(low=0.35)
+        arm = fed_arm(low=0.35)
     elif case == "bent at the hole":
         start = _bent(-0.35, first=8)
     elif case == "goal bent at the hole":
@@ -225,17 +225,17 @@ def test_unreachable_goals_say_why() -> None:
     """A goal behind a closed wall has no way; one that is too far names both lengths."""
     closed = make_room(Obstacle("closed", shapely.box(0.3, -1.2, 0.33, 1.2)))
     with pytest.raises(UnreachableGoal, match="no way from the hole"):
-        FeedPlanner().plan(make_problem(make_arm(), closed, TipGoal(np.array([0.6, 0.0]))))
+        FeedPlanner().plan(make_problem(fed_arm(), closed, TipGoal(np.array([0.6, 0.0]))))
     with pytest.raises(UnreachableGoal, match=r"comes 1\.600 m far at most"):
-        FeedPlanner().plan(make_problem(make_arm(), make_room(), TipGoal(np.array([0.9, 0.8]))))
+        FeedPlanner().plan(make_problem(fed_arm(), make_room(), TipGoal(np.array([0.9, 0.8]))))
     bent = JointPose(np.append(0.2, np.zeros(15)), 0.0)
     with pytest.raises(UnreachableGoal, match=r"joint 1 by .* inside the guide"):
-        FeedPlanner().plan(make_problem(make_arm(), make_room(), TipGoal(np.array([0.5, 0.0])), bent))
+        FeedPlanner().plan(make_problem(fed_arm(), make_room(), TipGoal(np.array([0.5, 0.0])), bent))
 
 
 def test_an_arm_without_a_feed_axis_is_refused() -> None:
     """The feed planner plans for feed axes only."""
-    arm = make_arm(feed=None)
+    arm = fed_arm(feed=None)
     problem = make_problem(arm, make_room(), TipGoal(np.array([0.5, 0.0])), JointPose(np.zeros(arm.links)))
     with pytest.raises(ProblemError, match="feed"):
         FeedPlanner().plan(problem)

@@ -13,7 +13,7 @@ from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d, revolut
 from ccm_opt.jointed.inverse_kinematics import ball_angles
 from ccm_opt.jointed.jacobian import point_jacobians, tip_jacobian
 from ccm_opt.jointed.pose_report import pose_issues
-from tests.dynamics_arms import make_arm
+from tests.dynamics_arms import swan_neck
 
 AXES: tuple[Axes, ...] = ("zyx", "zyz")
 STEP = 1e-6
@@ -29,7 +29,7 @@ def fed(arm: Arm) -> Arm:
 @given(seed=st.integers(0, 2**32 - 1))
 def test_point_jacobians_are_the_differences_of_positions(axes: Axes, seed: int) -> None:
     """Every column equals the central difference of all joint positions."""
-    arm = make_arm(4, axes)
+    arm = swan_neck(4, axes)
     q = np.random.default_rng(seed).uniform(-1.5, 1.5, 12)
     J = point_jacobians(arm, q)
     assert J.shape == (5, 3, 12)
@@ -41,7 +41,7 @@ def test_point_jacobians_are_the_differences_of_positions(axes: Axes, seed: int)
 @pytest.mark.parametrize("axes", AXES)
 def test_the_tip_jacobian_turns_the_last_link_as_it_turns(axes: Axes) -> None:
     """Its lower half is the skew part of Ṙ Rᵀ of the last frame, its upper half the last point's Jacobian."""
-    arm = make_arm(4, axes)
+    arm = swan_neck(4, axes)
     q = np.random.default_rng(1).uniform(-1.5, 1.5, 12)
     J, R = tip_jacobian(arm, q), frame_transforms(arm, q)[-1, :3, :3]
     assert np.allclose(J[:3], point_jacobians(arm, q)[-1], atol=1e-15)
@@ -53,7 +53,7 @@ def test_the_tip_jacobian_turns_the_last_link_as_it_turns(axes: Axes) -> None:
 
 def test_the_feed_moves_every_point_along_the_base_heading() -> None:
     """With a feed axis the first column is the base heading for positions and nothing for the heading of the link."""
-    arm, q = fed(make_arm(4)), np.linspace(-1.0, 1.0, 12)
+    arm, q = fed(swan_neck(4)), np.linspace(-1.0, 1.0, 12)
     slope = (joint_positions_3d(arm, q, STEP) - joint_positions_3d(arm, q, -STEP)) / (2 * STEP)
     assert np.allclose(point_jacobians(arm, q)[..., 0], slope, atol=1e-9)
     assert not np.any(tip_jacobian(arm, q)[3:, 0])
@@ -62,7 +62,7 @@ def test_the_feed_moves_every_point_along_the_base_heading() -> None:
 
 def test_angles_are_found_wherever_the_base_is_fed() -> None:
     """Inverse kinematics take positions of a base that stands on its feed axis, and refuse one beside it."""
-    arm = fed(make_arm(4))
+    arm = fed(swan_neck(4))
     q = np.zeros(12)
     q[0::3], q[1::3] = 0.3, [0.4, -0.2, 0.3, 0.1]
     points = joint_positions_3d(arm, q, 0.2)
@@ -75,7 +75,7 @@ def test_angles_are_found_wherever_the_base_is_fed() -> None:
 
 def test_bad_poses_are_reported_joint_by_joint() -> None:
     """A link bent past its limit and a ball near its singularity are named with their figures; a good pose is not."""
-    arm = make_arm(4)
+    arm = swan_neck(4)
     good = revolute_angles(arm, np.array([0.5, -0.3, 0.2, 0.1]))
     assert pose_issues(arm, good) == ()
     bad = good.copy()
@@ -88,5 +88,5 @@ def test_bad_poses_are_reported_joint_by_joint() -> None:
 
 def test_a_straight_zyz_ball_is_reported_singular() -> None:
     """The paper's own table is singular where the arm is straight."""
-    issues = pose_issues(make_arm(4, "zyz"), np.zeros(12))
+    issues = pose_issues(swan_neck(4, "zyz"), np.zeros(12))
     assert [issue.kind for issue in issues] == ["singular"] * 4

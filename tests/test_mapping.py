@@ -14,13 +14,14 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING
 from ccm_opt.jointed.mapping import MappingName, curve_points, map_curve, mean_headings, shape_error
 
+from .arms import plain_arm
+
 METHODS = ("least-squares", "even-joints")
 
 
 def arm_of(links: int, base: tuple[float, float] = (0.0, 0.0)) -> Arm:
     """An arm of unit length."""
-    ones = np.ones(links)
-    return Arm(links, 1.0 / links, 0.02, np.array(base), 0.0, 1.0, 6.3, True, 0.02, ones, ones, ones)  # noqa: FBT003
+    return plain_arm(links, 1.0 / links, base=np.array(base), joint_limit=1.0, mount_length=0.02)
 
 
 def random_curve(seed: int, segments: int = 2, bend: float = 4.0) -> Configuration:

@@ -16,6 +16,7 @@ from ccm_opt.files.problem_file.named_poses import folded_bends
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 
+from .arms import plain_arm
 from .conftest import PROBLEMS, SMALL_PROBLEM
 
 
@@ -412,7 +413,7 @@ def test_a_folded_arm_keeps_its_limits_and_distant_links_two_radii_apart(
     links: int, radius: float, limit: float
 ) -> None:
     """A fold stays within the joint limit and clear of itself, or the arm is said to be unfoldable."""
-    arm = make_arm(links, radius, limit)
+    arm = unit_arm(links, radius, limit)
     try:
         bends = folded_bends(arm)
     except ProblemError:
@@ -427,7 +428,7 @@ def test_a_folded_arm_keeps_its_limits_and_distant_links_two_radii_apart(
 @pytest.mark.parametrize("links", [6, 12, 24, 48, 96])
 def test_a_folded_arm_is_compact(links: int) -> None:
     """With usual limits an arm can be folded, and fits into a circle shorter than itself."""
-    arm = make_arm(links, 0.5, 60.0)
+    arm = unit_arm(links, 0.5, 60.0)
     points = arm.joint_positions(arm.headings(folded_bends(arm)))
     assert np.ptp(points, axis=0).max() < {6: 0.75, 12: 0.55}.get(links, 0.35) * arm.length
 
@@ -441,7 +442,6 @@ def test_an_arm_too_short_to_fold_is_refused() -> None:
     assert "joints_deg" in issues[0].message
 
 
-def make_arm(links: int, radius: float, limit_deg: float) -> Arm:
+def unit_arm(links: int, radius: float, limit_deg: float) -> Arm:
     """An arm of unit links."""
-    ones = np.ones(links)
-    return Arm(links, 1.0, radius, np.zeros(2), 0.0, np.deg2rad(limit_deg), 6.3, True, radius, ones, ones, ones)  # noqa: FBT003 - self_collision
+    return plain_arm(links, 1.0, radius, joint_limit=np.deg2rad(limit_deg), mount_length=radius)

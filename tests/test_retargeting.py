@@ -13,7 +13,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.problem import Limits, TipGoal
 from ccm_opt.solution import JointTrajectory, Solution
-from tests.dynamics_arms import carried, make_arm, smooth_trajectory
+from tests.dynamics_arms import carried, smooth_trajectory, swan_neck
 
 WEIGHT = np.array([0.0, 0.0, -9.81])
 PROBLEM = """
@@ -57,7 +57,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Solution:
 @pytest.mark.parametrize("on_axis", [False, True])
 def test_braking_keeps_limits_and_path(moment: float, on_axis: bool) -> None:
     """Accelerations and efforts keep their limits while braking, and every pose is one of the planned path."""
-    arm, whole = make_arm(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0)
+    arm, whole = swan_neck(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0)
     if on_axis:
         arm, base = replace(arm, feed=Feed(0.0, 0.4, 0.4)), smooth_trajectory(np.array([0.3]), duration=1.0)
         whole = carried(arm, whole, base)
@@ -80,7 +80,7 @@ def test_braking_keeps_limits_and_path(moment: float, on_axis: bool) -> None:
 
 def test_braking_is_as_soon_as_the_limits_allow() -> None:
     """At some joint and at almost every moment the acceleration limit is all but used up."""
-    arm, whole = make_arm(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0)
+    arm, whole = swan_neck(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0)
     limits = replace(limits_of(arm, whole, 100.0), torque=None)
     stopped = braked(whole, 0.5, arm, limits, InverseDynamics(arm, WEIGHT))
     braking = np.max(np.abs(stopped.bend_accelerations[stopped.time >= 0.5]), axis=1)

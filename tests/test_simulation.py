@@ -25,7 +25,7 @@ from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
-from tests.dynamics_arms import carried, loose_limits, make_arm, smooth_trajectory
+from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
 
 CHUNK = 200
 """Steps between two states that are compared."""
@@ -64,7 +64,7 @@ def spatial_states(arm: Arm, trajectory: JointTrajectory) -> JointStates:
 
 def test_computed_torque_tracks_a_smooth_motion() -> None:
     """Computed torque follows a smooth motion within 1e-3 rad, at the samples too, without saturation."""
-    arm, trajectory = make_arm(12), smooth_trajectory(BENDS)
+    arm, trajectory = swan_neck(12), smooth_trajectory(BENDS)
     motion = run(arm, trajectory, SimulationOptions())
     planned = states_of(arm, trajectory)
     assert motion.tracking_error < 2e-5
@@ -75,7 +75,7 @@ def test_computed_torque_tracks_a_smooth_motion() -> None:
 
 def test_tracking_in_space_improves_with_the_step() -> None:
     """For a motion of all revolutes the error of the held torque is of second order in the step."""
-    arm, trajectory = make_arm(12), smooth_trajectory(BENDS)
+    arm, trajectory = swan_neck(12), smooth_trajectory(BENDS)
     joints, limits = spatial_states(arm, trajectory), loose_limits(arm)
     coarse, fine = (
         simulate(arm, trajectory, joints, SimulationOptions(step=step), limits).tracking_error
@@ -88,7 +88,7 @@ def test_tracking_in_space_improves_with_the_step() -> None:
 
 def test_an_arm_of_many_links_is_tracked_at_the_default_step() -> None:
     """The torque held over a step is right at its middle, so that even 120 links are tracked at 1 ms."""
-    arm = make_arm(120)
+    arm = swan_neck(120)
     motion = run(arm, smooth_trajectory(0.1 * np.sin(0.2 * np.arange(120.0))), SimulationOptions())
     assert motion.tracking_error < 1e-3
 
@@ -97,7 +97,7 @@ def test_a_planar_motion_stays_exactly_planar_past_the_singular_bend() -> None:
     """The base may turn past 90°, where Z-Y-X is singular: out of the plane everything stays exactly zero."""
     bends = BENDS.copy()
     bends[0] = 2.5
-    motion = run(make_arm(12), smooth_trajectory(bends, duration=2.0), SimulationOptions())
+    motion = run(swan_neck(12), smooth_trajectory(bends, duration=2.0), SimulationOptions())
     assert motion.tracking_error < 1e-3
     assert not np.any(motion.angles[:, 0::3])
     assert not np.any(motion.angles[:, 2::3])
@@ -106,12 +106,12 @@ def test_a_planar_motion_stays_exactly_planar_past_the_singular_bend() -> None:
 def test_large_arms_track() -> None:
     """An arm above 72 joints tracks as well."""
     bends = 0.2 * np.sin(np.arange(26.0))
-    assert run(make_arm(26), smooth_trajectory(bends), SimulationOptions()).tracking_error < 1e-3
+    assert run(swan_neck(26), smooth_trajectory(bends), SimulationOptions()).tracking_error < 1e-3
 
 
 def test_pd_follows_and_ends_near_the_goal() -> None:
     """PD with gravity torques lags behind the motion but stays near it, and holds still at rest."""
-    arm = make_arm(12)
+    arm = swan_neck(12)
     options = SimulationOptions(controller="pd", proportional_gain=10.0, derivative_gain=0.015)
     assert run(arm, smooth_trajectory(BENDS, duration=2.0), options).tracking_error < 0.2
     resting = run(arm, smooth_trajectory(np.zeros(12), duration=0.3), options)
@@ -120,7 +120,7 @@ def test_pd_follows_and_ends_near_the_goal() -> None:
 
 def test_the_virtual_machine_simulates_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a compiler the simulated motion is the same to rounding."""
-    arm, trajectory = make_arm(4), smooth_trajectory(BENDS[:4], duration=0.5)
+    arm, trajectory = swan_neck(4), smooth_trajectory(BENDS[:4], duration=0.5)
     expected = run(arm, trajectory, SimulationOptions())
     monkeypatch.setenv(COMPILER_VARIABLE, "")
     got = run(arm, trajectory, SimulationOptions())
@@ -155,7 +155,7 @@ def energy(arm: Arm, state: FloatArray) -> float:
 
 def test_free_fall_from_level_keeps_its_energy() -> None:
     """In 0.6 s of free fall from level the energy drifts by under 1e-6 J at steps of 1 ms, 1e-7 J at 0.5 ms."""
-    arm = replace(make_arm(12), base_heading=0.0)
+    arm = replace(swan_neck(12), base_heading=0.0)
     for step, bound in ((1e-3, 1e-6), (5e-4, 1e-7)):
         total = free_fall_energy(arm, seconds=0.6, step=step)
         assert np.max(np.abs(total - total[0])) < bound
@@ -164,7 +164,7 @@ def test_free_fall_from_level_keeps_its_energy() -> None:
 def test_free_fall_equals_mujocos() -> None:
     """A raised arm, whose end whips round as it falls, keeps MuJoCo's company: same steps, same states, same drift."""
     mujoco = pytest.importorskip("mujoco")
-    arm = make_arm(12)
+    arm = swan_neck(12)
     model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", WEIGHT))  # Runge–Kutta, 1 ms
     model.jnt_limited[:] = 0
     data = mujoco.MjData(model)
@@ -175,14 +175,14 @@ def test_free_fall_equals_mujocos() -> None:
 
 def test_the_integrator_is_of_fourth_order() -> None:
     """Halving the step cuts the energy error about thirty-two-fold (fifth order for RK4's dissipation)."""
-    coarse, fine = (free_fall_energy(make_arm(4), 0.4, step) for step in (2e-3, 1e-3))
+    coarse, fine = (free_fall_energy(swan_neck(4), 0.4, step) for step in (2e-3, 1e-3))
     ratio = np.abs(coarse[-1] - coarse[0]) / np.abs(fine[-1] - fine[0])
     assert 12.0 < ratio < 80.0
 
 
 def test_saturation_is_reported_and_kept() -> None:
     """Torques never pass their limit, and meeting it is reported."""
-    arm, trajectory = make_arm(12), smooth_trajectory(BENDS, duration=0.4)
+    arm, trajectory = swan_neck(12), smooth_trajectory(BENDS, duration=0.4)
     limit = 0.9 * float(np.max(np.abs(states_of(arm, trajectory).torques)))
     motion = run(arm, trajectory, SimulationOptions(), torque=limit)
     assert motion.saturated
@@ -193,7 +193,7 @@ def test_unstable_pd_gains_are_refused_with_numbers() -> None:
     """Kd = 0.05 at 1 ms breaks Kd λmax dt < 2: the error gives the figures and a gain that would hold."""
     options = SimulationOptions(controller="pd", derivative_gain=0.05)
     with pytest.raises(SimulationError, match=r"Kd = 0\.05, dt = 0\.001 s is unstable: Kd · λmax · dt < 2") as caught:
-        run(make_arm(12), smooth_trajectory(BENDS), options)
+        run(swan_neck(12), smooth_trajectory(BENDS), options)
     diagnosis = caught.value.diagnosis
     assert diagnosis.stage == "simulation"
     assert "simulation.derivative_gain below" in diagnosis.advice[0]
@@ -202,7 +202,7 @@ def test_unstable_pd_gains_are_refused_with_numbers() -> None:
 
 def test_the_gain_that_is_advised_is_stable() -> None:
     """The derivative gain that the error names passes the check and the simulation."""
-    arm, trajectory = make_arm(12), smooth_trajectory(BENDS, duration=0.5)
+    arm, trajectory = swan_neck(12), smooth_trajectory(BENDS, duration=0.5)
     options = SimulationOptions(controller="pd", derivative_gain=0.05)
     with pytest.raises(SimulationError) as caught:
         run(arm, trajectory, options)
@@ -214,13 +214,13 @@ def test_too_little_damping_is_refused() -> None:
     """Kp dt < 2 Kd is needed, whatever the arm."""
     options = SimulationOptions(controller="pd", proportional_gain=10.0, derivative_gain=0.004)
     with pytest.raises(SimulationError, match="Kp · dt < 2 Kd"):
-        run(make_arm(12), smooth_trajectory(BENDS), options)
+        run(swan_neck(12), smooth_trajectory(BENDS), options)
 
 
 def test_too_much_bandwidth_is_refused() -> None:
     """Computed torque needs ωn dt < 1, and says so before running."""
     with pytest.raises(SimulationError, match=r"computed-torque .* is unstable") as caught:
-        run(make_arm(12), smooth_trajectory(BENDS), SimulationOptions(bandwidth=1200.0))
+        run(swan_neck(12), smooth_trajectory(BENDS), SimulationOptions(bandwidth=1200.0))
     assert "simulation.bandwidth below" in caught.value.diagnosis.advice[0]
 
 
@@ -243,7 +243,7 @@ def test_computed_torque_is_critically_damped() -> None:
 
 def test_the_fastest_mode_is_the_largest_eigenvalue() -> None:
     """λmax is that of M⁻¹, over all joints in space and over the bends in the plane."""
-    arm, angles = make_arm(6), np.zeros((2, 18))
+    arm, angles = swan_neck(6), np.zeros((2, 18))
     M = MassMatrix(arm)(angles[0])
     assert fastest_mode(arm, angles, planar=False) == pytest.approx(np.max(np.linalg.eigvalsh(np.linalg.inv(M))))
     bends = np.linalg.inv(M[1::3, 1::3])
@@ -255,7 +255,7 @@ def test_a_state_that_is_not_finite_is_named(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(simulation, "check_stability", lambda *_, **__: None)
     options = SimulationOptions(controller="pd", derivative_gain=0.05)
     with pytest.raises(SimulationError, match=r"state of joint ball\d\d_\w+ is not finite at 0\.\d+ s") as caught:
-        run(make_arm(12), smooth_trajectory(BENDS), options)
+        run(swan_neck(12), smooth_trajectory(BENDS), options)
     assert 0.0 < float(str(caught.value.diagnosis.evidence["time"])) < 1.0
 
 
@@ -263,13 +263,13 @@ def test_zyz_is_refused_out_of_the_plane() -> None:
     """Forward dynamics of zyz are singular when straight; where the arm leaves its plane the error says to use zyx."""
     sideways = SimulationOptions(gravity=np.array([0.0, 1.0, -9.81]))
     with pytest.raises(SimulationError, match=r"(?s)'zyz' is singular.*try: arm\.axes = \"zyx\""):
-        run(make_arm(12, "zyz"), smooth_trajectory(BENDS), sideways)
+        run(swan_neck(12, "zyz"), smooth_trajectory(BENDS), sideways)
 
 
 def test_zyz_in_the_plane_is_simulated_as_zyx() -> None:
     """In the plane both orders of axes give the same motion and the same torques of the bends."""
     options = SimulationOptions()
-    one, other = (run(make_arm(12, axes), smooth_trajectory(BENDS), options) for axes in ("zyz", "zyx"))
+    one, other = (run(swan_neck(12, axes), smooth_trajectory(BENDS), options) for axes in ("zyz", "zyx"))
     np.testing.assert_array_equal(one.angles[:, 1::3], other.angles[:, 1::3])
     np.testing.assert_allclose(one.torques[:, 1::3], other.torques[:, 1::3], atol=1e-9)
 
@@ -280,12 +280,12 @@ def test_large_bends_out_of_the_plane_are_refused() -> None:
     bends[0] = 1.5
     options = SimulationOptions(gravity=np.array([0.0, 1.0, -9.81]))
     with pytest.raises(SimulationError, match=r"a bend reaches 1\.5 rad"):
-        run(make_arm(12), smooth_trajectory(bends), options)
+        run(swan_neck(12), smooth_trajectory(bends), options)
 
 
 def test_a_motion_without_duration_stands_still() -> None:
     """A trajectory of one sample comes back as it is."""
-    arm = make_arm(4)
+    arm = swan_neck(4)
     trajectory = JointTrajectory(np.zeros(1), *np.zeros((3, 1, 4)))
     motion = run(arm, trajectory, SimulationOptions())
     assert motion.angles.shape == (1, 12)
@@ -295,7 +295,7 @@ def test_a_motion_without_duration_stands_still() -> None:
 @pytest.mark.parametrize("interval", [4e-3, 1 / 300, 2.7e-3])
 def test_any_sample_grid_is_served(interval: float) -> None:
     """Samples that do not fall on steps are interpolated well below the tracking error's size."""
-    arm, trajectory = make_arm(4), smooth_trajectory(BENDS[:4], duration=0.5, interval=interval)
+    arm, trajectory = swan_neck(4), smooth_trajectory(BENDS[:4], duration=0.5, interval=interval)
     motion = run(arm, trajectory, SimulationOptions(bandwidth=200.0))
     assert motion.angles.shape == (len(trajectory.time), 12)
     assert np.max(np.abs(motion.angles - states_of(arm, trajectory).angles)) < 1e-4
@@ -325,14 +325,14 @@ def test_hermite_is_exact_for_cubics(coefficients: list[float], u: float) -> Non
 
 def test_link_frames_and_dynamics_agree_on_the_roll_axis() -> None:
     """The energy oracle's points are the balls of the DH frames."""
-    arm = make_arm(4)
+    arm = swan_neck(4)
     q = np.random.default_rng(3).uniform(-1, 1, 12)
     assert np.array_equal(joint_positions_3d(arm, q), frame_transforms(arm, q)[::3, :3, 3])
 
 
 def test_stable_options_pass_the_check() -> None:
     """The default options of both controllers pass on the swan's neck."""
-    arm, states = make_arm(12), states_of(make_arm(12), smooth_trajectory(BENDS))
+    arm, states = swan_neck(12), states_of(swan_neck(12), smooth_trajectory(BENDS))
     for controller in ("computed-torque", "pd"):
         check_stability(arm, states.angles, SimulationOptions(controller=controller), planar=True)
 
@@ -346,7 +346,7 @@ def on_axis(arm: Arm, duration: float = 1.0) -> tuple[Arm, JointTrajectory]:
 
 def test_the_feed_axis_is_tracked() -> None:
     """Computed torque follows bends and feed of a motion together; without disturbances both errors are small."""
-    arm, trajectory = on_axis(make_arm(12))
+    arm, trajectory = on_axis(swan_neck(12))
     motion = run(arm, trajectory, SimulationOptions())
     assert motion.tracking_error < 2e-5
     assert np.max(np.abs(motion.base_positions - trajectory.base_positions)) < 1e-6
@@ -354,7 +354,7 @@ def test_the_feed_axis_is_tracked() -> None:
 
 def test_pd_holds_the_feed_axis_against_gravity() -> None:
     """PD follows the feed of a slow motion, and rests exactly where gravity pulls along the axis."""
-    arm, trajectory = on_axis(replace(make_arm(12), base_heading=1.0), duration=2.0)
+    arm, trajectory = on_axis(replace(swan_neck(12), base_heading=1.0), duration=2.0)
     options = SimulationOptions(controller="pd", proportional_gain=10.0, derivative_gain=0.015, bandwidth=20.0)
     motion = run(arm, trajectory, options)
     assert np.max(np.abs(motion.base_positions - trajectory.base_positions)) < 0.01
@@ -365,7 +365,7 @@ def test_pd_holds_the_feed_axis_against_gravity() -> None:
 
 def test_thrust_never_passes_its_limit() -> None:
     """A feed force too small for the motion is kept and reported as saturation, and the base lags."""
-    arm, trajectory = on_axis(make_arm(12), duration=0.4)
+    arm, trajectory = on_axis(swan_neck(12), duration=0.4)
     joints = states_of(arm, trajectory)
     loose = simulate(arm, trajectory, joints, SimulationOptions(), loose_limits(arm))
     tight = replace(loose_limits(arm), feed_force=0.6 * float(np.max(np.abs(joints.base_forces))))
@@ -377,7 +377,7 @@ def test_thrust_never_passes_its_limit() -> None:
 
 def test_too_stiff_a_feed_axis_is_refused() -> None:
     """Under PD a bent arm gives way to the base at once: damping for its whole mass is refused with a better figure."""
-    arm, trajectory = on_axis(make_arm(12))
+    arm, trajectory = on_axis(swan_neck(12))
     options = SimulationOptions(controller="pd", proportional_gain=10.0, derivative_gain=0.015, bandwidth=2000.0)
     with pytest.raises(SimulationError, match="PD of the feed axis is unstable") as caught:
         run(arm, trajectory, options)
@@ -388,7 +388,7 @@ def test_too_stiff_a_feed_axis_is_refused() -> None:
 def test_free_fall_on_a_feed_axis_equals_mujocos() -> None:
     """Without thrust and torques, base and arm fall as MuJoCo's do, payload, rotors and friction included."""
     mujoco = pytest.importorskip("mujoco")
-    arm, _ = on_axis(replace(make_arm(6), payload=0.1, rotor_inertia=1e-4, friction=1e-3))
+    arm, _ = on_axis(replace(swan_neck(6), payload=0.1, rotor_inertia=1e-4, friction=1e-3))
     model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", WEIGHT))
     model.jnt_limited[:] = 0
     data = mujoco.MjData(model)
@@ -406,7 +406,7 @@ def test_free_fall_on_a_feed_axis_equals_mujocos() -> None:
 
 def test_thrust_at_its_limit_is_the_same_in_the_virtual_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled and interpreted loops agree where the thrust is at its limit."""
-    arm, trajectory = on_axis(make_arm(4), duration=0.3)
+    arm, trajectory = on_axis(swan_neck(4), duration=0.3)
     joints = states_of(arm, trajectory)
     limits = replace(loose_limits(arm), feed_force=0.7 * float(np.max(np.abs(joints.base_forces))))
     expected = simulate(arm, trajectory, joints, SimulationOptions(), limits)
@@ -429,7 +429,7 @@ def test_the_virtual_machine_runs_the_same_loop(
     monkeypatch: pytest.MonkeyPatch, disturbances: Disturbances, controller: ControllerName
 ) -> None:
     """Compiled and interpreted loops agree to rounding, with a feed axis and whatever disturbs them."""
-    arm, trajectory = on_axis(replace(make_arm(4), payload=0.05, friction=1e-3), duration=0.3)
+    arm, trajectory = on_axis(replace(swan_neck(4), payload=0.05, friction=1e-3), duration=0.3)
     options = SimulationOptions(
         controller=controller, proportional_gain=10.0, derivative_gain=0.015, bandwidth=20.0, disturbances=disturbances
     )
@@ -454,14 +454,14 @@ def test_the_virtual_machine_runs_the_same_loop(
 )
 def test_every_disturbance_disturbs(disturbances: Disturbances) -> None:
     """What the controller does not know of makes the error at least ten times what it is without."""
-    arm, trajectory = make_arm(12), smooth_trajectory(BENDS)
+    arm, trajectory = swan_neck(12), smooth_trajectory(BENDS)
     calm = run(arm, trajectory, SimulationOptions()).tracking_error
     assert run(arm, trajectory, SimulationOptions(disturbances=disturbances)).tracking_error > 10.0 * calm
 
 
 def test_noise_is_the_same_for_the_same_seed() -> None:
     """Noise is repeated by its seed, changed by another, and leaves a planar motion in its plane."""
-    arm, trajectory = make_arm(4), smooth_trajectory(BENDS[:4], duration=0.3)
+    arm, trajectory = swan_neck(4), smooth_trajectory(BENDS[:4], duration=0.3)
     first, again, other = (
         run(arm, trajectory, SimulationOptions(disturbances=Disturbances(angle_noise=1e-3, seed=seed))).angles
         for seed in (1, 1, 2)
@@ -473,7 +473,7 @@ def test_noise_is_the_same_for_the_same_seed() -> None:
 
 def test_brakes_hold_the_arm_until_it_starts() -> None:
     """During the delay nothing moves and nothing is driven."""
-    arm, trajectory = make_arm(4), smooth_trajectory(BENDS[:4])
+    arm, trajectory = swan_neck(4), smooth_trajectory(BENDS[:4])
     motion = run(arm, trajectory, SimulationOptions(disturbances=Disturbances(start_delay=0.2)))
     held = trajectory.time < 0.2 - 1e-9
     assert not np.any(motion.angles[held])
@@ -485,4 +485,4 @@ def test_friction_too_stiff_for_the_step_is_refused() -> None:
     """Friction that the integrator cannot follow is refused before running, with a step that would do."""
     options = SimulationOptions(disturbances=Disturbances(friction=0.5))
     with pytest.raises(SimulationError, match="cannot be integrated"):
-        run(make_arm(12), smooth_trajectory(BENDS), options)
+        run(swan_neck(12), smooth_trajectory(BENDS), options)

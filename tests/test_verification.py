@@ -27,15 +27,9 @@ from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 
+from .arms import plain_arm
+
 ROOM = shapely.box(-3.0, -3.0, 3.0, 3.0)
-
-
-def make_arm(links: int = 6, l: float = 0.1, radius: float = 0.02, **changes: Any) -> Arm:
-    """A small arm at the origin, without a mount."""
-    one = np.ones(links)
-    values = {"base": np.zeros(2), "base_heading": 0.0, "joint_limit": 2.0, "base_limit": 6.3, "self_collision": True}
-    values |= {"mount_length": 0.0, "masses": 0.1 * one, "inertia_axial": 3e-5 * one, "inertia_transverse": 4e-5 * one}
-    return Arm(links=links, link_length=l, radius=radius, **(values | changes))
 
 
 def quintic(start: FloatArray, end: FloatArray, duration: float = 2.0, samples: int = 501) -> JointTrajectory:
@@ -61,7 +55,7 @@ def make_case(
     **changes: Any,
 ) -> tuple[Problem, JointTrajectory, JointStates]:
     """A problem and a motion that solves it when no obstacle is in the way."""
-    arm = arm or make_arm()
+    arm = arm or plain_arm()
     start = np.zeros(arm.links) if start is None else start
     end = np.full(arm.links, 0.2) if end is None else end
     one = np.ones(3 * arm.links)
@@ -162,7 +156,7 @@ def judge(*, passed: bool, gap: float, limit: float, step: float, bodiless: bool
 def wall_outcome(seed: int, radius: float) -> tuple[bool, str]:
     """Verdict of the verifier against the dense sweep for one random motion."""
     rng = np.random.default_rng(seed)
-    arm = make_arm(6, 0.1, radius)
+    arm = plain_arm(6, 0.1, radius)
     workspace = Workspace(ROOM, random_obstacles(rng), clearance=0.1 * radius)
     time, bends = random_motion(rng, arm.links)
     motion, sweep = ChainMotion(arm, time, bends), Sweep.of(arm, bends)
@@ -186,7 +180,7 @@ def test_walls_are_sound_and_not_shy(radius: float, count: int) -> None:
 def self_outcome(seed: int, radius: float) -> tuple[bool, str]:
     """Verdict on self-collision against the dense sweep for one random coiling motion."""
     rng = np.random.default_rng(seed)
-    arm = make_arm(8, 0.1, radius)
+    arm = plain_arm(8, 0.1, radius)
     start = rng.uniform(0.4, 0.95) * rng.choice([-1.0, 1.0]) + rng.normal(0.0, 0.15, arm.links)
     time, bends = straight_steps(start + np.cumsum(rng.normal(0.0, 0.06, (4, arm.links)), axis=0))
     check, sweep = check_self_collision(ChainMotion(arm, time, bends)), Sweep.of(arm, bends)
@@ -219,7 +213,7 @@ def test_segment_distances_agree_with_geos(seed: int) -> None:
 
 def test_tunnelling_through_a_thin_wall_is_refused() -> None:
     """A wall that lies wholly between two clear samples is found, with its name, the link and the time."""
-    arm = make_arm(2, 0.5, radius=0.001)
+    arm = plain_arm(2, 0.5, radius=0.001)
     wall = Obstacle("sliver", shapely.LineString([(0.6, 0.05), (1.2, 0.1)]))
     time, bends = straight_steps([[-0.05, 0.0], [-0.02, 0.0], [0.17, 0.0], [0.2, 0.0]])
     workspace = Workspace(ROOM, (wall,))
@@ -232,7 +226,7 @@ def test_tunnelling_through_a_thin_wall_is_refused() -> None:
 
 def test_a_bodiless_arm_may_not_cross_a_line() -> None:
     """With zero radius and a wall without thickness the crossing itself is found."""
-    arm = make_arm(4, 0.25, radius=0.0)
+    arm = plain_arm(4, 0.25, radius=0.0)
     wall = Obstacle("thread", shapely.LineString([(0.8, 0.1), (1.5, 0.12)]))
     time, bends = straight_steps([[0.0, 0, 0, 0], [0.3, 0, 0, 0]])
     assert not check_walls(ChainMotion(arm, time, bends), Workspace(ROOM, (wall,))).passed
@@ -241,7 +235,7 @@ def test_a_bodiless_arm_may_not_cross_a_line() -> None:
 
 def test_touching_within_a_micrometre_is_allowed_and_beyond_it_refused() -> None:
     """A gap may be short by the stated contact tolerance, and by no more."""
-    arm = make_arm(2, 0.5, radius=0.05)
+    arm = plain_arm(2, 0.5, radius=0.05)
     time, bends = straight_steps(np.zeros((3, 2)))
     for short, passed in ((0.0, True), (0.9e-6, True), (1.1e-6, False)):
         wall = Obstacle("shelf", shapely.box(0.2, 0.05 - short, 0.8, 0.5))
@@ -253,7 +247,7 @@ def test_the_mount_may_touch_walls_and_nothing_beyond_it_may() -> None:
     block = Obstacle("block", shapely.box(-0.1, -0.1, 0.24, 0.1))
     time, bends = straight_steps(np.zeros((3, 6)))
     for mount, passed in ((0.265, True), (0.05, False), (0.255, False)):
-        motion = ChainMotion(make_arm(6, 0.1, 0.02, mount_length=mount), time, bends)
+        motion = ChainMotion(plain_arm(6, 0.1, 0.02, mount_length=mount), time, bends)
         check = check_walls(motion, Workspace(ROOM, (block,)))
         assert check.passed is passed
     assert "link 3 to 'block'" in check.where
@@ -262,7 +256,7 @@ def test_the_mount_may_touch_walls_and_nothing_beyond_it_may() -> None:
 def test_an_arm_outside_the_room_or_inside_an_obstacle_is_refused() -> None:
     """Clearance from edges alone is not enough: the arm must be on the right side of them."""
     time, bends = straight_steps(np.zeros((2, 2)))
-    motion = ChainMotion(make_arm(2, 0.1), time, bends)
+    motion = ChainMotion(plain_arm(2, 0.1), time, bends)
     inside = Workspace(ROOM, (Obstacle("rock", shapely.box(-1.0, -1.0, 1.0, 1.0)),))
     outside = Workspace(shapely.box(1.0, 1.0, 2.0, 2.0))
     for workspace, name in ((inside, "rock"), (outside, "workspace boundary")):
@@ -287,11 +281,11 @@ def test_one_sample_moved_into_a_wall_is_refused() -> None:
 def test_a_self_crossing_is_refused_and_named() -> None:
     """An arm that rolls up into itself is refused; without self_collision it is not asked."""
     end = np.full(10, 1.1)
-    case = make_case(make_arm(10), end=end, goal=JointPose(end))
+    case = make_case(plain_arm(10), end=end, goal=JointPose(end))
     check = named(verify(*case), "self-collision")
     assert not check.passed
     assert "link 1 to link " in check.where or "link 2 to link " in check.where or "to link 10" in check.where
-    loose = replace(case[0], arm=make_arm(10, self_collision=False))
+    loose = replace(case[0], arm=plain_arm(10, self_collision=False))
     assert "self-collision" not in {check.name for check in verify(loose, *case[1:])}
 
 
@@ -344,7 +338,7 @@ def test_limits_name_the_joint_and_the_time() -> None:
     assert not check.passed
     assert check.where.startswith("joint 3 (ball03_bend) at t = ")
     assert check.worst == pytest.approx(2.0 * check.limit)
-    stiff = replace(problem, arm=make_arm(joint_limit=0.1))
+    stiff = replace(problem, arm=plain_arm(joint_limit=0.1))
     check = named(verify(stiff, trajectory, joints), "joint limit")
     assert (check.passed, check.limit, check.worst) == (False, 0.1, pytest.approx(0.2))
 
@@ -400,7 +394,7 @@ def test_start_rest_and_goal_are_checked() -> None:
 @pytest.mark.parametrize("mapping", ["least-squares", "even-joints"])
 def test_a_start_on_a_curve_accepts_its_mappings_and_nothing_far_from_it(mapping: Any) -> None:
     """An arm mapped on the start curve is accepted, the straight arm is not."""
-    arm = make_arm(12, 0.05)
+    arm = plain_arm(12, 0.05)
     curve = Configuration.chain(
         arm.base, 0.0, [0.3, 0.3], [np.array([0.0, 3, 4, 3, 1]), np.array([1.0, -3, -4, -3, 0])]
     )
@@ -445,7 +439,7 @@ def test_inverse_dynamics_agree_with_pinocchio(axes: Any, seed: int) -> None:
     rng = np.random.default_rng(seed)
     links = int(rng.integers(1, 9))
     positive = [rng.uniform(0.1, 1.0, links) for _ in range(3)]
-    arm = make_arm(links, 0.3, axes=axes, base=rng.normal(size=2), base_heading=float(rng.normal()))
+    arm = plain_arm(links, 0.3, axes=axes, base=rng.normal(size=2), base_heading=float(rng.normal()))
     arm = replace(arm, masses=positive[0], inertia_axial=0.1 * positive[1], inertia_transverse=0.1 * positive[2])
     gravity = rng.normal(0.0, 9.0, 3)
     bends, rates, growth = rng.normal(0.0, 1.5, (3, 4, links))
@@ -467,7 +461,7 @@ def test_torque_checks_use_the_problems_gravity() -> None:
 @settings(max_examples=50, deadline=None)
 def test_the_first_distant_pair_follows_the_file_format(radius: float, l: float) -> None:
     """Links i and j keep apart exactly when (|i - j| - 1) l ≥ max(2 l, π r)."""
-    first = first_distant(make_arm(2, l, radius))
+    first = first_distant(plain_arm(2, l, radius))
     reach = max(2.0 * l, np.pi * radius)
     assert (first - 1) * l >= reach * (1.0 - 1e-9)
     assert (first - 2) * l < reach * (1.0 + 1e-9)
@@ -475,7 +469,7 @@ def test_the_first_distant_pair_follows_the_file_format(radius: float, l: float)
 
 def test_links_in_line_do_not_cross() -> None:
     """A straight arm in any direction keeps its links apart, though rounding puts their ends to either side."""
-    arm, rng = make_arm(24), np.random.default_rng(3)
+    arm, rng = plain_arm(24), np.random.default_rng(3)
     first, second = np.triu_indices(arm.links, 3)
     for angle in rng.uniform(-np.pi, np.pi, 1000):
         points = arm.joint_positions(np.full(arm.links, angle))

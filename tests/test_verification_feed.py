@@ -17,16 +17,16 @@ from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import base_forces, joint_torques
 from ccm_opt.verification.wall_clearance import check_walls
 
+from .arms import plain_arm
+
 LINKS = 6
 ROOM = shapely.box(-3.0, -3.0, 3.0, 3.0)
 
 
-def make_arm(hole: float = 0.0, **changes: object) -> Arm:
+def fed_arm(hole: float = 0.0, **changes: object) -> Arm:
     """An arm of six links on an axis of 0.3 m at 30°."""
-    one = np.ones(LINKS)
-    masses = {"masses": 0.1 * one, "inertia_axial": 3e-5 * one, "inertia_transverse": 4e-5 * one}
-    arm = Arm(LINKS, 0.1, 0.02, np.zeros(2), np.pi / 6, 2.0, 6.3, self_collision=True, mount_length=0.0, **masses)
-    return replace(arm, feed=Feed(0.0, 0.3, hole), **changes)
+    on_axis: dict[str, object] = {"base_heading": np.pi / 6, "feed": Feed(0.0, 0.3, hole)}
+    return plain_arm(LINKS, **(on_axis | changes))
 
 
 def quintic(start: FloatArray, end: FloatArray) -> tuple[FloatArray, ...]:
@@ -41,7 +41,7 @@ def make_case(
     end: FloatArray, fed: float = 0.2, arm: Arm | None = None, obstacles: tuple[Obstacle, ...] = ()
 ) -> tuple[Problem, JointTrajectory]:
     """A problem of a whole-arm goal, and a motion that solves it when nothing is in the way."""
-    arm = arm or make_arm()
+    arm = arm or fed_arm()
     time, *values = quintic(np.zeros(LINKS + 1), np.append(end, fed))
     one = np.ones(3 * LINKS)
     limits = Limits(2.0 * one, 10.0 * one, 20.0 * one, feed_velocity=0.25, feed_acceleration=0.5, feed_force=20.0)
@@ -105,7 +105,7 @@ def test_a_false_report_of_the_axis_is_found() -> None:
 
 def test_joints_inside_the_guide_stay_straight() -> None:
     """A joint that bends before it has passed the hole is refused, and so is one that bends while it passes."""
-    arm = make_arm(hole=0.25)
+    arm = fed_arm(hole=0.25)
     bent = np.array([0.0, 0.3, 0.2, 0.2, 0.2, 0.2])
     problem, trajectory = make_case(bent, 0.2, arm)
     assert failing(problem, trajectory) == {"joints inside the guide"}
@@ -127,7 +127,7 @@ def test_walls_are_met_by_a_base_that_moves() -> None:
 def test_a_wall_passed_between_two_samples_is_met() -> None:
     """The motion of the base between samples counts too."""
     wall = Obstacle("foil", shapely.LineString([(0.75, -0.5), (0.75, 0.5)]))
-    arm = make_arm(base_heading=0.0)
+    arm = fed_arm(base_heading=0.0)
     arm = replace(arm, feed=Feed(0.0, 2.0, 0.0))
     motion = ChainMotion(arm, np.array([0.0, 0.005]), np.array([[0.0] * LINKS + [0.0], [0.0] * LINKS + [2.0]]))
     assert not check_walls(motion, Workspace(ROOM, (wall,))).passed

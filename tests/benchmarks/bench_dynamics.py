@@ -42,7 +42,7 @@ from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
 from ccm_opt.jointed.inverse_kinematics import ball_angles
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.solution import Solution
-from tests.dynamics_arms import loose_limits, make_arm, random_states, smooth_trajectory
+from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 ROUNDS = 7
@@ -87,7 +87,7 @@ def interleaved(calls: Mapping[str, tuple[Callable[[], object], int]]) -> dict[s
 
 def compare_calls(links: int = 12, count: int = 1000) -> None:
     """One state at a time, at 36 joints."""
-    arm = make_arm(links)
+    arm = swan_neck(links)
     q, v, w = (states[0].copy() for states in random_states(3 * links))
     inverse, forward = InverseDynamics(arm, GRAVITY), ForwardDynamics(arm, GRAVITY)
     tau = inverse(q, v, w)
@@ -123,7 +123,7 @@ def compare_sines(count: int = 1000) -> None:
     compiler = find_compiler()
     if compiler is None:
         return
-    arm = make_arm(12)
+    arm = swan_neck(12)
     with tempfile.TemporaryDirectory() as folder:
         for name, made in (("", arm), (" with rotors", replace(arm, rotor_inertia=1e-4))):
             model = arm_model(made, GRAVITY)
@@ -163,7 +163,7 @@ def compare_lengths() -> None:
         with tempfile.TemporaryDirectory() as folder:
             os.environ[CACHE_VARIABLE] = folder
             cold, warm = (ready(links) for _ in range(2))
-            arm = make_arm(links)
+            arm = swan_neck(links)
             inverse, forward = InverseDynamics(arm, GRAVITY), ForwardDynamics(arm, GRAVITY)
             times = [1e3 * batched(f, links) / (3 * links) for f in (inverse._rnea, forward._aba)]
         os.environ[COMPILER_VARIABLE] = ""
@@ -178,7 +178,7 @@ def compare_lengths() -> None:
 def ready(links: int) -> float:
     """User CPU until inverse and forward dynamics, mass matrix and closed loop can be called [s]."""
     start, children = user_cpu(), user_cpu(resource.RUSAGE_CHILDREN)
-    arm = make_arm(links)
+    arm = swan_neck(links)
     InverseDynamics(arm, GRAVITY)
     ForwardDynamics(arm, GRAVITY)
     MassMatrix(arm)
@@ -196,7 +196,7 @@ def compare_simulation() -> None:
 
 def simulation_row(links: int) -> None:
     """One row of the table above."""
-    arm = make_arm(links)
+    arm = swan_neck(links)
     trajectory = smooth_trajectory(0.4 * np.sin(np.arange(links)) * 12 / links, duration=2.0)
     joints = joint_states(arm, trajectory, InverseDynamics(arm, GRAVITY))
     options, limits = SimulationOptions(gravity=GRAVITY), loose_limits(arm)
@@ -208,7 +208,7 @@ def simulation_row(links: int) -> None:
 
 def compare_energy() -> None:
     """Drift of the total energy of a free fall of 0.6 s from level at 1 ms, ours and MuJoCo's Runge–Kutta."""
-    arm = replace(make_arm(12), base_heading=0.0)
+    arm = replace(swan_neck(12), base_heading=0.0)
     limits, joints = loose_limits(arm, torque=0.0), 36
     loop = simulation.closed_loop(arm, arm, SimulationOptions(gravity=GRAVITY), limits)
     rest = np.zeros((600, 3, joints + 1))
@@ -262,7 +262,7 @@ def compare_frames(solution: Solution, rate: float = 60.0) -> None:
 
 def compare_feed() -> None:
     """What a feed axis costs the closed loop."""
-    arm, trajectory = make_arm(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=2.0)
+    arm, trajectory = swan_neck(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=2.0)
     times = []
     for moved in (arm, replace(arm, feed=Feed(0.0, 0.4, 0.4))):
         joints = joint_states(moved, trajectory, InverseDynamics(moved, GRAVITY))

@@ -32,7 +32,7 @@ from ccm_opt.retiming import retime, timing
 from ccm_opt.retiming.sampling import Profile, Samples, sample_motion
 from ccm_opt.solution import JointPath, JointTrajectory
 from ccm_opt.verification.newton_euler import joint_torques
-from tests.dynamics_arms import make_arm
+from tests.dynamics_arms import swan_neck
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 TORQUE_ROOM = 1.5
@@ -210,7 +210,7 @@ def main() -> None:
     row(*COLUMNS)
     row(*("---" for _ in COLUMNS))
     for links in options.links:
-        arm = make_arm(links)
+        arm = swan_neck(links)
         dynamics = InverseDynamics(arm, GRAVITY)
         first = make_path(smooth(np.random.default_rng(0), links))
         measure(arm, dynamics, first, make_limits(arm, first, None))

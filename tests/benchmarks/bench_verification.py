@@ -13,11 +13,12 @@ from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification import verify
 from ccm_opt.verification.newton_euler import joint_torques
+from tests.arms import plain_arm
 
 
 def make_case(links: int, samples: int = 1001, duration: float = 4.0) -> tuple[Problem, JointTrajectory, JointStates]:
     """A one-metre arm that swings and curls, with obstacles as near to its sweep as they may stand."""
-    arm = make_arm(links, 1.0)
+    arm = plain_arm(links, 1.0 / links, joint_limit=1.3, mount_length=0.02)
     trajectory = swing(arm, samples, duration)
     workspace = make_clutter(arm, trajectory, 60)
     limits = Limits(np.full(3 * links, 2.0), np.full(3 * links, 10.0), np.full(3 * links, 50.0))
@@ -28,13 +29,6 @@ def make_case(links: int, samples: int = 1001, duration: float = 4.0) -> tuple[P
     torques = joint_torques(arm, problem.simulation.gravity, bends, rates, growth)
     angles, velocities, accelerations = (revolute_angles(arm, values) for values in (bends, rates, growth))
     return problem, trajectory, JointStates(joint_names(arm), angles, velocities, accelerations, torques)
-
-
-def make_arm(links: int, length: float) -> Arm:
-    """An arm of given length, one fiftieth of it thick."""
-    l = length / links
-    one = np.ones(links)
-    return Arm(links, l, 0.02, np.zeros(2), 0.0, 1.3, 6.3, True, 0.02, 0.1 * one, 3e-5 * one, 4e-5 * one)  # noqa: FBT003
 
 
 def swing(arm: Arm, samples: int, duration: float) -> JointTrajectory:
