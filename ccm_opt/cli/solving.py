@@ -93,7 +93,7 @@ def _known_method(method: str | None) -> MethodName | None:
 def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool, explain: bool) -> int:
     check_target(out / problem.name)
     with stage_display(problem.name) as clock:
-        solution = _plan(problem, out, clock, terms, explain=explain)
+        solution = _plan_or_record_why_not(problem, out, clock, terms, explain=explain)
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
@@ -115,7 +115,9 @@ def _warn_of_tracking(solution: Solution) -> None:
     )
 
 
-def _plan(problem: Problem, out: Path, clock: StageClock, terms: TermReferences, *, explain: bool) -> Solution:
+def _plan_or_record_why_not(
+    problem: Problem, out: Path, clock: StageClock, terms: TermReferences, *, explain: bool
+) -> Solution:
     """Run the pipeline; a problem without a plan leaves the record of why in the output folder.
 
     Raises:

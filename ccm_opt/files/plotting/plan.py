@@ -76,9 +76,11 @@ def _draw_motion(axes: Axes, points: FloatArray, radius: float, on_the_way: int)
 
 
 def _even_steps(points: FloatArray, count: int) -> IntArray:
-    """Samples between start and end that are about equally far apart, by the mean way of all joints."""
-    way = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1))))
-    return np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], count + 2)[1:-1]))
+    """Samples between start and end that are about equally far apart, by the mean distance that all joints travel."""
+    moved = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
+    travelled = np.concatenate(([0.0], np.cumsum(moved)))
+    wanted = np.linspace(0.0, travelled[-1], count + 2)[1:-1]
+    return np.unique(np.searchsorted(travelled, wanted))
 
 
 def _draw_goal(axes: Axes, goal: Goal, end: FloatArray, label: str) -> None:

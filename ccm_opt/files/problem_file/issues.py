@@ -115,8 +115,9 @@ def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
     """The part of pydantic's location that leads through the data: it also names unions and validators."""
     path: KeyPath = ()
     for k, part in enumerate(loc):
-        last = k == len(loc) - 1
-        if lookup(table, (*path, part)) is not None or (last and isinstance(lookup(table, path), Mapping)):
+        # A missing key is not in the data, but it is the last part, and its table is there.
+        is_missing_key = k == len(loc) - 1 and isinstance(lookup(table, path), Mapping)
+        if is_missing_key or lookup(table, (*path, part)) is not None:
             path = (*path, part)
     return path
 
@@ -133,7 +134,7 @@ def _table_models(model: type[BaseModel]) -> Mapping[str, type[BaseModel]]:
     """The models of a model's nested tables, by key."""
     found: dict[str, type[BaseModel]] = {}
     for name, info in model.model_fields.items():
-        pending = [info.annotation]
+        pending = [info.annotation]  # a table may stand inside list[…] or beside None
         while pending:
             kind = pending.pop()
             if isinstance(kind, type) and issubclass(kind, BaseModel):

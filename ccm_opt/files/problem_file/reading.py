@@ -85,7 +85,7 @@ def _read_text(path: Path) -> str:
         reason = error.strerror if isinstance(error, OSError) else error
         raise _refused(path, f"the file cannot be read: {reason}") from error
     try:
-        text = raw.decode("utf-8-sig")
+        text = raw.decode("utf-8-sig")  # editors on Windows put a byte order mark in front
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         raise _refused(path, "this is not a text file in UTF-8; expected TOML", line) from None
@@ -113,6 +113,7 @@ def _to_toml(data: Mapping[str, object], path_name: str) -> str:
 
 
 def _error_line(message: str, text: str) -> int:
+    """The line that a message of ``tomllib`` names; the last one where it says "at end of document"."""
     place = re.search(r"at line (\d+)", message)
     return int(place[1]) if place else max(1, len(text.splitlines()))
 

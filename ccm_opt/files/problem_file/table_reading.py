@@ -129,7 +129,10 @@ def _obstacles(data: Mapping[str, object], issues: Issues, scale: float) -> tupl
         path = ("workspace", "obstacles", k)
         if not isinstance(entry, Mapping):
             issues.add(path, "expected a table; write [[workspace.obstacles]] above each")
-        elif (table := issues.validate(ObstacleTable, {"name": f"obstacle {k + 1}", **entry}, path, scale)) is not None:
+            continue
+        named = {"name": f"obstacle {k + 1}", **entry}
+        table = issues.validate(ObstacleTable, named, path, scale)
+        if table is not None:
             found.append(table)
     return tuple(found)
 
@@ -150,9 +153,14 @@ def _check_between(draft: _Draft, units: str, issues: Issues) -> None:
 
 def _poses(draft: _Draft) -> list[tuple[KeyPath, StartTable | GoalTable]]:
     """Start and goals with where they stand."""
-    found: list[tuple[KeyPath, StartTable | GoalTable]] = [] if draft.start is None else [(("start",), draft.start)]
+    found: list[tuple[KeyPath, StartTable | GoalTable]] = []
+    if draft.start is not None:
+        found.append((("start",), draft.start))
     goals = draft.goals or ()
-    return found + [(("goal", k) if len(goals) > 1 else ("goal",), goal) for k, goal in enumerate(goals)]
+    for k, goal in enumerate(goals):
+        path: KeyPath = ("goal", k) if len(goals) > 1 else ("goal",)
+        found.append((path, goal))
+    return found
 
 
 def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issues: Issues) -> None:
@@ -164,8 +172,10 @@ def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issu
     at = feed_of(pose, built)
     if not low <= at <= high:
         issues.add((*path, "feed"), f"outside the range of the feed axis, {low:g} to {high:g} m")
-    for k in range(min(len(pose.joints_deg or ()), arm.links)):
-        if built.held(at)[k] and abs((pose.joints_deg or [])[k]) > READING.angle_tolerance:
+    bends = pose.joints_deg or []
+    held = built.held(at)
+    for k in range(min(len(bends), arm.links)):  # a list of the wrong length is reported elsewhere
+        if held[k] and abs(bends[k]) > READING.angle_tolerance:
             issues.add((*path, "joints_deg", k), "this joint is still inside the guide of the feed axis; expected 0")
 
 
@@ -178,11 +188,14 @@ def _check_foldable(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, 
 
 
 def _check_places(draft: _Draft, units: str, issues: Issues) -> None:
-    if draft.arm is None or draft.workspace is None or (draft.workspace.bounds or draft.workspace.boundary) is None:
+    """The base stands where it may, as far as there are a room, an arm and a start to tell."""
+    if draft.arm is None or draft.workspace is None or draft.start is None:
         return
-    whole = [item for item in draft.obstacles if any((item.polygon, item.box, item.circle, item.wall))]
-    workspace = build_workspace(draft.workspace, whole)
-    if draft.start is not None and _lists_fit(draft.arm):
+    has_boundary = draft.workspace.bounds is not None or draft.workspace.boundary is not None
+    if has_boundary and _lists_fit(draft.arm):
+        # An obstacle without a shape is reported elsewhere, and cannot be built.
+        whole = [item for item in draft.obstacles if any((item.polygon, item.box, item.circle, item.wall))]
+        workspace = build_workspace(draft.workspace, whole)
         arm = build_arm(draft.arm)
         base = arm.base + feed_of(draft.start, arm) * arm.feed_direction
         check_base(workspace, base.tolist(), units, issues)

@@ -6,7 +6,7 @@ Lengths are multiplied by the metres in the file's unit, which the validation co
 import math
 import re
 import sys
-from typing import Annotated, TypeAlias
+from typing import Annotated, TypeAlias, TypeGuard
 
 import numpy as np
 import shapely
@@ -50,6 +50,7 @@ def _simple_ring(points: list[list[float]]) -> list[list[float]]:
     polygon = shapely.Polygon(points)
     if polygon.is_valid and polygon.area > 0.0:
         return points
+    # GEOS gives the place of a crossing in brackets, for example "Self-intersection[1 2]".
     place = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(polygon))
     if place is None or polygon.convex_hull.area == 0.0:
         raise ValueError("the outline encloses no area; expected at least three corners that are not in one line")
@@ -83,8 +84,15 @@ def exactly(count: int) -> AfterValidator:
     return AfterValidator(check)
 
 
+def _is_number(value: object) -> TypeGuard[float]:
+    """Whether a value is a finite number; to Python true and false are numbers too, to a user they are not."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return abs(value) <= sys.float_info.max
+
+
 def _positive(value: object, place: str = "") -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value <= sys.float_info.max:
+    if not (_is_number(value) and value > 0.0):
         raise ValueError(f"expected a positive number or a list of such{place}")
     return float(value)
 
@@ -99,14 +107,16 @@ def _positive_each(value: object) -> float | list[float]:
 
 
 def _non_negative(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= sys.float_info.max:
+    if not (_is_number(value) and value >= 0.0):
         raise ValueError(f"expected a number that is not negative, or a list of such; got {described(value)}")
     return float(value)
 
 
 def _non_negative_each(value: object) -> float | list[float]:
     """One number or a list of numbers, zero allowed, as floats."""
-    return [_non_negative(entry) for entry in value] if isinstance(value, list) else _non_negative(value)
+    if isinstance(value, list):
+        return [_non_negative(entry) for entry in value]
+    return _non_negative(value)
 
 
 Length: TypeAlias = Annotated[float, AfterValidator(_to_metres)]
