@@ -18,8 +18,6 @@ import shapely
 import ccm_opt
 from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.contacts import ContactFinder
-from ccm_opt.collision.walls import Walls
 from ccm_opt.files.plotting.corridor_concept import CorridorScene, corridor_png
 from ccm_opt.files.plotting.gap_concept import gaps_png
 from ccm_opt.files.plotting.hairpin_concept import HairpinMoment, HairpinScene, hairpin_png
@@ -30,9 +28,11 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion.continuation import Deadline, follow
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.guides.hairpin import Hairpin
-from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.link_space import NOMINAL_LINKS
+from ccm_opt.motion.motion_task import MotionTask
 from ccm_opt.motion.portfolio import pulled_over
-from ccm_opt.motion.step import Pose, Stepper, Term
+from ccm_opt.motion.pose import Pose, Term
+from ccm_opt.motion.search_run import SearchRun
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.curve import find_routes, route_margin, tip_paths_along
@@ -79,6 +79,10 @@ MOMENTS = (
 """Shares of the motion that are drawn, with what they show."""
 
 
+FOLD_LENGTH = 5.0
+"""Of the hairpin, in nominal links."""
+
+
 class Recorder:
     """A hairpin as a guide that notes after every step where its fold and its target are."""
 
@@ -111,14 +115,12 @@ def hairpin_scene() -> HairpinScene:
     ends = resolve_ends(problem)
     room = FreeSpace(problem.workspace, route_margin(problem, ends))
     tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room))
-    space, v = LinkSpace.through(problem.arm, ends.start)
-    margin, reach = 0.06 * space.unit, 0.96 * space.unit
-    finder = ContactFinder(problem.arm, Walls.of(problem.workspace), problem.workspace.clearance, margin, reach)
-    stepper = Stepper(space, finder)
-    start = stepper.pose(v)
-    guide = next(pulled_over(stepper, start, None, tip_paths[0], (5.0,))).make_guide()
+    deadline = Deadline(time.monotonic() + 60.0)
+    task = MotionTask(problem.arm, problem.workspace, ends.start, ends.goal, None, (), tip_paths, deadline)
+    run = SearchRun.from_task(task, task.settings.search.margins[0], NOMINAL_LINKS)
+    guide = next(pulled_over(run.stepper, run.start, None, tip_paths[0], (FOLD_LENGTH,))).make_guide()
     recorder = Recorder(guide)
-    poses = follow(stepper, recorder, start, Deadline(time.monotonic() + 60.0))
+    poses = follow(run.stepper, recorder, run.start, deadline)
     moments = []
     for share, title in MOMENTS:
         k = round(share * (len(poses) - 1))
