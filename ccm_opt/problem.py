@@ -20,6 +20,26 @@ ControllerName = Literal["computed-torque", "pd"]
 
 
 @dataclass(frozen=True)
+class PointLimit:
+    """Bounds on how a point of the arm moves in the plane.
+
+    Attributes:
+        at: arc length along the arm from its base [m]; None for the tip.
+        velocity: greatest speed [m/s], inf where it is not limited.
+        acceleration: greatest acceleration, in any direction [m/s²], inf where it is not limited.
+    """
+
+    at: float | None = None
+    velocity: float = np.inf
+    acceleration: float = np.inf
+
+    @property
+    def name(self) -> str:
+        """What the point is called in messages."""
+        return "tip" if self.at is None else f"point at {self.at:g} m"
+
+
+@dataclass(frozen=True)
 class Limits:
     """Bounds on every revolute joint; each array has shape (3 * links,), the three revolutes of a ball in a row.
 
@@ -32,6 +52,7 @@ class Limits:
         feed_force: of the feed axis [N], or None when it is not limited.
         jerk: [rad/s³], or None when jerk is not limited.
         feed_jerk: of the feed axis [m/s³], or None when it is not limited.
+        points: of points of the arm, such as its tip, in the plane.
     """
 
     velocity: FloatArray
@@ -42,6 +63,7 @@ class Limits:
     feed_force: float | None = None
     jerk: FloatArray | None = None
     feed_jerk: float | None = None
+    points: tuple[PointLimit, ...] = ()
 
     def of_drives(self, coordinates: Coordinates) -> "DriveLimits":
         """The limits of every drive of an arm, drive by drive."""

@@ -21,7 +21,8 @@ from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.planners.legs import Leg
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.retiming.path_limits import PathLimits
-from ccm_opt.retiming.paul import WINDOWS, fastest_legs, retime_paul
+from ccm_opt.retiming.paul import fastest_legs, retime_paul
+from ccm_opt.retiming.paul_settings import DEFAULT_PAUL
 from ccm_opt.retiming.transitions import Legs
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
@@ -29,6 +30,7 @@ from ccm_opt.stages import Stages
 from .conftest import PROBLEMS, SMALL_PROBLEM
 
 GRAVITY, MASS, LENGTH = 9.81, 2.0, 0.5
+WINDOWS = DEFAULT_PAUL.windows
 
 
 def made_path(keyframes: FloatArray) -> JointPath:
@@ -74,7 +76,7 @@ def paul_by_the_book(a: float, b: float, c: float, leg: float, tau: float, t: fl
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None)
 def test_transitions_are_those_of_the_book(seed: int) -> None:
     """Within ±τ of a via point the motion is Paul's equation 5.3 ff.; it misses the point by 3/16 τ |Δv|."""
     rng = np.random.default_rng(seed)
@@ -91,7 +93,7 @@ def test_transitions_are_those_of_the_book(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 5))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None)
 def test_places_rates_and_growth_are_one_motion(seed: int, links: int) -> None:
     """Velocities and accelerations are the derivatives of the places everywhere, by central differences."""
     vias = np.unique(random_keyframes(seed, links), axis=0)
@@ -107,7 +109,7 @@ def test_places_rates_and_growth_are_one_motion(seed: int, links: int) -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.sampled_from(WINDOWS))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None)
 def test_limits_hold_on_a_dense_grid_and_the_ends_are_kept(seed: int, links: int, window: float) -> None:
     """At 1 kHz speed and acceleration keep their limits; the motion rests on the first and the last keyframe."""
     rng = np.random.default_rng(seed + 1)
@@ -122,7 +124,7 @@ def test_limits_hold_on_a_dense_grid_and_the_ends_are_kept(seed: int, links: int
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1.05, 3.0))
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20, deadline=None)
 def test_torque_limits_hold(seed: int, room: float) -> None:
     """Pendulums keep their torque limit at every sample, even when gravity leaves a twentieth of it."""
     limits = even_limits(2, 4.0, 60.0, room * MASS * GRAVITY * LENGTH)

@@ -12,10 +12,13 @@ from ccm_opt.jointed.coordinates import planar_coordinates
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics
 from ccm_opt.retiming.grid import path_grid
+from ccm_opt.retiming.motion_limits import limits_along
 from ccm_opt.retiming.path_rows import path_rows
 from ccm_opt.retiming.profile import SpeedProfile
 from ccm_opt.retiming.reachability import reachable_profile
 from ccm_opt.retiming.speed_optimizer import fastest_profile
+from ccm_opt.retiming.timed_path import TimedPath
+from ccm_opt.retiming.timing_settings import GridSettings
 from tests.phase_plane import fastest_duration
 from tests.retiming_paths import (
     FRICTION,
@@ -69,8 +72,9 @@ def test_two_ways_of_the_same_sweeps_agree(seed: int, links: int) -> None:
     """The sweeps that cannot fail find the squared speeds that the linear programs find."""
     path, limits = make_path(random_control(seed, links)), even_limits(links, 2.0, 10.0, 40.0)
     columns = planar_coordinates(links)
-    rows = path_rows(path.spline, path_grid(path.spline, 100), limits, pendulums, to_revolutes, columns)
-    slack, cap = np.full_like(rows.c, 0.99), (0.99 / np.maximum(rows.speed, 1e-3)) ** 2
+    limited = limits_along(TimedPath(path.spline, limits, pendulums, to_revolutes, columns))
+    rows = path_rows(limited, path.spline, path_grid(path.spline, GridSettings(intervals=100)))
+    slack, cap = np.full_like(rows.c, 0.99), (0.99 / np.maximum(rows.slowness, 1e-3)) ** 2
     ours = SpeedProfile(rows.s, reachable_profile(rows, slack, cap))
     assert np.all(ours.squared[1:-1] > 0.0)
     moving = rows.a[:-1] * ours.acceleration[:, None] + rows.b[:-1] * ours.squared[:-1, None] + rows.c[:-1]
@@ -249,7 +253,7 @@ def test_a_path_that_stops_on_the_way_takes_little_longer_than_its_legs() -> Non
 def test_grid_points_follow_the_path_and_hold_every_knot() -> None:
     """All knots are grid points, and long spans get more of them than short ones."""
     path = make_path(np.array([[0.0], [0.01], [0.02], [0.03], [1.0], [2.0], [3.0], [3.01]]))
-    grid = path_grid(path.spline, 100)
+    grid = path_grid(path.spline, GridSettings(intervals=100))
     assert set(np.unique(path.spline.t)) <= set(grid)
     assert np.all(np.diff(grid) > 0.0)
     assert np.max(np.diff(grid)) > 3.0 * np.diff(grid)[len(grid) // 2]

@@ -13,7 +13,7 @@ from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names
 from ccm_opt.problem import JointPose, Problem
-from ccm_opt.retiming.sampling import MOST_PIECES
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING
 from ccm_opt.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.verification import verify
 from ccm_opt.verification.newton_euler import joint_torques
@@ -129,5 +129,5 @@ def test_where_a_path_spares_no_gap_steps_are_cut_so_far_and_no_further(caplog: 
     path = make_path(random_control(5, 3))
     plain = run(path, even_limits(3, 50.0, 900.0))
     trajectory = run(path, even_limits(3, 50.0, 900.0), link_length=10.0)
-    assert len(plain.time) < len(trajectory.time) <= MOST_PIECES * len(plain.time) + 1
+    assert len(plain.time) < len(trajectory.time) <= DEFAULT_TIMING.sampling.most_pieces * len(plain.time) + 1
     assert "not cut further" in caplog.text

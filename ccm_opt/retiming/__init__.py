@@ -3,12 +3,15 @@
 from collections.abc import Iterator
 from functools import partial
 
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits, RetimingName
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.joining import joined, reversed_trajectory
-from ccm_opt.retiming.paul import WINDOWS, retime_paul
+from ccm_opt.retiming.paul import retime_paul
+from ccm_opt.retiming.paul_settings import DEFAULT_PAUL, PaulSettings
 from ccm_opt.retiming.timing import retime
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
 from ccm_opt.solution import JointPath, JointTrajectory
 
 __all__ = ["joined", "retime", "retime_paul", "reversed_trajectory", "timings"]
@@ -23,6 +26,9 @@ def timings(
     method: RetimingName = "toppra",
     link_length: float | None = None,
     coordinates: Coordinates | None = None,
+    arm: Arm | None = None,
+    settings: TimingSettings = DEFAULT_TIMING,
+    paul: PaulSettings = DEFAULT_PAUL,
 ) -> Iterator[JointTrajectory]:
     """Timed motions along a path, the most wanted first; the first that the verifier accepts is the one to take.
 
@@ -30,21 +36,40 @@ def timings(
 
     Args:
         path: the path and its keyframes.
-        limits: of every revolute, and of the feed axis.
+        limits: of every revolute, of the feed axis, and of points of the arm.
         inverse_dynamics: angles, velocities, accelerations to torques, as ``retime`` takes it.
         revolutes: bends to revolute angles.
         method: how to time.
         coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
         link_length: of the arm [m], by which TOPP-RA's samples are so close that chords between them stay by the path.
+        arm: whose points are limited; needed when the limits name some.
+        settings: numbers of timing along the path.
+        paul: numbers of the transitions.
 
     Raises:
         RetimingError: from the first motion, or a later one, that cannot be timed within the limits.
     """
     if method == "toppra":
         yield retime(
-            path, limits, inverse_dynamics, revolutes=revolutes, link_length=link_length, coordinates=coordinates
+            path,
+            limits,
+            inverse_dynamics,
+            revolutes=revolutes,
+            link_length=link_length,
+            coordinates=coordinates,
+            arm=arm,
+            settings=settings,
         )
         return
-    turn = partial(retime_paul, path, limits, inverse_dynamics, revolutes=revolutes, coordinates=coordinates)
-    for window in WINDOWS:
+    turn = partial(
+        retime_paul,
+        path,
+        limits,
+        inverse_dynamics,
+        revolutes=revolutes,
+        coordinates=coordinates,
+        arm=arm,
+        settings=paul,
+    )
+    for window in paul.windows:
         yield turn(window=window)

@@ -96,7 +96,8 @@ class Efforts:
     def parts(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> EffortParts:
         """The shares, apart by how they fall when time is longer."""
         rest = np.zeros_like(place)
-        static, damping = self(place, rest, rest), self.damping(velocity)
+        static = self(place, rest, rest)
+        damping = self.damping(velocity)
         return EffortParts(self(place, velocity, acceleration) - static - damping, damping, static)
 
     def _viscous(self) -> FloatArray:

@@ -5,20 +5,18 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polyline import leg_lengths
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, GridSettings
 
 SUBSTEPS = 5
 """Steps of the dense check inside one grid interval."""
-MAX_INTERVALS = 1500
-_EVEN_SHARE = 0.3
 _RAMP = 0.5 ** np.arange(8, 0, -1)
 """Places of extra points in the first and last interval, where a slow joint may reach its speed at once."""
 
 _STOP_RAMP = 0.7 ** np.arange(1, 11)
-STOPPED = 1e-6
-"""Share of the greatest |q'| of all knots below which the path stops at a knot."""
+"""Places of extra points beside a stop, as shares of the intervals beside it."""
 
 
-def path_grid(spline: BSpline, intervals: int) -> FloatArray:
+def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> FloatArray:
     """Grid points of the path parameter, 0 and 1 included.
 
     Every knot is a grid point, since the third derivative jumps there; a span gets grid points in proportion to its
@@ -26,25 +24,26 @@ def path_grid(spline: BSpline, intervals: int) -> FloatArray:
 
     Args:
         spline: over [0, 1].
-        intervals: wanted number of grid intervals; the result has somewhat more.
+        settings: wanted number of grid intervals, and how they are spread; the result has somewhat more.
 
     Returns:
         Increasing, shape (N + 1,).
     """
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
-    count = min(max(intervals, 2 * (len(knots) - 1)), MAX_INTERVALS)
+    count = min(max(settings.intervals, 2 * (len(knots) - 1)), settings.most_intervals)
     lengths = span_lengths(spline, knots)
-    share = (1.0 - _EVEN_SHARE) * lengths / np.sum(lengths) + _EVEN_SHARE * np.diff(knots)
+    even = settings.even_share
+    share = (1.0 - even) * lengths / np.sum(lengths) + even * np.diff(knots)
     pieces = np.maximum(1, np.ceil(count * share - 1e-9)).astype(int)
     points = np.interp(np.arange(np.sum(pieces) + 1), np.concatenate(([0], np.cumsum(pieces))), knots)
     points = np.concatenate(([0.0], points[1] * _RAMP, points[1:-1], 1.0 - (1.0 - points[-2]) * _RAMP[::-1], [1.0]))
-    return _around_stops(points, stops(spline, knots))
+    return _around_stops(points, stops(spline, knots, settings.stopped))
 
 
-def stops(spline: BSpline, knots: FloatArray) -> FloatArray:
+def stops(spline: BSpline, knots: FloatArray, share: float) -> FloatArray:
     """Inner knots at which the whole path comes to a stop, q' = 0, as at control points that stand three in a row."""
     rates = np.max(np.abs(spline(knots, 1)), axis=1)
-    return np.asarray(knots[1:-1][rates[1:-1] < STOPPED * np.max(rates)])
+    return np.asarray(knots[1:-1][rates[1:-1] < share * np.max(rates)])
 
 
 def _around_stops(points: FloatArray, places: FloatArray) -> FloatArray:

@@ -6,16 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING
 from ccm_opt.solution import JointTrajectory
 
 SAME_PLACE = 1e-9
 """Difference [rad, m] between the end of a leg and the start of the next that counts as rounding."""
-STEP = 4e-3
-"""Largest time between two samples of a pause [s]."""
 
 
 def joined(
-    trajectories: Sequence[JointTrajectory], pauses: Sequence[float] = (), *, step: float = STEP
+    trajectories: Sequence[JointTrajectory], pauses: Sequence[float] = (), *, step: float = DEFAULT_TIMING.sampling.step
 ) -> JointTrajectory:
     """One motion along several legs, each from rest to rest, with pauses between them.
 

@@ -53,8 +53,9 @@ class _Stage:
     reach: float
 
     @classmethod
-    def of(cls, beta: FloatArray, gamma: FloatArray, most: float, reach: float) -> "_Stage":
-        up, down = gamma * reach > _NO_EFFECT, gamma * reach < -_NO_EFFECT
+    def from_rows(cls, beta: FloatArray, gamma: FloatArray, most: float, reach: float) -> "_Stage":
+        up = gamma * reach > _NO_EFFECT
+        down = gamma * reach < -_NO_EFFECT
         above = _Lines(1.0 / gamma[up], -beta[up] / gamma[up])
         below = _Lines(-1.0 / gamma[down], beta[down] / gamma[down])
         with np.errstate(divide="ignore"):
@@ -85,7 +86,7 @@ def reachable_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> Flo
     reach = np.zeros(count + 1)
     stages: list[_Stage] = []
     for k in range(count - 1, -1, -1):
-        stages.append(_Stage.of(beta[k], gamma[k], cap[k], reach[k + 1]))
+        stages.append(_Stage.from_rows(beta[k], gamma[k], cap[k], reach[k + 1]))
         reach[k] = stages[-1].greatest()
     squared = np.zeros(count + 1)
     for k, stage in enumerate(reversed(stages)):
@@ -101,8 +102,10 @@ def _scaled_rows(rows: PathRows, slack: FloatArray) -> tuple[FloatArray, FloatAr
     sides = []
     for sign in (1.0, -1.0):
         room = slack - sign * rows.c
-        a, b = sign * rows.a / room, sign * rows.b / room
+        a = sign * rows.a / room
+        b = sign * rows.b / room
         sides.append((b[:-1] - a[:-1] / width, a[:-1] / width))
         sides.append((-a[1:] / width, a[1:] / width + b[1:]))
-    beta, gamma = (np.concatenate(parts, axis=1) for parts in zip(*sides, strict=True))
+    beta = np.concatenate([of_x for of_x, _ in sides], axis=1)
+    gamma = np.concatenate([of_y for _, of_y in sides], axis=1)
     return beta, gamma

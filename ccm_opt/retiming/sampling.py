@@ -16,20 +16,11 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.jointed.coordinates import Coordinates
-from ccm_opt.solution import JointPath, JointTrajectory
+from ccm_opt.retiming.motion_samples import MotionSamples
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, SamplingSettings
+from ccm_opt.solution import JointPath
 
 logger = logging.getLogger(__name__)
-
-LEAST_SAMPLES = 100
-"""Samples of a short motion, whatever the step."""
-SPARE_SHARE = 0.5
-"""Share of the gap that the path spares that chords may use."""
-HAIR = 5e-7
-"""Sag that is allowed anyhow [m], half of what the verifier forgives."""
-MOST_PIECES = 32
-"""Pieces that a step may be cut into so that chords stay near the path."""
-_ROUNDS = 8
-"""Most rounds of cutting; the first leaves few steps too long."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +36,9 @@ class Chords:
     sag: float
 
     @classmethod
-    def beside(cls, path: JointPath, link_length: float) -> "Chords":
+    def beside(cls, path: JointPath, link_length: float, settings: SamplingSettings) -> "Chords":
         """Within a share of the gap that a path is certified to spare; where it spares none, within a hair."""
-        return cls(link_length, max(SPARE_SHARE * path.spare, HAIR))
+        return cls(link_length, max(settings.spare_share * path.spare, settings.hair))
 
 
 class Profile(Protocol):
@@ -64,59 +55,52 @@ class Profile(Protocol):
         """The same profile with all times longer by a factor."""
 
 
-@dataclass(frozen=True)
-class Samples:
-    """A motion of the path's columns at sample times.
-
-    Attributes:
-        s: path parameter, shape (T,).
-        time: shape (T,) [s].
-        place: shape (T, n) [rad, m].
-        velocity: shape (T, n) [rad/s, m/s].
-        acceleration: shape (T, n) [rad/s², m/s²].
-    """
-
-    s: FloatArray
-    time: FloatArray
-    place: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-
-    def slowed(self, factor: float) -> "Samples":
-        """The same samples with all times longer by a factor."""
-        return Samples(self.s, self.time * factor, self.place, self.velocity / factor, self.acceleration / factor**2)
-
-    def trajectory(self, coordinates: Coordinates) -> JointTrajectory:
-        """As a trajectory of the arm whose coordinates the columns are."""
-        return JointTrajectory(self.time, self.place, self.velocity, self.acceleration, coordinates)
-
-
 def sample_motion(
-    spline: BSpline, profile: Profile, step: float, chords: Chords | None, coordinates: Coordinates
-) -> Samples:
-    """Sample a path travelled at a speed profile: q̇ = q' ṡ, q̈ = q' s̈ + q'' ṡ²."""
-    count = max(int(np.ceil(profile.duration / step - 1e-9)), LEAST_SAMPLES)
+    spline: BSpline,
+    profile: Profile,
+    step: float,
+    chords: Chords | None,
+    coordinates: Coordinates,
+    settings: SamplingSettings = DEFAULT_TIMING.sampling,
+) -> MotionSamples:
+    """Sample a path travelled at a speed profile: q̇ = q' ṡ, q̈ = q' s̈ + q'' ṡ².
+
+    Args:
+        spline: of the arm's coordinates.
+        profile: how the path parameter grows.
+        step: largest time between two samples [s].
+        chords: how far chords between samples may leave the path; None for anyhow.
+        coordinates: what the columns of the spline are.
+        settings: of sampling.
+    """
+    count = max(int(np.ceil(profile.duration / step - 1e-9)), settings.least_samples)
     time = np.linspace(0.0, profile.duration, count + 1)
     if chords is not None:
-        time = near_the_path(spline, profile, time, chords, coordinates)
+        time = near_the_path(spline, profile, time, chords, coordinates, settings)
     s, speed, growth = (values[:, None] for values in profile.at(time))
-    s[[0, -1], 0], speed[[0, -1], 0] = (0.0, 1.0), 0.0
+    s[[0, -1], 0] = (0.0, 1.0)
+    speed[[0, -1], 0] = 0.0
     poses = [np.asarray(spline(s[:, 0], nu)) for nu in range(3)]
-    return Samples(s[:, 0], time, poses[0], poses[1] * speed, poses[1] * growth + poses[2] * speed**2)
+    return MotionSamples(s[:, 0], time, poses[0], poses[1] * speed, poses[1] * growth + poses[2] * speed**2)
 
 
 def near_the_path(
-    spline: BSpline, profile: Profile, time: FloatArray, chords: Chords, coordinates: Coordinates
+    spline: BSpline,
+    profile: Profile,
+    time: FloatArray,
+    chords: Chords,
+    coordinates: Coordinates,
+    settings: SamplingSettings,
 ) -> FloatArray:
-    """Sample times with more between them where chords would leave the path; no step is cut beyond ``MOST_PIECES``."""
-    shortest = np.min(np.diff(time)) / MOST_PIECES
-    for _ in range(_ROUNDS):
+    """Sample times with more between them where chords would leave the path; no step is cut into too many pieces."""
+    shortest = np.min(np.diff(time)) / settings.most_pieces
+    for _ in range(settings.cuttings):
         share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_length, coordinates) / chords.sag)
         pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
         if np.all(pieces <= 1):
             break
         time = _cut(time, np.maximum(pieces, 1))
-    _tell(sag(spline, profile.at(time)[0], chords.link_length, coordinates), chords, len(time))
+    _report(sag(spline, profile.at(time)[0], chords.link_length, coordinates), chords, len(time))
     return time
 
 
@@ -147,7 +131,7 @@ def _cut(time: FloatArray, pieces: IntArray) -> FloatArray:
     return np.interp(np.arange(places[-1] + 1), places, time)
 
 
-def _tell(left: FloatArray, chords: Chords, count: int) -> None:
+def _report(left: FloatArray, chords: Chords, count: int) -> None:
     worst = float(np.max(left, initial=0.0))
     if worst > 1.1 * chords.sag:
         logger.warning(

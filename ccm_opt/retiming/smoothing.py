@@ -17,16 +17,10 @@ import numpy as np
 from scipy.interpolate import BSpline, PPoly
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.retiming.motion_limits.coordinate_jerk import sides_of_third
 from ccm_opt.retiming.path_limits import PathLimits
-from ccm_opt.retiming.path_rows import BESIDE
 from ccm_opt.retiming.profile import SpeedProfile
-
-WINDOWS = 0.5 ** np.arange(1.0, 11.0)
-"""Windows that are tried, as shares of the time of the fastest motion."""
-BETWEEN = (0.5**0.5, 2.0**0.5)
-"""Windows beside the best of these that are tried after them, as shares of it."""
-LOOKS = 1000
-"""Places, beside the corners of the profile, at which limits are looked at to compare windows."""
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, SmoothingSettings
 
 
 @dataclass(frozen=True)
@@ -57,10 +51,11 @@ class SmoothProfile:
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """s, ṡ and s̈ at given times, each of the shape of ``time``."""
-        own = np.clip(time / self.factor, 0.0, self.position.x[-1])
+        unslowed = np.clip(time / self.factor, 0.0, self.position.x[-1])
         speed, growth, _ = self._derivatives
-        s, v = np.clip(self.position(own), 0.0, 1.0), np.maximum(speed(own), 0.0)
-        return np.asarray(s), np.asarray(v / self.factor), np.asarray(growth(own) / self.factor**2)
+        s = np.clip(self.position(unslowed), 0.0, 1.0)
+        v = np.maximum(speed(unslowed), 0.0)
+        return np.asarray(s), np.asarray(v / self.factor), np.asarray(growth(unslowed) / self.factor**2)
 
     def jerk(self, time: FloatArray) -> FloatArray:
         """s⃛ at given times [1/s³]."""
@@ -73,47 +68,58 @@ class SmoothProfile:
 
 def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
     """The mean of a motion over two windows of time, one after the other, each of given length [s]."""
-    times, speeds = profile.times, np.sqrt(profile.squared)
+    times = profile.times
+    speeds = np.sqrt(profile.squared)
+    shifts = (0.0, window, 2.0 * window)
+
+    # Corners nearer than rounding would make pieces without a length.
     apart = 1e-9 * (profile.duration + 2.0 * window)
-    corners = np.sort(np.concatenate([times + shift for shift in (0.0, window, 2.0 * window)]))
+    corners = np.sort(np.concatenate([times + shift for shift in shifts]))
     corners = corners[np.append(True, np.diff(corners) > apart)]
-    copies = [np.interp(corners - shift, times, speeds, left=0.0, right=0.0) for shift in (0.0, window, 2.0 * window)]
+
+    copies = [np.interp(corners - shift, times, speeds, left=0.0, right=0.0) for shift in shifts]
     jerk = (copies[0] - 2.0 * copies[1] + copies[2]) / window**2
     slope = np.diff(jerk) / np.diff(corners)
     position = PPoly(np.stack((slope, jerk[:-1])), corners).antiderivative(3)
+    # The smoothed speed has its area to rounding only, so the path's end is put at 1 exactly.
     return SmoothProfile(PPoly(position.c / position(corners[-1]), corners))
 
 
-def jerk_limited(spline: BSpline, profile: SpeedProfile, axes: PathLimits) -> SmoothProfile:
+def jerk_limited(
+    spline: BSpline, profile: SpeedProfile, axes: PathLimits, settings: SmoothingSettings = DEFAULT_TIMING.smoothing
+) -> SmoothProfile:
     """The smoothed motion, over the best of some windows, slowed down until velocity, acceleration and jerk hold.
 
     Args:
         spline: the path.
         profile: the fastest motion along it.
         axes: limits.
+        settings: windows and looks.
     """
 
     def tried(window: float) -> SmoothProfile:
         motion = smoothed(profile, window)
-        return motion.slowed(max(1.0, _needed(spline, motion, axes)))
+        return motion.slowed(max(1.0, _needed(spline, motion, axes, settings.looks)))
 
-    def duration(motion: SmoothProfile) -> float:
-        return motion.duration
+    windows = profile.duration * 0.5 ** np.arange(1.0, settings.halvings + 1.0)
+    motions = [tried(window) for window in windows]
+    best = windows[int(np.argmin([motion.duration for motion in motions]))]
+    motions += [tried(best * share) for share in settings.beside]
+    return min(motions, key=lambda motion: motion.duration)
 
-    motions = [tried(window) for window in WINDOWS * profile.duration]
-    best = profile.duration * WINDOWS[int(np.argmin([duration(motion) for motion in motions]))]
-    return min([*motions, *(tried(best * share) for share in BETWEEN)], key=duration)
 
-
-def _needed(spline: BSpline, motion: SmoothProfile, axes: PathLimits) -> float:
+def _needed(spline: BSpline, motion: SmoothProfile, axes: PathLimits, looks: int) -> float:
     """Factor on time that brings velocity, acceleration and jerk within their limits at many times."""
-    time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, LOOKS))
+    time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, looks))
     s, v, growth = (values[:, None] for values in motion.at(time))
-    jerk, places = motion.jerk(time)[:, None], s[:, 0]
-    first, second = spline(places, 1), spline(places, 2)
-    sides = [spline(np.clip(places + side, 0.0, 1.0), 3) for side in (-BESIDE, BESIDE)]
+    jerk = motion.jerk(time)[:, None]
+    places = s[:, 0]
+    first = spline(places, 1)
+    second = spline(places, 2)
+
     velocity = np.abs(first * v) / axes.velocity
     acceleration = np.abs(first * growth + second * v**2) / axes.acceleration
     rest = first * jerk + 3.0 * second * v * growth
-    jerks = np.maximum(*(np.abs(rest + third * v**3) for third in sides)) / axes.jerk
+    before, after = sides_of_third(spline, places)
+    jerks = np.maximum(np.abs(rest + before * v**3), np.abs(rest + after * v**3)) / axes.jerk
     return float(max(np.max(velocity), np.sqrt(np.max(acceleration)), np.cbrt(np.max(jerks))))

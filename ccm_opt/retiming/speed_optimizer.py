@@ -41,7 +41,7 @@ def fastest_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> Float
 
 def _time_unit(rows: PathRows) -> float:
     """A time near the motion's duration, so that the solver's absolute tolerances fit any limits [s]."""
-    return max(float(np.mean(rows.speed)), float(np.sqrt(np.mean(np.max(np.abs(rows.a), axis=1)))), 1e-9)
+    return max(float(np.mean(rows.slowness)), float(np.sqrt(np.mean(np.max(np.abs(rows.a), axis=1)))), 1e-9)
 
 
 def _build(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> Any:
@@ -50,12 +50,14 @@ def _build(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> A
     import toppra.constraint  # noqa: PLC0415 - likewise
 
     logging.getLogger("toppra").setLevel(logging.CRITICAL)
-    a, b, c = rows.a / (slack * unit**2), rows.b / (slack * unit**2), rows.c / slack
+    a = rows.a / (slack * unit**2)
+    b = rows.b / (slack * unit**2)
+    c = rows.c / slack
     count = a.shape[1]
     both = np.concatenate((np.eye(count), -np.eye(count)))
     bound = np.stack((np.zeros(len(cap)), cap), axis=1)
 
-    class Rows(toppra.constraint.LinearConstraint):  # type: ignore[misc]
+    class InterpolatedRows(toppra.constraint.LinearConstraint):  # type: ignore[misc]
         """The rows, discretised by interpolation: each holds at both ends of an interval."""
 
         def __init__(self) -> None:
@@ -69,4 +71,4 @@ def _build(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> A
             return *parts[:5], None, bound
 
     path = SimpleNamespace(path_interval=np.array([0.0, 1.0]), duration=1.0, dof=count)
-    return toppra.algorithm.TOPPRA([Rows()], path, gridpoints=rows.s, solver_wrapper="seidel")
+    return toppra.algorithm.TOPPRA([InterpolatedRows()], path, gridpoints=rows.s, solver_wrapper="seidel")

@@ -21,47 +21,36 @@ from ccm_opt.retiming.grid import SUBSTEPS, refine
 from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.profile import DenseCheck, SpeedProfile, check_profile
 from ccm_opt.retiming.speed_optimizer import fastest_profile
-
-GRID_SHARE = 0.99
-"""Share of every limit used at the grid points."""
-DENSE_SHARE = 0.996
-"""Share of every limit that may be used between them."""
-TIGHTENINGS = 3
-"""Rounds after which rows are tightened where a limit was passed between them; after later ones speed is bounded."""
-ROUNDS = 10
-"""Most runs of TOPP-RA."""
-NEGLIGIBLE = 1.004
-"""Stretch of time that is not worth another round."""
-SETTLED = 2e-3
-"""Relative change of the duration from round to round by which the friction counts as known."""
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 
 
-def fastest_within(dense: PathRows) -> SpeedProfile:
+def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.profile) -> SpeedProfile:
     """The fastest profile of all rounds, each stretched until it keeps the limits.
 
     Args:
         dense: the limits at ``SUBSTEPS`` equal steps of every interval of the grid.
+        settings: shares and rounds.
     """
     rows = dense.every(SUBSTEPS)
-    bounds = _Bounds.before_the_first_round(dense)
+    bounds = _Bounds.before_the_first_round(dense, settings.grid_share)
     speed = np.zeros(len(rows.s))
     duration = np.inf
     stretched: list[SpeedProfile] = []
 
-    for number in range(ROUNDS):
-        tangent = rows.with_friction(speed)
+    for number in range(settings.rounds):
+        tangent = rows.with_friction(speed, settings.friction_share)
         profile = SpeedProfile(rows.s, fastest_profile(tangent, bounds.slack(tangent), bounds.cap))
-        check = check_profile(profile, dense, SUBSTEPS, DENSE_SHARE)
+        check = check_profile(profile, dense, SUBSTEPS, settings.dense_share)
         stretched.append(profile.slowed(check.stretch))
-        settled = rows.d is None or abs(profile.duration - duration) <= SETTLED * duration
-        if check.stretch <= NEGLIGIBLE and settled:
+        settled = rows.d is None or abs(profile.duration - duration) <= settings.settled * duration
+        if check.stretch <= settings.negligible and settled:
             break
 
         if rows.d is not None:
             # Rows must not be tightened for friction that the tangent missed: the next tangent will not miss it.
-            between = dense.with_friction(np.sqrt(refine(speed**2, SUBSTEPS)))
-            check = check_profile(profile, between, SUBSTEPS, DENSE_SHARE)
-        bounds = bounds.tightened_by(check) if number < TIGHTENINGS else bounds.capped_by(check, profile)
+            between = dense.with_friction(np.sqrt(refine(speed**2, SUBSTEPS)), settings.friction_share)
+            check = check_profile(profile, between, SUBSTEPS, settings.dense_share)
+        bounds = bounds.tightened_by(check) if number < settings.tightenings else bounds.capped_by(check, profile)
         speed = np.sqrt(profile.squared)
         duration = profile.duration
 
@@ -75,25 +64,27 @@ class _Bounds:
     Attributes:
         tightening: taken off what the rows at a grid point may reach, shape (N + 1,).
         cap: bound on ṡ², shape (N + 1,) [1/s²].
+        share: of every limit that is used at the grid points.
     """
 
     tightening: FloatArray
     cap: FloatArray
+    share: float
 
     @classmethod
-    def before_the_first_round(cls, dense: PathRows) -> "_Bounds":
+    def before_the_first_round(cls, dense: PathRows, share: float) -> "_Bounds":
         """Nothing tightened; ṡ bounded by the velocity limits, whose greatest share in an interval bounds both ends.
 
         ṡ² is linear in an interval, so the bound holds inside too.
         """
-        inside = dense.speed[:-1].reshape(-1, SUBSTEPS).max(axis=1)
-        widest = _to_ends(np.maximum(inside, dense.speed[SUBSTEPS::SUBSTEPS]), 0.0)
-        return cls(np.zeros(len(widest)), (GRID_SHARE / np.maximum(widest, 1e-12)) ** 2)
+        inside = dense.slowness[:-1].reshape(-1, SUBSTEPS).max(axis=1)
+        widest = _to_ends(np.maximum(inside, dense.slowness[SUBSTEPS::SUBSTEPS]), 0.0)
+        return cls(np.zeros(len(widest)), (share / np.maximum(widest, 1e-12)) ** 2, share)
 
     def slack(self, rows: PathRows) -> FloatArray:
         """What each row may reach: its share less the tightening, but always some room above the static part."""
         static = np.abs(rows.c)
-        return np.asarray(np.maximum(GRID_SHARE - self.tightening[:, None], static + 0.25 * (1.0 - static)))
+        return np.asarray(np.maximum(self.share - self.tightening[:, None], static + 0.25 * (1.0 - static)))
 
     def tightened_by(self, check: DenseCheck) -> "_Bounds":
         """Rows tightened by what the intervals beside them passed the limits by."""

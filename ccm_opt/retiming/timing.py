@@ -1,5 +1,6 @@
 """From a joint path to a timed motion: static check, TOPP-RA, dense check, samples (section 5.4 of the paper)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -8,28 +9,22 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
-from ccm_opt.retiming.efforts import Efforts, InverseDynamics, Revolutes
-from ccm_opt.retiming.finite_differences import needed_stretch
+from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.grid import SUBSTEPS, path_grid, refine, span_lengths
-from ccm_opt.retiming.path_limits import PathLimits, likely_coordinates
+from ccm_opt.retiming.motion_limits import MotionLimit, limits_along
+from ccm_opt.retiming.motion_samples import MotionSamples
+from ccm_opt.retiming.path_limits import likely_coordinates
 from ccm_opt.retiming.path_rows import PathRows, path_rows
 from ccm_opt.retiming.profile import SpeedProfile
-from ccm_opt.retiming.sampling import Chords, Samples, sample_motion
+from ccm_opt.retiming.sampling import Chords, sample_motion
 from ccm_opt.retiming.smoothing import SmoothProfile, jerk_limited
-from ccm_opt.retiming.speed_rounds import DENSE_SHARE, fastest_within
-from ccm_opt.retiming.static_load import check_static_load
+from ccm_opt.retiming.speed_rounds import fastest_within
+from ccm_opt.retiming.timed_path import TimedPath
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, TimingSettings
 from ccm_opt.solution import JointPath, JointTrajectory
-
-LOOK = 1e-3
-"""Time between looks at a smoothed motion, which has no grid of its own [s]."""
-SMALL_STRETCH = 1.01
-"""Stretch of time that keeps the samples where they are on the path; steps are shorter by as much before it."""
-RESAMPLINGS = 60
-"""Most samplings, each of a motion slower than the last by at least a small stretch."""
-NO_MOTION = 1e-9
-"""Path length in joint space [rad] below which a path counts as standing still."""
 
 
 def retime(
@@ -38,26 +33,28 @@ def retime(
     inverse_dynamics: InverseDynamics,
     *,
     revolutes: Revolutes,
-    grid: int = 200,
-    step: float = 4e-3,
+    step: float | None = None,
     link_length: float | None = None,
     coordinates: Coordinates | None = None,
+    arm: Arm | None = None,
+    settings: TimingSettings = DEFAULT_TIMING,
 ) -> JointTrajectory:
     """The fastest motion along a path from rest to rest, within the limits.
 
     A motion exists whenever every drive can hold the arm still all along the path; if in doubt it is a slow one.
 
     Args:
-        path: spline of the arm's coordinates over u in [0, 1].
-        limits: of every revolute; ball i's bend is revolute 3 i + 1; and of the feed axis.
+        path: spline of the bends, and of the feed when there is a feed axis, over u in [0, 1].
+        limits: of every revolute; ball i's bend is revolute 3 i + 1; of the feed axis; and of points of the arm.
         inverse_dynamics: (angles, velocities, accelerations), each (N, 3 * links), to torques of that shape [N m]. With
             a feed axis it takes its accelerations (N,) as well, and has the method ``feed_forces``.
         revolutes: bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too.
-        grid: wanted number of grid intervals along the path.
-        step: largest time between two samples [s].
+        step: largest time between two samples [s]; that of the settings when None.
         link_length: of the arm [m]; by it, steps are cut where chords between samples would leave the path by more
             than half the gap that the path is certified to spare. None leaves the steps as they are.
         coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
+        arm: whose points are limited; needed when the limits name some.
+        settings: numbers of timing.
 
     Returns:
         Samples, the first and last at rest at the path's ends; angles, velocities and accelerations are those of one
@@ -65,58 +62,76 @@ def retime(
 
     Raises:
         RetimingError: a drive cannot even hold the arm still at some point of the path.
+        ProblemError: points are limited and there is no arm, or it is shorter than where they are.
     """
     columns = coordinates or likely_coordinates(limits, path.spline.c.shape[1])
-    task = _Task(path.spline, limits, inverse_dynamics, revolutes, columns)
-    if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < NO_MOTION:
-        task.rows(np.linspace(0.0, 1.0, 2))
-        return _standing(path.spline, step).trajectory(columns)
-    fastest = fastest_within(task.rows(refine(path_grid(path.spline, grid), SUBSTEPS)))
-    profile = task.smooth(fastest) if task.axes.smooth else fastest
-    chords = None if link_length is None else Chords.beside(path, link_length)
-    return task.sampled(profile, step, chords).trajectory(columns)
+    timed = TimedPath(path.spline, limits, inverse_dynamics, revolutes, columns, arm)
+    timing = _Timing(timed, limits_along(timed, settings.profile), settings)
+    largest = settings.sampling.step if step is None else step
+
+    if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < settings.standing:
+        timing.rows(np.linspace(0.0, 1.0, 2))
+        return _standing(path.spline, largest).trajectory(columns)
+
+    fastest = timing.fastest()
+    profile = timing.smooth(fastest) if timed.bounds.smooth else fastest
+    chords = None if link_length is None else Chords.beside(path, link_length, settings.sampling)
+    return timing.sampled(profile, largest, chords).trajectory(columns)
+
+
+def needed_stretch(samples: MotionSamples, limits: Sequence[MotionLimit]) -> float:
+    """Factor on time that brings every sample and every difference within the limits; 1 or less when all are."""
+    return max(float(np.max(limit.stretches(samples))) for limit in limits)
 
 
 @dataclass(frozen=True)
-class _Task:
-    """A path with its limits; attributes as the arguments of ``retime``."""
+class _Timing:
+    """The stages of timing one path.
 
-    spline: BSpline
-    limits: Limits
-    inverse_dynamics: InverseDynamics
-    revolutes: Revolutes
-    coordinates: Coordinates
+    Attributes:
+        path: what is timed.
+        limits: every limit of it.
+        settings: numbers of timing.
+    """
+
+    path: TimedPath
+    limits: tuple[MotionLimit, ...]
+    settings: TimingSettings
 
     @cached_property
-    def axes(self) -> PathLimits:
-        """Limits on the columns of the path."""
-        return PathLimits.from_limits(self.limits, self.coordinates, self.spline.c.shape[1])
-
-    @cached_property
-    def efforts(self) -> Efforts:
-        """Shares of torques and force that motions take."""
-        return Efforts(self.limits, self.inverse_dynamics, self.revolutes, self.coordinates)
+    def _grid(self) -> FloatArray:
+        return path_grid(self.path.spline, self.settings.grid)
 
     def rows(self, s: FloatArray) -> PathRows:
         """The limits at points of the path, at which every drive can hold the arm still, or it is an error."""
-        rows = path_rows(self.spline, s, self.limits, self.inverse_dynamics, self.revolutes, self.coordinates)
-        check_static_load(rows, self.limits, self.coordinates)
-        return rows
+        return path_rows(self.limits, self.path.spline, s)
+
+    def fastest(self) -> SpeedProfile:
+        """The fastest speeds along the path."""
+        return fastest_within(self.rows(refine(self._grid, SUBSTEPS)), self.settings.profile)
 
     def smooth(self, fastest: SpeedProfile) -> SmoothProfile:
         """The motion with bounded jerk, slowed down until all limits hold at every look."""
-        profile = jerk_limited(self.spline, fastest, self.axes)
-        looks = sample_motion(self.spline, profile, LOOK, None, self.coordinates)
-        return profile.slowed(max(needed_stretch(looks, self.axes, self.efforts) / DENSE_SHARE, 1.0))
+        spline = self.path.spline
+        coordinates = self.path.coordinates
+        profile = jerk_limited(spline, fastest, self.path.bounds, self.settings.smoothing)
+        looks = sample_motion(
+            spline, profile, self.settings.smoothing.period, None, coordinates, self.settings.sampling
+        )
+        # As between the points of a grid, samples will fall beside the looks.
+        return profile.slowed(max(needed_stretch(looks, self.limits) / self.settings.profile.dense_share, 1.0))
 
-    def sampled(self, profile: SpeedProfile | SmoothProfile, step: float, chords: Chords | None) -> Samples:
+    def sampled(self, profile: SpeedProfile | SmoothProfile, step: float, chords: Chords | None) -> MotionSamples:
         """Samples that keep the limits, of the motion or one a little slower."""
-        for _ in range(RESAMPLINGS):
-            samples = sample_motion(self.spline, profile, step / SMALL_STRETCH, chords, self.coordinates)
-            stretch = needed_stretch(samples, self.axes, self.efforts)
-            if stretch <= SMALL_STRETCH:
+        settings = self.settings.sampling
+        for _ in range(settings.resamplings):
+            samples = sample_motion(
+                self.path.spline, profile, step / settings.small_stretch, chords, self.path.coordinates, settings
+            )
+            stretch = needed_stretch(samples, self.limits)
+            if stretch <= settings.small_stretch:
                 return samples.slowed(max(stretch, 1.0))
-            self.rows(samples.s)
+            self.rows(samples.s)  # a drive that is too weak between grid points is the reason, and is named
             profile = profile.slowed(stretch)
         raise _no_speed(profile)
 
@@ -132,6 +147,7 @@ def _no_speed(profile: SpeedProfile | SmoothProfile) -> RetimingError:
     )
 
 
-def _standing(spline: BSpline, step: float) -> Samples:
-    place, rest = np.asarray(spline(np.array([0.0, 1.0]))), np.zeros((2, spline.c.shape[1]))
-    return Samples(np.array([0.0, 1.0]), np.array([0.0, step]), place, rest, rest.copy())
+def _standing(spline: BSpline, step: float) -> MotionSamples:
+    place = np.asarray(spline(np.array([0.0, 1.0])))
+    rest = np.zeros((2, spline.c.shape[1]))
+    return MotionSamples(np.array([0.0, 1.0]), np.array([0.0, step]), place, rest, rest.copy())

@@ -29,7 +29,8 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.problem import Limits
 from ccm_opt.retiming import retime, timing
-from ccm_opt.retiming.sampling import Profile, Samples, sample_motion
+from ccm_opt.retiming.motion_samples import MotionSamples
+from ccm_opt.retiming.sampling import Profile, sample_motion
 from ccm_opt.solution import JointPath, JointTrajectory
 from ccm_opt.verification.newton_euler import joint_torques
 from tests.dynamics_arms import swan_neck
@@ -126,7 +127,7 @@ class Recorder:
     def __init__(self) -> None:
         self.profile: Profile | None = None
 
-    def __call__(self, spline: BSpline, profile: Profile, *rest: object) -> Samples:
+    def __call__(self, spline: BSpline, profile: Profile, *rest: object) -> MotionSamples:
         """Sample as ever."""
         self.profile = profile
         return sample_motion(spline, profile, *rest)  # type: ignore[arg-type]

@@ -1,0 +1,92 @@
+"""The limits on how a point of the arm moves in the plane, such as its tip: |ṗ| ≤ v and |p̈| ≤ a.
+
+Along the path ṗ = p' ṡ, a bound on ṡ; and p̈ = p' s̈ + p'' ṡ² lies in a disc, which is convex in (s̈, ṡ²). A regular
+polygon around the disc stands for it in the rows, one row for each pair of opposite sides; what little it leaves is
+within the share of the limits that is not used, and samples are judged by the disc itself.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.jointed.point_on_arm import PointOnArm
+from ccm_opt.retiming.motion_limits.motion_limit import LimitRows, MotionLimit
+from ccm_opt.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences
+from ccm_opt.retiming.timed_path import TimedPath
+from ccm_opt.retiming.timing_settings import ProfileSettings
+
+
+class PointSpeed(MotionLimit):
+    """Velocity and acceleration of one point of the arm.
+
+    Args:
+        point: of the arm.
+        velocity: greatest speed [m/s], inf for none.
+        acceleration: greatest acceleration in any direction [m/s²], inf for none.
+        directions: of the rows, over half a turn.
+    """
+
+    def __init__(self, point: PointOnArm, velocity: float, acceleration: float, directions: int) -> None:
+        self._point = point
+        self._velocity = velocity
+        self._acceleration = acceleration
+        angles = np.pi * np.arange(directions) / directions
+        self._normals = np.stack((np.cos(angles), np.sin(angles)))
+
+    @classmethod
+    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["PointSpeed"]:
+        """One limit for every point that the problem names.
+
+        Raises:
+            ProblemError: points are limited, and there is no arm to say where they are.
+        """
+        for limit in path.limits.points:
+            if path.arm is None:
+                raise ProblemError("limits on points of the arm need the arm: hand it to the timing")
+            point = PointOnArm.from_arc_length(path.arm, limit.at)
+            yield cls(point, limit.velocity, limit.acceleration, settings.directions)
+
+    def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
+        """|p'| / v."""
+        return np.asarray(_length(self._point.velocity(spline(s), spline(s, 1))) / self._velocity)
+
+    def rows(self, spline: BSpline, s: FloatArray) -> LimitRows | None:
+        """A row for each pair of opposite sides of the polygon around the disc."""
+        if not np.isfinite(self._acceleration):
+            return None
+        q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
+        a = self._point.velocity(q, first) @ self._normals / self._acceleration
+        b = self._point.acceleration(q, first, second) @ self._normals / self._acceleration
+        return LimitRows(a, b, np.zeros_like(a))
+
+    def stretches(self, samples: MotionSamples) -> FloatArray:
+        """By the motion at the samples, by differences of it, and by the motion that is linear between them."""
+        step = samples.steps
+        places = self._point.position(samples.place)
+        velocities = self._point.velocity(samples.place, samples.velocity)
+        accelerations = self._point.acceleration(samples.place, samples.velocity, samples.acceleration)
+
+        means = _length(mean_rates(places, step))
+        speed = np.maximum(_length(velocities), of_samples(np.maximum(means, self._speed_between(samples))))
+        gained = of_samples(_length(mean_rates(velocities, step)))
+        second = _length(second_differences(places, step))
+        growth = np.maximum.reduce([_length(accelerations), gained, second])
+        return np.asarray(np.maximum(speed / self._velocity, np.sqrt(growth / self._acceleration)))
+
+    def _speed_between(self, samples: MotionSamples) -> FloatArray:
+        """Bound on the speed within the steps, in which coordinates are linear in time, shape (T − 1,) [m/s].
+
+        Between the ends of a step the point's velocity leaves its own chord by at most h² / 8 · max|p⃛|.
+        """
+        rates = np.diff(samples.place, axis=0) / samples.steps
+        before = _length(self._point.velocity(samples.place[:-1], rates))
+        after = _length(self._point.velocity(samples.place[1:], rates))
+        sag = 0.125 * samples.steps[:, 0] ** 2 * self._point.most_jerk(rates)
+        return np.maximum(before, after) + sag
+
+
+def _length(vectors: FloatArray) -> FloatArray:
+    return np.asarray(np.hypot(vectors[..., 0], vectors[..., 1]))

@@ -1,0 +1,125 @@
+"""The numbers of timing: shares of the limits, rounds, densities of samples."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """Where along the path the limits are written down.
+
+    Attributes:
+        intervals: wanted number of grid intervals. Taste: what is lost between grid points is within the shares below;
+            ``tests/benchmarks/bench_retiming.py`` reports CPU time and the use of every limit with it.
+        most_intervals: most grid intervals, whatever the number of knots. Taste; it bounds the time.
+        even_share: share of the intervals that is spread evenly over the spans, for those where the path turns rather
+            than moves; the others go by length. Taste.
+        stopped: share of the greatest |q'| of all knots below which the path stops at a knot. Taste, far above
+            rounding and far below what a path that moves has.
+    """
+
+    intervals: int = 200
+    most_intervals: int = 1500
+    even_share: float = 0.3
+    stopped: float = 1e-6
+
+
+@dataclass(frozen=True)
+class ProfileSettings:
+    """How the fastest speed profile is found.
+
+    Attributes:
+        grid_share: share of every limit used at the grid points. Taste: it leaves room for what is passed between them.
+        dense_share: share of every limit that may be used between them. Derived: between the grid's share and 1, so
+            that samples, which fall elsewhere, keep the limit too.
+        tightenings: rounds after which rows are tightened where a limit was passed between grid points; after later
+            rounds speed is bounded there. Measured on the random paths of ``tests/test_retiming.py``: a few in a
+            hundred need more.
+        rounds: most runs of TOPP-RA. Measured on the same paths: with friction three or four are usual.
+        negligible: stretch of time that is not worth another round. Taste.
+        settled: relative change of the duration from round to round by which friction counts as known. Taste.
+        jerk_share: share of the jerk limits that may go to the shape of the path, whose third derivative jumps at
+            knots. Taste.
+        friction_share: share of the room above the static part that half the friction may take in the rows. Derived:
+            below 1, so that some room is left for moving; at terminal velocity half the friction takes 0.5.
+        directions: of the rows that stand for the bound on the acceleration of a point, over half a turn. Derived:
+            the polygon of twice as many sides leaves the circle by 1 / cos(π / 32) − 1 = 0.5 %, which the grid's share
+            covers.
+    """
+
+    grid_share: float = 0.99
+    dense_share: float = 0.996
+    tightenings: int = 3
+    rounds: int = 10
+    negligible: float = 1.004
+    settled: float = 2e-3
+    jerk_share: float = 0.7
+    friction_share: float = 0.7
+    directions: int = 16
+
+
+@dataclass(frozen=True)
+class SmoothingSettings:
+    """How a motion with limited jerk is found from the fastest one.
+
+    Attributes:
+        halvings: windows that are tried: so many, each half of the one before, from half the motion on. Taste.
+        beside: windows that are tried beside the best of these, as shares of it. Derived: √½ and √2 lie halfway.
+        looks: places, beside the corners of the profile, at which limits are looked at to compare windows. Taste.
+        period: time between looks at the smoothed motion, which has no grid of its own [s]. Taste.
+    """
+
+    halvings: int = 10
+    beside: tuple[float, ...] = (0.5**0.5, 2.0**0.5)
+    looks: int = 1000
+    period: float = 1e-3
+
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """How a timed motion is sampled.
+
+    Attributes:
+        step: largest time between two samples [s]. Taste: 250 samples a second, as drives of robots take them.
+        least_samples: steps of a short motion, whatever the time between them. Taste.
+        spare_share: share of the gap that a path is certified to spare that chords between samples may use. Derived:
+            the other half is the verifier's, whose bounds are not sharp.
+        hair: sag that is allowed anyhow [m]. Derived: half of what the verifier forgives.
+        most_pieces: pieces that a step may be cut into so that chords stay near the path. Taste; it bounds the samples.
+        cuttings: most rounds of cutting steps. Measured: the first leaves few steps too long.
+        small_stretch: stretch of time that keeps the samples where they are on the path; steps are shorter by as much
+            before it. Taste.
+        resamplings: most samplings, each of a motion slower than the last by at least a small stretch. Derived: they
+            reach 1.8 times the duration.
+    """
+
+    step: float = 4e-3
+    least_samples: int = 100
+    spare_share: float = 0.5
+    hair: float = 5e-7
+    most_pieces: int = 32
+    cuttings: int = 8
+    small_stretch: float = 1.01
+    resamplings: int = 60
+
+
+@dataclass(frozen=True)
+class TimingSettings:
+    """Numbers of timing along a path.
+
+    Attributes:
+        grid: where the limits are written down.
+        profile: the fastest speed profile.
+        smoothing: limited jerk.
+        sampling: samples of the motion.
+        standing: path length in joint space below which a path counts as standing still [rad]. Taste, above rounding.
+    """
+
+    grid: GridSettings = GridSettings()
+    profile: ProfileSettings = ProfileSettings()
+    smoothing: SmoothingSettings = SmoothingSettings()
+    sampling: SamplingSettings = SamplingSettings()
+    standing: float = 1e-9
+
+
+DEFAULT_TIMING = TimingSettings()
+"""What a timing takes that is given no other settings."""
