@@ -358,7 +358,8 @@ def _feed_defects(problem: Problem) -> Iterator[str]:
 
 
 def _positive_arrays(problem: Problem) -> Iterator[_Array]:
-    arm, limits = problem.arm, problem.limits
+    arm = problem.arm
+    limits = problem.limits
     for name in ("masses", "inertia_axial", "inertia_transverse"):
         yield f"arm.{name}", getattr(arm, name), (arm.links,)
     for name in ("velocity", "acceleration", "torque", "jerk"):

@@ -20,11 +20,11 @@ from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, Limits, Problem, SimulationOptions, TipGoal
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification import verify
-from ccm_opt.verification.bisection import CONTACT_TOLERANCE
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 
 from .arms import plain_arm
@@ -149,7 +149,7 @@ class Sweep:
 
 def judge(*, passed: bool, gap: float, limit: float, step: float, bodiless: bool) -> tuple[bool, str]:
     """A verdict beside what the sweep says: hit, clear, or too close to say."""
-    hit = gap == 0.0 if bodiless else gap < limit - CONTACT_TOLERANCE
+    hit = gap == 0.0 if bodiless else gap < limit - DEFAULT_VERIFICATION.contact_tolerance
     return passed, "hit" if hit else "clear" if gap > limit + step else "close"
 
 

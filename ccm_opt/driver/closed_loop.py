@@ -12,7 +12,10 @@ from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.wall_clearance import check_walls
 
-WALLS, ITSELF = "simulated_least_wall_clearance_m", "simulated_least_self_clearance_m"
+WALLS = "simulated_least_wall_clearance_m"
+"""Figure of the least distance to walls."""
+ITSELF = "simulated_least_self_clearance_m"
+"""Figure of the least distance between links."""
 OUT_OF_PLANE = 1e-9
 """Angle of a yaw or roll from which on the arm has left its plane [rad]; obstacles are known in the plane alone."""
 

@@ -1,6 +1,7 @@
 """The axes that carry the base: their ranges and limits, the joints a guide holds, and that figures tell one story."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -9,15 +10,8 @@ from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import base_forces
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
-RANGE_TOLERANCE = 1e-9
-"""Feed beyond its range [m], and bend of a held joint [rad], that count as rounding."""
-RELATIVE_TOLERANCE = 1e-6
-"""Share by which velocity, acceleration and force may pass their limits."""
-FORCE_SHARE, FORCE_FLOOR = 1e-6, 1e-9
-"""Forces may differ from the verifier's own by this share of the peak, plus this [N]."""
-PASSING_TOLERANCE = 1e-6
-"""Bend that a joint may have, by linear interpolation between two samples, when it passes the hole [rad]."""
 _INSIDE = 1e-8
 """A joint is held when it is farther than this inside the guide [m]."""
 
@@ -35,7 +29,12 @@ class _AxisMotion:
     forces: FloatArray
 
 
-def check_base_axes(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> list[Check]:
+def check_base_axes(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> list[Check]:
     """Check everything about the axes that carry the base; nothing for an arm whose base is fixed."""
     checks: list[Check] = []
     for number, axis in enumerate(problem.arm.base_axes):
@@ -48,37 +47,41 @@ def check_base_axes(problem: Problem, trajectory: JointTrajectory, joints: Joint
             trajectory.base_accelerations[:, number],
             joints.base_forces[:, number],
         )
-        checks += [_range(motion), _held(problem.arm, motion, trajectory)]
-        checks += _limits(problem, motion)
-        checks += [_rates(problem, motion), _forces(problem, trajectory, motion)]
+        checks.append(_range(motion, settings))
+        checks.append(_held(problem.arm, motion, trajectory, settings))
+        checks += _limits(problem, motion, settings.limit_tolerance)
+        checks.append(_rates(problem, motion))
+        checks.append(_forces(problem, trajectory, motion, settings))
     return checks
 
 
-def _range(motion: _AxisMotion) -> Check:
-    low, high = motion.axis.low, motion.axis.high
+def _range(motion: _AxisMotion, settings: VerificationSettings) -> Check:
+    low = motion.axis.low
+    high = motion.axis.high
     beyond = np.maximum(low - motion.positions, motion.positions - high)
     k = int(np.argmax(beyond))
     worst = float(motion.positions[k])
     bound = high if worst > 0.5 * (low + high) else low
-    passed = bool(beyond[k] <= RANGE_TOLERANCE)
+    passed = bool(beyond[k] <= settings.range_tolerance)
     return Check(f"{motion.name} range", worst, bound, "m", f"t = {motion.time[k]:.4f} s", passed=passed)
 
 
-def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory) -> Check:
+def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
     """What the guide holds is straight; within an interval, too, up to the moment the joint passes the hole.
 
     Feed and bend are linear between samples, so the bend a joint has when it passes is found by proportion.
     """
     depth = motion.axis.hole - motion.positions[:, None] - arm.link_length * np.arange(arm.links)
     bends = np.abs(trajectory.bend_angles)
-    bent = np.where(depth > _INSIDE, bends, 0.0) / RANGE_TOLERANCE
+    bent = np.where(depth > _INSIDE, bends, 0.0) / settings.range_tolerance
 
+    # In a step in which a joint passes the hole it is held up to that moment.
     inside = np.maximum(depth[:-1], depth[1:])
     outside = np.minimum(depth[:-1], depth[1:])
     passing = (inside > _INSIDE) & (outside < -_INSIDE)
     share = np.where(passing, inside / np.maximum(inside - outside, _INSIDE), 0.0)
     further = np.maximum(bends[:-1], bends[1:])
-    bent[:-1] = np.maximum(bent[:-1], share * further / PASSING_TOLERANCE)
+    bent[:-1] = np.maximum(bent[:-1], share * further / settings.passing_tolerance)
 
     k, j = np.unravel_index(np.argmax(bent), bent.shape)
     where = f"joint {j + 1} at t = {trajectory.time[k]:.4f} s"
@@ -86,22 +89,25 @@ def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory) -> Check:
     return Check("joints inside the guide", worst, 1.0, "tolerances", where, passed=worst <= 1.0)
 
 
-def _limits(problem: Problem, motion: _AxisMotion) -> list[Check]:
+def _limits(problem: Problem, motion: _AxisMotion, tolerance: float) -> list[Check]:
     """Velocity, acceleration, jerk and force; jerk and force where they are limited."""
-    limits, time, name = problem.limits, motion.time, motion.name
+    limits = problem.limits
+    time = motion.time
+    name = motion.name
+    limited = partial(_limit, tolerance=tolerance)
     speeds = _slopes(motion.positions, time)
     gains = _slopes(motion.velocities, time)
     checks = [
-        _limit(f"{name} velocity", "m/s", limits.feed_velocity, time, motion.velocities, speeds),
-        _limit(f"{name} acceleration", "m/s²", limits.feed_acceleration, time, motion.accelerations, gains),
+        limited(f"{name} velocity", "m/s", limits.feed_velocity, time, motion.velocities, speeds),
+        limited(f"{name} acceleration", "m/s²", limits.feed_acceleration, time, motion.accelerations, gains),
     ]
     if limits.feed_jerk is not None:
         # The base rests before the motion and after it.
         around = np.concatenate(([2.0 * time[0] - time[1]], time, [2.0 * time[-1] - time[-2]]))
         jerks = _slopes(np.concatenate(([0.0], motion.accelerations, [0.0])), around)
-        checks.append(_limit(f"{name} jerk", "m/s³", limits.feed_jerk, np.append(time, time[-1]), jerks))
+        checks.append(limited(f"{name} jerk", "m/s³", limits.feed_jerk, np.append(time, time[-1]), jerks))
     if limits.feed_force is not None:
-        checks.append(_limit(f"{name} force", "N", limits.feed_force, time, motion.forces))
+        checks.append(limited(f"{name} force", "N", limits.feed_force, time, motion.forces))
     return checks
 
 
@@ -113,13 +119,16 @@ def _slopes(values: FloatArray, time: FloatArray) -> FloatArray:
     return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
 
 
-def _limit(name: str, unit: str, limit: float | None, time: FloatArray, *sources: FloatArray) -> Check:
+def _limit(
+    name: str, unit: str, limit: float | None, time: FloatArray, *sources: FloatArray, tolerance: float
+) -> Check:
+    """The greatest value of several sources against a limit."""
     bound = np.inf if limit is None else limit
     values = np.concatenate(sources)
     k = int(np.argmax(np.abs(values)))
     worst = float(np.abs(values[k]))
     where = f"t = {time[k % len(time)]:.4f} s"
-    return Check(name, worst, float(bound), unit, where, passed=worst <= bound * (1.0 + RELATIVE_TOLERANCE))
+    return Check(name, worst, float(bound), unit, where, passed=worst <= bound * (1.0 + tolerance))
 
 
 def _rates(problem: Problem, motion: _AxisMotion) -> Check:
@@ -130,11 +139,19 @@ def _rates(problem: Problem, motion: _AxisMotion) -> Check:
     rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(motion.positions))) / step
     allowed = 0.25 * step * (problem.limits.feed_acceleration or 0.0) + rounding
     k = int(np.argmax(gap / allowed))
-    name, where = f"{motion.name} velocity against positions", f"t = {motion.time[k]:.4f} s"
-    return Check(name, float(gap[k]), float(allowed[k]), "m/s", where, passed=bool(np.all(gap <= allowed)))
+    return Check(
+        f"{motion.name} velocity against positions",
+        float(gap[k]),
+        float(allowed[k]),
+        "m/s",
+        f"t = {motion.time[k]:.4f} s",
+        passed=bool(np.all(gap <= allowed)),
+    )
 
 
-def _forces(problem: Problem, trajectory: JointTrajectory, motion: _AxisMotion) -> Check:
+def _forces(
+    problem: Problem, trajectory: JointTrajectory, motion: _AxisMotion, settings: VerificationSettings
+) -> Check:
     expected = base_forces(
         problem.arm,
         problem.simulation.gravity,
@@ -144,6 +161,12 @@ def _forces(problem: Problem, trajectory: JointTrajectory, motion: _AxisMotion) 
     )
     error = np.abs(expected - motion.forces)
     k = int(np.argmax(error))
-    allowed = FORCE_SHARE * float(np.max(np.abs(expected))) + FORCE_FLOOR
-    name, where = f"{motion.name} force against dynamics", f"t = {trajectory.time[k]:.4f} s"
-    return Check(name, float(error[k]), allowed, "N", where, passed=bool(error[k] <= allowed))
+    allowed = settings.effort_share * float(np.max(np.abs(expected))) + settings.effort_floor
+    return Check(
+        f"{motion.name} force against dynamics",
+        float(error[k]),
+        allowed,
+        "N",
+        f"t = {trajectory.time[k]:.4f} s",
+        passed=bool(error[k] <= allowed),
+    )

@@ -3,9 +3,9 @@
 In a stretch of time around its middle pose the distance of a pair changes by at most the distance its points can
 travel, so a pair is *proved* apart when its distance at the middle, less that travel, is still enough; it is
 *refuted* when the distance at the middle itself is too small. Neither: halve the stretch. What is still
-undecided when the travel is below ``RESOLUTION`` or the work is used up is refused, so the proof is sound.
+undecided when the travel is below ``settings.resolution`` or the work is used up is refused, so the proof is sound.
 
-The same halving finds the least gap over all times to within ``REPORT_RESOLUTION``, for the report (more
+The same halving finds the least gap over all times to within ``settings.report_resolution``, for the report (more
 coarsely when the arm never comes within a link's length of anything).
 """
 
@@ -16,19 +16,10 @@ import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
+from ccm_opt.verification.verification_settings import VerificationSettings
 
-CONTACT_TOLERANCE = 1e-6
-"""Gap [m] that may be missing before the verifier refuses a motion."""
 TOUCH = 1e-9
 """Distance [m] at which two axes of no thickness count as touching."""
-RESOLUTION = 1e-9
-"""Travel [m] below which a stretch of time is not halved again."""
-REPORT_RESOLUTION = 1e-4
-"""The least gap reported is at most this much [m] above the true one."""
-MAX_REPORT_PAIRS = 100_000
-"""Pairs at one level of halving beyond which the report is no longer refined (the proof is)."""
-MAX_PAIRS = 2_000_000
-"""Undecided pairs at one level of halving beyond which the verifier gives up, and refuses."""
 
 
 @dataclass(frozen=True)
@@ -83,17 +74,25 @@ Evaluate = Callable[[Nodes, Pairs, FloatArray], tuple[FloatArray, FloatArray]]
 """(stretches, pairs, poses) to the gap between the surfaces at the middle and the travel in the stretch, (P,) [m]."""
 
 
-def least_allowed_gap(limit: float, thickness: float) -> float:
+def least_allowed_gap(limit: float, thickness: float, settings: VerificationSettings) -> float:
     """The gap a pair must have: the limit less the contact tolerance, but never axes that touch.
 
     Args:
         limit: gap asked for [m].
         thickness: distance of the axes at which the surfaces touch [m].
+        settings: the contact tolerance.
     """
-    return max(limit - CONTACT_TOLERANCE, TOUCH - thickness)
+    return max(limit - settings.contact_tolerance, TOUCH - thickness)
 
 
-def prove_apart(motion: ChainMotion, pairs: Pairs, evaluate: Evaluate, least: float, nearest: Nearest) -> Verdict:
+def prove_apart(
+    motion: ChainMotion,
+    pairs: Pairs,
+    evaluate: Evaluate,
+    least: float,
+    nearest: Nearest,
+    settings: VerificationSettings,
+) -> Verdict:
     """Prove that every pair keeps a gap of at least ``least`` during every stretch, by halving.
 
     Args:
@@ -102,6 +101,7 @@ def prove_apart(motion: ChainMotion, pairs: Pairs, evaluate: Evaluate, least: fl
         evaluate: the pair's gap and travel.
         least: gap that every pair must keep [m].
         nearest: the least gap known so far.
+        settings: resolutions, and how much work may be done.
     """
     nodes = motion.whole()
     while len(pairs):
@@ -110,12 +110,14 @@ def prove_apart(motion: ChainMotion, pairs: Pairs, evaluate: Evaluate, least: fl
         if nearest.gap < least:
             return Verdict(proved=False, nearest=nearest)
         undecided = gap - travel < least
-        if np.any(undecided & (travel < RESOLUTION)):
+        if np.any(undecided & (travel < settings.resolution)):
             return Verdict(proved=False, nearest=nearest, remark="touches within the resolution of the proof")
-        if 2 * np.count_nonzero(undecided) > MAX_PAIRS:
+        if 2 * np.count_nonzero(undecided) > settings.most_pairs:
             return Verdict(proved=False, nearest=nearest, remark="so close for so long that the proof was given up")
-        vague = gap - travel < nearest.gap - REPORT_RESOLUTION
-        if np.count_nonzero(vague) < MAX_REPORT_PAIRS:
+
+        # What is proved may still hold the least gap, which the report wants more exactly.
+        vague = gap - travel < nearest.gap - settings.report_resolution
+        if np.count_nonzero(vague) < settings.most_report_pairs:
             undecided |= vague
         nodes, pairs = _halve(nodes, pairs.where(undecided))
     return Verdict(proved=nearest.gap >= least, nearest=nearest)

@@ -5,25 +5,30 @@ import numpy as np
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
-MAX_STEP = 5e-3
-"""Largest time between two samples [s] (the file format's promise)."""
-_TIME_SLACK = 1e-9
+_TIME_ROUNDING = 1e-9
+"""Time by which a step may be longer than it should, by rounding [s]."""
 
 
-def check_form(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> Check:
+def check_form(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> Check:
     """Check everything the other checks take for granted; ``worst`` is the largest time step [s]."""
-    steps = (
-        np.diff(trajectory.time) if np.ndim(trajectory.time) == 1 and len(trajectory.time) > 1 else np.array([np.inf])
-    )
+    steps = np.array([np.inf])
+    if np.ndim(trajectory.time) == 1 and len(trajectory.time) > 1:
+        steps = np.diff(trajectory.time)
     defect = (
         _shape_defect(problem.arm, trajectory, joints)
         or _number_defect(trajectory, joints)
-        or _time_defect(trajectory, steps)
+        or _time_defect(trajectory, steps, settings.largest_step)
         or _stop_defect(problem, trajectory)
     )
     where = defect or f"{len(trajectory.time)} samples"
-    return Check("samples", float(np.max(steps)), MAX_STEP, "s", where, passed=not defect)
+    return Check("samples", float(np.max(steps)), settings.largest_step, "s", where, passed=not defect)
 
 
 def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> str:
@@ -74,11 +79,11 @@ def _number_defect(trajectory: JointTrajectory, joints: JointStates) -> str:
     return ""
 
 
-def _time_defect(trajectory: JointTrajectory, steps: np.ndarray) -> str:
+def _time_defect(trajectory: JointTrajectory, steps: np.ndarray, largest: float) -> str:
     if trajectory.time[0] != 0.0:
         return f"time starts at {trajectory.time[0]} s, expected 0"
     if np.min(steps) <= 0.0:
         return f"time does not increase at sample {int(np.argmin(steps)) + 2}"
-    if np.max(steps) > MAX_STEP + _TIME_SLACK:
+    if np.max(steps) > largest + _TIME_ROUNDING:
         return f"samples {int(np.argmax(steps)) + 1} and {int(np.argmax(steps)) + 2} are too far apart"
     return ""

@@ -6,93 +6,108 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Limits
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
-BEND_TOLERANCE = 1e-9
-"""Bend beyond the limit [rad] that counts as rounding."""
-RELATIVE_TOLERANCE = 1e-6
-"""Share by which velocity, acceleration, jerk and torque may pass their limits."""
+_Source = tuple[FloatArray, FloatArray, tuple[str, ...]]
+"""Values of all revolutes at some times, the times, and the names of the revolutes."""
 
 
-def check_limits(arm: Arm, limits: Limits, trajectory: JointTrajectory, joints: JointStates) -> list[Check]:
+def check_limits(
+    arm: Arm,
+    limits: Limits,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> list[Check]:
     """Check every limit of the problem.
 
     Velocities and accelerations are judged twice, by the reported values and by differences of the samples: a mean
     rate over a step can never pass a limit that holds at all times, so a false report cannot hide one.
     """
-    checks = [
-        check_bends(arm, trajectory),
-        _velocity(limits, trajectory, joints),
-        _acceleration(limits, trajectory, joints),
-    ]
+    checks = [check_bends(arm, trajectory, settings)]
+    tolerance = settings.limit_tolerance
+    velocities = _velocity_sources(trajectory, joints)
+    checks.append(_worst("joint velocity", "rad/s", limits.velocity, velocities, tolerance))
+    accelerations = _acceleration_sources(trajectory, joints)
+    checks.append(_worst("joint acceleration", "rad/s²", limits.acceleration, accelerations, tolerance))
     if limits.jerk is not None:
-        checks.append(_jerk(limits.jerk, trajectory, joints))
+        jerks = _jerk_sources(trajectory, joints)
+        checks.append(_worst("joint jerk", "rad/s³", limits.jerk, jerks, tolerance))
     if limits.torque is not None:
-        named = _worst("joint torque", "N m", limits.torque, [(joints.torques, trajectory.time, joints.names)])
-        checks.append(named)
+        torques: _Source = (joints.torques, trajectory.time, joints.names)
+        checks.append(_worst("joint torque", "N m", limits.torque, [torques], tolerance))
     return checks
 
 
-def check_bends(arm: Arm, trajectory: JointTrajectory) -> Check:
+def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
     """Check the bends; between samples they are linear, so the samples decide."""
     limit = np.full(arm.links, arm.joint_limit)
     limit[0] = arm.base_limit
-    excess = np.abs(trajectory.bend_angles) - limit
+    bends = np.abs(trajectory.bend_angles)
+    excess = bends - limit
     k, j = np.unravel_index(np.argmax(excess), excess.shape)
     where = f"joint {j + 1} at t = {trajectory.time[k]:.4f} s"
-    worst, bound = float(np.abs(trajectory.bend_angles[k, j])), float(limit[j])
-    return Check("joint limit", worst, bound, "rad", where, passed=worst <= bound + BEND_TOLERANCE)
+    worst = float(bends[k, j])
+    bound = float(limit[j])
+    return Check("joint limit", worst, bound, "rad", where, passed=worst <= bound + settings.bend_tolerance)
 
 
-_Source = tuple[FloatArray, FloatArray, tuple[str, ...]]
-
-
-def _velocity(limits: Limits, trajectory: JointTrajectory, joints: JointStates) -> Check:
-    time, step = trajectory.time, np.diff(trajectory.time)[:, None]
+def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
+    """Reported velocities of revolutes and bends, and mean velocities of the steps."""
+    time = trajectory.time
+    step = np.diff(time)[:, None]
     mean = np.diff(_revolutes(trajectory.bend_angles), axis=0) / step
-    bends = _revolutes(trajectory.bend_velocities)
-    sources = [(joints.velocities, time, joints.names), (bends, time, joints.names)]
-    sources.append((_less_rounding(mean, trajectory.bend_angles, step), time[:-1], joints.names))
-    return _worst("joint velocity", "rad/s", limits.velocity, sources)
+    return [
+        (joints.velocities, time, joints.names),
+        (_revolutes(trajectory.bend_velocities), time, joints.names),
+        (_less_rounding(mean, trajectory.bend_angles, step), time[:-1], joints.names),
+    ]
 
 
-def _acceleration(limits: Limits, trajectory: JointTrajectory, joints: JointStates) -> Check:
-    time, step = trajectory.time, np.diff(trajectory.time)[:, None]
-    bends = _revolutes(trajectory.bend_accelerations)
-    sources = [(joints.accelerations, time, joints.names), (bends, time, joints.names)]
-    sources.append(
-        (_less_rounding(np.diff(joints.velocities, axis=0) / step, joints.velocities, step), time[:-1], joints.names)
-    )
+def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
+    """Reported accelerations, what velocities gain in a step, and what mean velocities gain from step to step."""
+    time = trajectory.time
+    step = np.diff(time)[:, None]
+    gained = np.diff(joints.velocities, axis=0) / step
+    sources: list[_Source] = [
+        (joints.accelerations, time, joints.names),
+        (_revolutes(trajectory.bend_accelerations), time, joints.names),
+        (_less_rounding(gained, joints.velocities, step), time[:-1], joints.names),
+    ]
     if len(time) > 2:
-        mean = np.diff(_revolutes(trajectory.bend_angles), axis=0) / step
-        apart = 0.5 * (step[1:] + step[:-1])
-        second = _less_rounding(
-            np.diff(mean, axis=0) / apart, trajectory.bend_angles, np.minimum(step[1:], step[:-1]) ** 2
-        )
+        second = _second_differences(_revolutes(trajectory.bend_angles), step)
         sources.append((second, time[1:-1], joints.names))
-    return _worst("joint acceleration", "rad/s²", limits.acceleration, sources)
+    return sources
 
 
-def _jerk(limit: FloatArray, trajectory: JointTrajectory, joints: JointStates) -> Check:
+def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
     """Differences of accelerations, reported and mean, and those at the ends, before and after which the arm rests."""
-    time, step = trajectory.time, np.diff(trajectory.time)[:, None]
-    sources = []
+    time = trajectory.time
+    step = np.diff(time)[:, None]
+    around = np.concatenate((step[:1], step, step[-1:]))
+    sources: list[_Source] = []
     for values in (joints.accelerations, _revolutes(trajectory.bend_accelerations)):
-        rested = np.concatenate((np.zeros_like(values[:1]), values, np.zeros_like(values[:1])))
-        around = np.concatenate((step[:1], step, step[-1:]))
-        jerks = _less_rounding(np.diff(rested, axis=0) / around, values, around)
-        sources.append((jerks, np.append(time, time[-1]), joints.names))
+        rest = np.zeros_like(values[:1])
+        jerks = np.diff(np.concatenate((rest, values, rest)), axis=0) / around
+        sources.append((_less_rounding(jerks, values, around), np.append(time, time[-1]), joints.names))
     if len(time) > 2:
-        mean, apart = np.diff(joints.velocities, axis=0) / step, 0.5 * (step[1:] + step[:-1])
-        shortest = np.minimum(step[1:], step[:-1]) ** 2
-        second = _less_rounding(np.diff(mean, axis=0) / apart, joints.velocities, shortest)
-        sources.append((second, time[1:-1], joints.names))
-    return _worst("joint jerk", "rad/s³", limit, sources)
+        sources.append((_second_differences(joints.velocities, step), time[1:-1], joints.names))
+    return sources
 
 
 def _revolutes(bends: FloatArray) -> FloatArray:
+    """Revolutes of planar bends, shape (T, 3 * links); not the package's own function, on purpose."""
     values = np.zeros((len(bends), 3 * bends.shape[1]))
     values[:, 1::3] = -bends
     return values
+
+
+def _second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
+    """Second difference quotients at the inner samples, shape (T − 2, 3 * links)."""
+    mean = np.diff(values, axis=0) / step
+    apart = 0.5 * (step[1:] + step[:-1])
+    shortest = np.minimum(step[1:], step[:-1])
+    return _less_rounding(np.diff(mean, axis=0) / apart, values, shortest**2)
 
 
 def _less_rounding(quotient: FloatArray, values: FloatArray, step: FloatArray) -> FloatArray:
@@ -101,7 +116,7 @@ def _less_rounding(quotient: FloatArray, values: FloatArray, step: FloatArray) -
     return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
 
 
-def _worst(name: str, unit: str, limit: FloatArray, sources: list[_Source]) -> Check:
+def _worst(name: str, unit: str, limit: FloatArray, sources: list[_Source], tolerance: float) -> Check:
     """The check for the greatest share of its limit that any revolute takes, over all sources."""
     found = []
     for values, time, names in sources:
@@ -110,4 +125,4 @@ def _worst(name: str, unit: str, limit: FloatArray, sources: list[_Source]) -> C
         where = f"joint {j // 3 + 1} ({names[j]}) at t = {time[k]:.4f} s"
         found.append((float(share[k, j]), float(np.abs(values[k, j])), float(limit[j]), where))
     share_worst, worst, bound, where = max(found)
-    return Check(name, worst, bound, unit, where, passed=share_worst <= 1.0 + RELATIVE_TOLERANCE)
+    return Check(name, worst, bound, unit, where, passed=share_worst <= 1.0 + tolerance)

@@ -33,11 +33,14 @@ def joint_torques(
     along, across = _directions(headings)
     growth = np.cumsum(accelerations[:, : arm.links], axis=1)
     needed, carried = _forces(arm, gravity, headings, velocities, accelerations)
+    # Of every joint's moment its three drives bear the components along their axes: across the link before, out of the
+    # plane, and along (or for zyz across) the link itself.
     moments = _joint_moments(arm, along, needed, carried, growth)
     before = np.concatenate((np.full((len(headings), 1), arm.base_heading), headings[:, :-1]), axis=1)
     last = along if arm.axes == "zyx" else across
     projected = (np.sum(moments * _directions(before)[1], axis=2), moments @ _OUT, np.sum(moments * last, axis=2))
     torques = np.stack(projected, axis=2).reshape(len(positions), 3 * arm.links)
+    # Rotors and friction turn with the revolute, which is minus the bend.
     geared = _of_bends(arm, arm.rotor_inertia) * accelerations[:, : arm.links]
     rubbed = _of_bends(arm, arm.friction) * velocities[:, : arm.links]
     torques[:, 1::3] -= geared + rubbed
@@ -59,7 +62,9 @@ def _of_bends(arm: Arm, drives: FloatArray | float) -> FloatArray:
 
 def _directions(headings: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit vectors along the links (local x) and across them in the plane (local z), each (T, links, 3)."""
-    cosine, sine, zero = np.cos(headings), np.sin(headings), np.zeros_like(headings)
+    cosine = np.cos(headings)
+    sine = np.sin(headings)
+    zero = np.zeros_like(headings)
     return np.stack((cosine, zero, sine), axis=2), np.stack((-sine, zero, cosine), axis=2)
 
 

@@ -40,8 +40,11 @@ def _chunk_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray)
 
 def _end_to_segment(p: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     """Squared distance from points to segments."""
-    ux, uy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
-    wx, wy = p[:, 0] - a[:, 0], p[:, 1] - a[:, 1]
+    ux = b[:, 0] - a[:, 0]
+    uy = b[:, 1] - a[:, 1]
+    wx = p[:, 0] - a[:, 0]
+    wy = p[:, 1] - a[:, 1]
+    # The least positive number stands in for the squared length of a segment that is a point.
     t = np.clip((wx * ux + wy * uy) / np.maximum(ux * ux + uy * uy, np.finfo(np.float64).tiny), 0.0, 1.0)
     wx -= t * ux
     wy -= t * uy
@@ -56,7 +59,8 @@ def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolAr
 
 def _boxes_meet(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolArray:
     """Whether the boxes around the segments meet; those of collinear ones, whose sides are but rounding, do not."""
-    low, high = np.maximum(np.minimum(a, b), np.minimum(c, d)), np.minimum(np.maximum(a, b), np.maximum(c, d))
+    low = np.maximum(np.minimum(a, b), np.minimum(c, d))
+    high = np.minimum(np.maximum(a, b), np.maximum(c, d))
     return np.asarray(np.all(low <= high, axis=1))
 
 

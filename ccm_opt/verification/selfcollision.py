@@ -8,13 +8,14 @@ from ccm_opt.solution import Check
 from ccm_opt.verification.bisection import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.segments import segment_distances
-
-PROBES = 24
-"""Poses at which all pairs are measured first, to know how far the search must look."""
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
 def first_distant(arm: Arm) -> int:
-    """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r)."""
+    """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r).
+
+    ``Arm.first_self_pair`` says the same; the verifier counts for itself, on purpose.
+    """
     reach = max(2.0 * arm.link_length, np.pi * arm.radius)
     apart = 1
     while (apart - 1) * arm.link_length < reach * (1.0 - 1e-12):
@@ -22,33 +23,36 @@ def first_distant(arm: Arm) -> int:
     return apart
 
 
-def check_self_collision(motion: ChainMotion) -> Check:
+def check_self_collision(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
     """Check that links far apart along the arm never touch; the gap is between their surfaces."""
     arm = motion.arm
     if first_distant(arm) >= arm.links:
         return Check("self-collision", np.inf, 0.0, "m", "the arm is too short to meet itself", passed=True)
-    verdict = _prove(motion)
+    verdict = _prove(motion, settings)
     near = verdict.nearest
     where = f"link {near.link + 1} to link {near.other + 1} at t = {near.time:.4f} s"
     where = f"{where}: {verdict.remark}" if verdict.remark else where
     return Check("self-collision", near.gap, 0.0, "m", where, passed=verdict.proved)
 
 
-def _prove(motion: ChainMotion) -> Verdict:
+def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
     arm = motion.arm
     thickness = 2.0 * arm.radius
-    least = least_allowed_gap(0.0, thickness)
+    least = least_allowed_gap(0.0, thickness, settings)
 
     def evaluate(nodes: Nodes, pairs: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        k, i, j = pairs.node, pairs.link, pairs.other
+        k = pairs.node
+        i = pairs.link
+        j = pairs.other
         distance = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
         return distance - thickness, nodes.half[k] * _relative_travel(motion, nodes.interval[k], i, j)
 
     nodes = motion.whole()
-    nearest = _probe(motion, evaluate, nodes)
+    nearest = _probe(motion, evaluate, nodes, settings.pair_probes)
+    # Links that are farther apart than this at the middle of an interval come no nearer than the nearest known pair.
     look = thickness + max(least, min(nearest.gap, arm.link_length))
     pairs = _candidates(motion, motion.poses(nodes), look)
-    return prove_apart(motion, pairs, evaluate, least, nearest)
+    return prove_apart(motion, pairs, evaluate, least, nearest, settings)
 
 
 def _relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.ndarray) -> FloatArray:
@@ -67,10 +71,13 @@ def _relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.nd
 def _candidates(motion: ChainMotion, poses: FloatArray, look: float) -> Pairs:
     """Pairs whose links' middles are near enough for the pair to matter at the middle of an interval."""
     arm = motion.arm
-    x, y = (0.5 * (poses[:, 1:, axis] + poses[:, :-1, axis]) for axis in (0, 1))
+    middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
+    x = np.ascontiguousarray(middles[..., 0])
+    y = np.ascontiguousarray(middles[..., 1])
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for apart in range(first_distant(arm), arm.links):
-        dx, dy = x[:, apart:] - x[:, :-apart], y[:, apart:] - y[:, :-apart]
+        dx = x[:, apart:] - x[:, :-apart]
+        dy = y[:, apart:] - y[:, :-apart]
         travel = 0.5 * arm.link_length * (motion.turned[:, apart + 1 :] - motion.turned[:, : -apart - 1])
         reach = arm.link_length * (1.0 + 1e-9) + look + travel
         node, first = np.nonzero(dx * dx + dy * dy <= reach * reach)
@@ -79,10 +86,10 @@ def _candidates(motion: ChainMotion, poses: FloatArray, look: float) -> Pairs:
     return Pairs(node, first, second)
 
 
-def _probe(motion: ChainMotion, evaluate: Evaluate, nodes: Nodes) -> Nearest:
+def _probe(motion: ChainMotion, evaluate: Evaluate, nodes: Nodes, probes: int) -> Nearest:
     """The nearest pair at a few poses spread over the motion: no proof, but a bound on the least gap."""
     first, second = np.triu_indices(motion.arm.links, first_distant(motion.arm))
-    chosen = np.unique(np.linspace(0, len(nodes) - 1, min(PROBES, len(nodes))).astype(int))
+    chosen = np.unique(np.linspace(0, len(nodes) - 1, min(probes, len(nodes))).astype(int))
     few = nodes.take(chosen)
     count = len(first)
     pairs = Pairs(np.repeat(np.arange(len(few)), count), np.tile(first, len(few)), np.tile(second, len(few)))

@@ -1,4 +1,8 @@
-"""The independent verifier: every promise of a plan, checked with code that shares nothing with the planners."""
+"""The independent verifier: every promise of a plan, checked with code that shares nothing with the planners.
+
+What stands here a second time (headings and points of the arm, its mount, pairs of links, inverse dynamics, distances)
+stands here on purpose: a mistake in the planners' code must not hide itself.
+"""
 
 from ccm_opt.jointed.frames import joint_names
 from ccm_opt.problem import Problem
@@ -10,41 +14,50 @@ from ccm_opt.verification.limits import check_limits
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.start_and_goal import check_ends
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 
 
-def verify(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> tuple[Check, ...]:
+def verify(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> tuple[Check, ...]:
     """Check a timed motion against everything its problem asks.
 
     Between samples all coordinates are taken as linear in time; walls, self-collision and bend limits hold for
-    that motion at *all* times, not at samples. A gap may fall short by at most ``bisection.CONTACT_TOLERANCE``.
+    that motion at *all* times, not at samples. A gap may fall short by at most ``settings.contact_tolerance``.
 
     Args:
         problem: what was asked.
         trajectory: the planar motion.
-        joints: the same for the revolutes, with torques.
+        joints: the same for the drives, with their efforts.
+        settings: tolerances, and how hard to look.
 
     Returns:
         One check a promise, each with its worst value and where it was met; malformed data end the list at once.
     """
-    form = check_form(problem, trajectory, joints)
+    form = check_form(problem, trajectory, joints, settings)
     names = _check_names(problem, joints)
     if not (form.passed and names.passed):
         return form, names
     motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
-    checks = [form, names, check_free_side(motion, problem.workspace), check_walls(motion, problem.workspace)]
+    checks = [form, names]
+    checks.append(check_free_side(motion, problem.workspace))
+    checks.append(check_walls(motion, problem.workspace, settings))
     if problem.arm.self_collision:
-        checks.append(check_self_collision(motion))
-    checks += check_limits(problem.arm, problem.limits, trajectory, joints)
-    checks += check_consistency(problem, trajectory, joints)
-    checks += check_base_axes(problem, trajectory, joints)
-    checks += check_ends(problem, trajectory)
+        checks.append(check_self_collision(motion, settings))
+    checks += check_limits(problem.arm, problem.limits, trajectory, joints, settings)
+    checks += check_consistency(problem, trajectory, joints, settings)
+    checks += check_base_axes(problem, trajectory, joints, settings)
+    checks += check_ends(problem, trajectory, settings)
     return tuple(checks)
 
 
 def _check_names(problem: Problem, joints: JointStates) -> Check:
-    expected = tuple(joint_names(problem.arm))
-    wrong = sum(a != b for a, b in zip(joints.names, expected, strict=False)) + abs(len(joints.names) - len(expected))
-    first = next((b for a, b in zip(joints.names, expected, strict=False) if a != b), "")
-    where = f"expected {first!r}" if first else f"{len(joints.names)} names for {len(expected)} revolutes"
+    expected = joint_names(problem.arm)
+    differing = [ours for theirs, ours in zip(joints.names, expected, strict=False) if theirs != ours]
+    wrong = len(differing) + abs(len(joints.names) - len(expected))
+    where = f"expected {differing[0]!r}" if differing else f"{len(joints.names)} names for {len(expected)} revolutes"
     return Check("joint names", float(wrong), 0.0, "names", where, passed=wrong == 0)

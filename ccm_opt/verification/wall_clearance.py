@@ -13,9 +13,7 @@ from ccm_opt.solution import Check
 from ccm_opt.verification.bisection import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.segments import segment_distances
-
-PROBES = 48
-"""Poses at which the nearest wall is looked up first, to know how far the search must look."""
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
 @dataclass(frozen=True)
@@ -71,16 +69,19 @@ def _edges_of(part: shapely.Geometry) -> FloatArray:
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
-def check_walls(motion: ChainMotion, workspace: Workspace) -> Check:
+def check_walls(
+    motion: ChainMotion, workspace: Workspace, settings: VerificationSettings = DEFAULT_VERIFICATION
+) -> Check:
     """Check that the arm beyond its mount keeps the clearance from every wall at all times."""
-    arm, edges = motion.arm, wall_edges(workspace)
+    arm = motion.arm
+    edges = wall_edges(workspace)
     exposed = exposed_starts(arm)
     if not np.any(exposed < 1.0):
         return Check(
             "wall clearance", np.inf, workspace.clearance, "m", "the whole arm counts as its mount", passed=True
         )
-    least = least_allowed_gap(workspace.clearance, arm.radius)
-    verdict = _prove(motion, edges, exposed, least)
+    least = least_allowed_gap(workspace.clearance, arm.radius, settings)
+    verdict = _prove(motion, edges, exposed, least, settings)
     return Check(
         "wall clearance",
         verdict.nearest.gap,
@@ -92,7 +93,10 @@ def check_walls(motion: ChainMotion, workspace: Workspace) -> Check:
 
 
 def exposed_starts(arm: Arm) -> FloatArray:
-    """Share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link."""
+    """Share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link.
+
+    ``Arm.mount_end`` says where it ends; the verifier reckons for itself, on purpose.
+    """
     return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
 
 
@@ -102,7 +106,9 @@ def _where(verdict: Verdict, edges: WallEdges) -> str:
     return f"{place}: {verdict.remark}" if verdict.remark else place
 
 
-def _prove(motion: ChainMotion, edges: WallEdges, exposed: FloatArray, least: float) -> Verdict:
+def _prove(
+    motion: ChainMotion, edges: WallEdges, exposed: FloatArray, least: float, settings: VerificationSettings
+) -> Verdict:
     arm = motion.arm
     links = np.flatnonzero(exposed < 1.0)
 
@@ -114,15 +120,18 @@ def _prove(motion: ChainMotion, edges: WallEdges, exposed: FloatArray, least: fl
 
     nodes = motion.whole()
     poses = motion.poses(nodes)
-    nearest = _probe(motion, edges, exposed, links, poses)
+    nearest = _probe(motion, edges, exposed, links, poses, settings.wall_probes)
+    # Walls that are farther away than this at the middle of an interval come no nearer than the nearest known one.
     travel = 0.5 * arm.link_length * motion.turned[:, links + 1]
     look = arm.radius + travel + max(least, min(nearest.gap, max(least, 0.0) + arm.link_length))
-    return prove_apart(motion, _candidates(poses, edges, exposed, links, look), evaluate, least, nearest)
+    pairs = _candidates(poses, edges, exposed, links, look)
+    return prove_apart(motion, pairs, evaluate, least, nearest, settings)
 
 
 def _axis(poses: FloatArray, node: IntArray, link: IntArray, exposed: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ends of the exposed part of the links' axes, each shape (P, 2) [m]."""
-    start, end = poses[node, link], poses[node, link + 1]
+    start = poses[node, link]
+    end = poses[node, link + 1]
     return start + exposed[link, None] * (end - start), end
 
 
@@ -131,16 +140,20 @@ def _candidates(poses: FloatArray, edges: WallEdges, exposed: FloatArray, links:
     node, link = (index.ravel() for index in np.indices(look.shape))
     start, end = _axis(poses, node, links[link], exposed)
     grow = look.reshape(-1, 1)
-    low, high = np.minimum(start, end) - grow, np.maximum(start, end) + grow
+    low = np.minimum(start, end) - grow
+    high = np.maximum(start, end) + grow
     found, other = edges.tree.query(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
     return Pairs(node[found], links[link[found]], other)
 
 
-def _probe(motion: ChainMotion, edges: WallEdges, exposed: FloatArray, links: IntArray, poses: FloatArray) -> Nearest:
+def _probe(
+    motion: ChainMotion, edges: WallEdges, exposed: FloatArray, links: IntArray, poses: FloatArray, probes: int
+) -> Nearest:
     """The nearest wall at a few poses spread over the motion: no proof, but a bound on the least gap."""
     count = len(poses)
-    chosen = np.unique(np.linspace(0, count - 1, min(PROBES, count)).astype(int))
-    node, link = np.repeat(chosen, len(links)), np.tile(links, len(chosen))
+    chosen = np.unique(np.linspace(0, count - 1, min(probes, count)).astype(int))
+    node = np.repeat(chosen, len(links))
+    link = np.tile(links, len(chosen))
     start, end = _axis(poses, node, link, exposed)
     (found, other), distance = edges.lines.query_nearest(
         shapely.linestrings(np.stack((start, end), axis=1)), return_distance=True, all_matches=False

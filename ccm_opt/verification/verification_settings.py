@@ -1,0 +1,67 @@
+"""Tolerances of the verifier, and how hard it looks."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class VerificationSettings:
+    """Numbers of the independent checks; the planners have their own, which are stricter.
+
+    Attributes:
+        contact_tolerance: gap that may be missing before a motion is refused [m]. Taste: far below any machining
+            tolerance, and above what the certificate and the chords between samples leave to rounding.
+        largest_step: largest time between two samples [s]; the promise of the file format.
+        bend_tolerance: bend beyond its limit that counts as rounding [rad].
+        limit_tolerance: share by which velocity, acceleration, jerk and effort may pass their limits. Taste.
+        match: difference between bends and revolutes that counts as rounding [rad, rad/s, rad/s²].
+        unseen_share: share of the velocity that a joint gains and loses which jumps of acceleration between samples may
+            account for. Taste: twice what the fastest motions of TOPP-RA, whose accelerations jump, were seen to need.
+        unseen_floor: the same as a share of what the acceleration limit allows over the whole motion, for joints that
+            hardly move. Taste.
+        effort_share: share of the peak effort by which reported efforts may differ from the verifier's own. Taste: two
+            recursions in other orders of summation agree to some 1e-12.
+        effort_floor: difference of efforts beside that share [N m, N].
+        range_tolerance: position of the base beyond its range [m], and bend of a held joint [rad], that are rounding.
+        passing_tolerance: bend that a joint may have, by linear interpolation between two samples, when it passes the
+            hole of a guide [rad]. Taste.
+        start_tolerance: largest error of a joint at the start [rad]. Taste.
+        rest_share: share of the velocity limit that counts as rest. Taste.
+        curve_tip_tolerance: distance of the arm's tip from the tip of the curve that it starts on [m]. Taste.
+        curve_shape_factor: a joint may be this times κ l² off its curve; the worst error of the paper's own mapping
+            (section 5.3).
+        curve_shape_slack: share of a link's length that a joint may be off beside that. Taste.
+        resolution: travel below which a stretch of time is not halved again [m].
+        report_resolution: the least gap that is reported is at most this much above the true one [m]. Taste.
+        most_report_pairs: pairs at one level of halving beyond which the report is no longer refined; the proof is.
+        most_pairs: undecided pairs at one level of halving beyond which the verifier gives up, and refuses. Derived:
+            some 200 MB of arrays.
+        wall_probes: poses at which the nearest wall is looked up first, to know how far the search must look. Taste.
+        pair_probes: poses at which all pairs of links are measured first, likewise. Taste.
+    """
+
+    contact_tolerance: float = 1e-6
+    largest_step: float = 5e-3
+    bend_tolerance: float = 1e-9
+    limit_tolerance: float = 1e-6
+    match: float = 1e-9
+    unseen_share: float = 0.05
+    unseen_floor: float = 1e-3
+    effort_share: float = 1e-6
+    effort_floor: float = 1e-9
+    range_tolerance: float = 1e-9
+    passing_tolerance: float = 1e-6
+    start_tolerance: float = 1e-6
+    rest_share: float = 1e-6
+    curve_tip_tolerance: float = 1e-3
+    curve_shape_factor: float = 1.08
+    curve_shape_slack: float = 0.1
+    resolution: float = 1e-9
+    report_resolution: float = 1e-4
+    most_report_pairs: int = 100_000
+    most_pairs: int = 2_000_000
+    wall_probes: int = 48
+    pair_probes: int = 24
+
+
+DEFAULT_VERIFICATION = VerificationSettings()
+"""What every verification uses unless it is given others."""
