@@ -131,7 +131,7 @@ class Arm:
 
     @property
     def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links that must keep two radii apart: the distant ones, or none when links may meet."""
+        """Pairs of links that must keep two radii apart, the distant ones; none when links may meet."""
         if self.self_collision:
             return self.distant_pairs
         none = np.zeros(0, dtype=np.intp)
