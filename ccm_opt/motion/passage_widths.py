@@ -29,22 +29,22 @@ def nominal_links_asked(task: MotionTask) -> float:
 
 
 def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links: float) -> tuple[float, ...]:
-    """The planning margins, in nominal links, that leave a way to the goal; a smaller one first when none does.
+    """The planning margins, in nominal links, that leave the way to the goal open; a smaller one first when none does.
 
     A wide margin closes passages that hardly pass the arm, and goals that hardly hold the tip: trying it costs time.
     """
     settings = task.settings.guides.passages
-    room = room_beside_arm(task) * nominal_links / task.arm.length
-    if room <= 0.0:
+    gap = gap_beside_arm(task) * nominal_links / task.arm.length
+    if gap <= 0.0:
         return margins
-    # Margins as wide as the room would close the passage for the step, which wants some to move in.
-    fitting = tuple(margin for margin in margins if margin <= room)
+    # A margin wider than the gap closes the passage: the step would never get through.
+    fitting = tuple(margin for margin in margins if margin <= gap)
     if fitting:
         return fitting
-    return max(settings.least_margin, settings.margin_share * room), margins[-1]
+    return max(settings.least_margin, settings.margin_share * gap), margins[-1]
 
 
-def room_beside_arm(task: MotionTask) -> float:
+def gap_beside_arm(task: MotionTask) -> float:
     """Gap that the arm has on either side in the narrowest passage of the widest tip path, and the tip at its goal [m].
 
     Not positive when there is no tip path, or the paths are too narrow to be told apart from walls.

@@ -158,7 +158,7 @@ def pulled_over(
 def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, FloatArray] | None:
     """The joint where the new shape leaves the old one, and the route from there.
 
-    The new shape (old arm up to joint b, then the taut way to the goal) may not be longer than the arm; among those
+    The new shape (old arm up to joint b, then the taut path to the goal) may not be longer than the arm; among those
     the smallest b whose tip path is within one nominal link of the shortest.
     """
     arm = stepper.space.arm

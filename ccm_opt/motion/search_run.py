@@ -123,7 +123,8 @@ class SearchRun:
     def _arrive(self, pose: Pose) -> list[Pose]:
         if self.goal.coordinates is None:
             return settle(self.stepper, self.goal, pose, self.task.deadline)
-        guide = Interpolation(self.stepper.space, pose.v, self.goal.coordinates)
+        settings = self.stepper.settings.guides.interpolation
+        guide = Interpolation(self.stepper.space, pose.v, self.goal.coordinates, settings=settings)
         poses = follow(self.stepper, guide, pose, self.task.deadline)
         return [*poses, self.stepper.pose(self.goal.coordinates)]
 

@@ -57,7 +57,7 @@ def find_tip_paths(
     """Both sides of every route, shortest tip path first.
 
     Args:
-        workspace: the room.
+        workspace: walls and boundary.
         points: joints and tip at the start, shape (links + 1, 2) [m].
         routes: from the base to the goal, each of shape (k, 2) [m].
         margin: inflation of the walls [m].

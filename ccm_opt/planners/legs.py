@@ -14,7 +14,7 @@ from ccm_opt.solution import JointPath
 
 @dataclass(frozen=True)
 class Leg:
-    """The way to one goal.
+    """The motion to one goal.
 
     Attributes:
         problem: with this goal alone.
@@ -26,7 +26,7 @@ class Leg:
 
 
 def plan_legs(problem: Problem, planner: Planner, *, least_time: float = 0.5) -> tuple[Leg, ...]:
-    """Plan the way to every goal in turn; without stops that is one leg.
+    """Plan the motion to every goal in turn; without stops that is one leg.
 
     Args:
         problem: with any number of stops; its time limit is for all legs together.

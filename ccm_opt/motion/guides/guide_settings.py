@@ -96,7 +96,7 @@ class PassageSettings:
         narrow: passages less wide than this many nominal links ask for shorter nominal links. Measured: guides fail in
             narrower ones, a fold needs about a third of the width.
         roomy: width that such passages then have, in nominal links. Taste.
-        margin_share: where no planning margin fits, this share of the room that there is serves as one. Taste.
+        margin_share: where no planning margin fits, this share of the gap that there is serves as one. Taste.
         least_margin: least planning margin, in nominal links. Taste.
     """
 

@@ -177,7 +177,7 @@ def fold_track(
     beside = points + side * offset * left
     back = beside[leave:][::-1]
     onward = _rest_of(route, back[-1], offset) if len(back) > 1 else route
-    # The tip turns by half a turn to the fold's side, which tells the winding of all headings on the track.
+    # The tip turns by half a turn to the fold's side, which fixes the winding of all headings on the track.
     track = TipTrack.along(np.vstack((back, onward)), window, last_heading + side * np.pi)
 
     # Joints before the one where the route leaves stay, so the strand never passes them.

@@ -209,7 +209,7 @@ class TreeSearch:
         added: list[int] = []
         edge: list[Pose] = []
         last = len(poses) - 1
-        # Poses too near to known ones stay inside an edge, so that the next node still tells how it was reached.
+        # Poses too near to known ones stay inside an edge, so that every node records how it was reached.
         for k, pose in enumerate(poses[1:], start=1):
             edge.append(pose)
             long_enough = k == last or len(edge) >= settings.node_interval

@@ -167,9 +167,7 @@ class _FeedSearch:
         refused = list(self.refused)
         if self.leader_paths is not None:
             refused.extend(self.leader_paths.refusals)
-        reason = (
-            f"no motion found along {len(self.found)} leaders' paths, {len(self.refused)} ways could not be certified"
-        )
+        reason = f"no motion found along {len(self.found)} leaders' paths, {len(self.refused)} motions could not be certified"
         evidence: dict[str, object] = {"refused": refused[: self.query.settings.refusals_listed]}
         if self.query.deadline.passed():
             slow = Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence)

@@ -12,9 +12,9 @@ class LeaderPathSettings:
 
     Attributes:
         curvature_share: share of the tightest bend that a path may use, so that the arm can still be steered. Taste.
-        free_space_margins: room that free space keeps beyond radius and clearance, widest first, as shares of a link's
+        free_space_margins: kept by free space beyond radius and clearance, widest first, as shares of a link's
             sagitta at its joint limit: links are chords of the path and cut its corners by that much. Taste.
-        band_margins: room that elastic bands keep beyond radius and clearance where there is so much, in link lengths.
+        band_margins: kept by elastic bands beyond radius and clearance where there is room, in link lengths.
             Taste.
         band_spacing: distance between the points of a band, in link lengths. Taste.
         least_band_spacing: the same as a share of the arm's length, for arms of many links; the larger of both counts,

@@ -80,7 +80,7 @@ class LeaderPaths:
             for k, route in enumerate(routes, start=1):
                 for margin in self.settings.leaders.band_margins:
                     path = self._band(free_space, route, straight, margin, f"band {k}")
-                    # In a duct all margins give the same band; its length tells it well enough.
+                    # In a duct all margins give the same band; bands are told apart by their length.
                     length = round(path.end, 6)
                     if reach.least <= path.end <= longest and length not in seen:
                         seen.add(length)

@@ -1,4 +1,4 @@
-"""Elastic bands: a taut way drawn smooth between walls (Quinlan and Khatib, "Elastic bands", 1993).
+"""Elastic bands: a taut path drawn smooth between walls (Quinlan and Khatib, "Elastic bands", 1993).
 
 The band is a chain of points at equal distances h. A step moves every point by a along its own normal, left positive;
 its curvature then changes to first order by a'' + κ² a and its length by -κ a. The step minimises the band's bending,

@@ -24,7 +24,7 @@ class FeedMotions:
 
     Attributes:
         arm: with a feed axis.
-        workspace: the room.
+        workspace: walls and boundary.
         travel: of the base between two samples of a trajectory [m].
         gap: of the narrower end of the motion [m]; the certificate spares half of it at most, and lets motions touch
             as an end that touches does.

@@ -26,7 +26,7 @@ class LeaderPath:
         points: shape (m, 2) [m].
         headings: unwrapped, shape (m,) [rad].
         straight: arc length up to which the path is the feed axis [m].
-        name: of the way it was found, for messages.
+        name: how it was found, for messages.
     """
 
     arc: FloatArray
