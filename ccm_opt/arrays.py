@@ -7,5 +7,4 @@ import numpy.typing as npt
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 IntArray: TypeAlias = npt.NDArray[np.intp]
-IntcArray: TypeAlias = npt.NDArray[np.intc]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]

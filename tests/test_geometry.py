@@ -37,17 +37,17 @@ def random_polyline(seed: int) -> np.ndarray:
 
 @given(ANGLES)
 def test_wrapping_keeps_the_direction_and_stays_within_half_a_turn(angle: float) -> None:
-    """A wrapped angle has the same sine and cosine and lies in (-π, π]."""
+    """A wrapped angle has the same sine and cosine and lies in [-π, π)."""
     wrapped = wrap(angle)
-    assert -np.pi <= wrapped <= np.pi  # -π by rounding only
+    assert -np.pi <= wrapped <= np.pi  # π by rounding only
     assert unit_vector(wrapped) == pytest.approx(unit_vector(angle), abs=1e-13)
     assert wrap(np.array([angle]))[0] == wrapped
 
 
-def test_half_a_turn_wraps_to_plus_half_a_turn() -> None:
-    """Both directions of half a turn are one angle, +π."""
-    assert wrap(np.pi) == np.pi
-    assert wrap(-np.pi) == np.pi
+def test_half_a_turn_wraps_to_minus_half_a_turn() -> None:
+    """Both directions of half a turn are one angle, -π."""
+    assert wrap(np.pi) == -np.pi
+    assert wrap(-np.pi) == -np.pi
 
 
 @given(ANGLES, ANGLES)

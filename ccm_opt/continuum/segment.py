@@ -1,6 +1,6 @@
 """The curvature segment: a length, a start heading and a five-point cubic spline of curvature (section 2.1)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
 
@@ -69,10 +69,6 @@ class CurvatureSegment:
     def end_heading(self) -> float:
         """θ at the segment's end [rad]."""
         return float(self._piece_headings[-1])
-
-    def with_curvature(self, curvature: FloatArray) -> "CurvatureSegment":
-        """The same segment with other curvature values."""
-        return replace(self, curvature=np.asarray(curvature, dtype=np.float64))
 
     def _locate(self, arc: FloatArray) -> tuple[np.ndarray, FloatArray]:
         piece = np.clip(np.searchsorted(self.breakpoints, arc, side="right") - 1, 0, 3)

@@ -72,7 +72,7 @@ def select_segment_type(
     """The simplest type that joins two poses, without simulating any curve (section 2.1).
 
     With the chord from base to tip let α be the turn from the base's tangent to the chord and β the turn from the
-    chord to the tip's tangent, both in (-π, π]. By the mean value theorem the chord's direction is a weighted mean of
+    chord to the tip's tangent, both in [-π, π). By the mean value theorem the chord's direction is a weighted mean of
     the curve's headings, so while the headings span less than π a curve of one sign has α and β of that sign, and
     opposite signs of α and β prove an inflection: α > 0 > β is left-right. Where one of the two vanishes but not the
     other the curve must leave the chord and come back, so it too has an inflection. A free end heading takes the

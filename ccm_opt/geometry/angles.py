@@ -19,9 +19,9 @@ def wrap(angle: FloatArray) -> FloatArray: ...
 
 
 def wrap(angle: float | FloatArray) -> float | FloatArray:
-    """The same direction in (-π, π], of one angle or of an array of any shape [rad]."""
-    # From π downwards, so that half a turn stays +π; the remainder of a positive divisor is never negative.
-    return np.pi - (np.pi - angle) % WHOLE_TURN
+    """The same direction in [-π, π), of one angle or of an array of any shape [rad]."""
+    # The remainder of a positive divisor is never negative, so half a turn either way becomes -π.
+    return (angle + np.pi) % WHOLE_TURN - np.pi
 
 
 @overload

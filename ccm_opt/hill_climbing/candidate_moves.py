@@ -116,12 +116,6 @@ class Shapes:
         points: FloatArray = self.base + np.concatenate((start, np.cumsum(chords, axis=1)), axis=1)
         return points
 
-    @cached_property
-    def tip_curvature(self) -> FloatArray:
-        """Curvature at the tips, shape (m,) [1/m]."""
-        values: FloatArray = self.curvature[:, -1, -1]
-        return values
-
     def mean_headings(self, links: int) -> FloatArray:
         """Mean heading of every configuration over each of ``links`` equal lengths, shape (m, links) [rad]; exact."""
         arc = np.linspace(0.0, 1.0, links + 1) * self.length[:, None]

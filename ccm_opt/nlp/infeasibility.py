@@ -158,7 +158,8 @@ def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tup
     widths = controls[segment, 4:8]
     share = float(widths[:piece].sum() / max(float(widths.sum()), 1e-12))
     point = task.base + task.length * (states[segment, :2] + share * (states[segment + 1, :2] - states[segment, :2]))
-    arc = task.length * float(states[segment, 4] + widths[:piece].sum())
+    # Where rows are violated the iterate's arc lengths need not add up: never report a place beyond the arm.
+    arc = task.length * float(np.clip(states[segment, 4] + widths[:piece].sum(), 0.0, 1.0))
     return arc, (float(point[0]), float(point[1]))
 
 

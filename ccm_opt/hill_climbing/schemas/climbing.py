@@ -1,7 +1,5 @@
 """SCM-0 and SCM-7: hill climbing to a goal for the tip, at once or along a straight line (section 4.2)."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
@@ -127,8 +125,3 @@ def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
     if goal.heading is not None:
         text += f" and {abs(np.rad2deg(wrap(float(heading) - goal.heading))):.1f}°"
     return text + " off its goal"
-
-
-def at_rest(goal: TipPose, heading: float) -> TipPose:
-    """A goal with a heading, for one that has none."""
-    return goal if goal.heading is not None else replace(goal, heading=heading)
