@@ -110,11 +110,6 @@ class Triangulation:
             free[outside] = _nearest_on_edges(self.corners[triangles[outside]], free[outside])
         return triangles, free
 
-    def crossing(self, here: int, there: int) -> tuple[int, int]:
-        """The vertices left and right when one steps from a triangle to its neighbour."""
-        edge = self.adjacency[here].index(there)
-        return int(self.triangles[here, (edge + 1) % 3]), int(self.triangles[here, edge])
-
     def portals(self, sleeve: tuple[int, ...]) -> FloatArray:
         """Left and right ends of the edges crossed by a sleeve of n triangles, shape (n - 1, 2, 2) [m]."""
         here = np.array(sleeve[:-1], dtype=np.intp)

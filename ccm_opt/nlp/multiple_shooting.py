@@ -25,7 +25,6 @@ class ShootingProgram:
     Attributes:
         settings: weights of the objective, and the solver's patience.
         segments: number of curvature segments.
-        half_planes: rows kept for each segment's region; unused ones are padded.
         variables: X_0, U_0, X_1, U_1, .., X_K in one column.
         parameters: a column: normals, offsets of each segment, knot fraction, stub length,
             weight of the bending.
@@ -38,7 +37,6 @@ class ShootingProgram:
 
     settings: ConfigurationSettings
     segments: int
-    half_planes: int
     variables: ca.SX
     parameters: ca.SX
     objective: ca.SX
@@ -176,7 +174,6 @@ def symbolic_program(
     return ShootingProgram(
         settings,
         segments,
-        half_planes,
         ca.vertcat(*stages, states[-1]),
         ca.vertcat(*region_symbols, fraction, stub, weight),
         objective,
