@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.display_settings import DISPLAY
-from ccm_opt.cli.tables import report_console
+from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.comparison.comparison_files import TABLE, medians
 from ccm_opt.comparison.running import Comparison, Pair
 from ccm_opt.comparison.runs import QUANTITIES, Run
@@ -36,7 +36,7 @@ def print_comparison(comparison: Comparison, folder: Path) -> None:
 
 def runs_table(comparison: Comparison) -> Table:
     """One row a run."""
-    table = _table("runs", "problem", "method", "outcome", *_titles())
+    table = columned_table("runs", ["problem", "method", "outcome", *_titles()], unwrapped=2)
     for row in comparison.runs:
         for run in row:
             table.add_row(escape(run.problem), escape(run.method), _outcome(run), *_values(run.figures))
@@ -45,7 +45,11 @@ def runs_table(comparison: Comparison) -> Table:
 
 def methods_table(comparison: Comparison) -> Table:
     """One row a method: how many problems it solves, and the medians of what it solves."""
-    table = _table(f"methods on {len(comparison.problems)} problems, medians", "method", "solved", "95 %", *_titles())
+    table = columned_table(
+        f"methods on {len(comparison.problems)} problems, medians",
+        ["method", "solved", "95 %", *_titles()],
+        unwrapped=2,
+    )
     for name in comparison.methods:
         count, interval = comparison.solved(name)
         share = f"{100 * count / max(1, len(comparison.problems)):.4g} %"
@@ -66,9 +70,18 @@ def print_pair(console: Console, pair: Pair) -> None:
         f"McNemar p = {success.p_value:.2g}",
         soft_wrap=True,
     )
-    table = _table(
-        "", "where both solve", "pairs", pair.first, pair.second, "", "median, by pairs", "95 %", "first better", "p"
+    columns = (
+        "where both solve",
+        "pairs",
+        pair.first,
+        pair.second,
+        "",
+        "median, by pairs",
+        "95 %",
+        "first better",
+        "p",
     )
+    table = columned_table("", columns, unwrapped=2)
     for item in pair.figures:
         table.add_row(*_figure_row(item))
     console.print(table)
@@ -96,7 +109,7 @@ def _bounds(interval: ConfidenceInterval, sign: str) -> str:
 
 
 def _titles() -> tuple[str, ...]:
-    return tuple(rf"{quantity.title} \[{quantity.unit}]" for quantity in QUANTITIES)
+    return tuple(f"{quantity.title} [{quantity.unit}]" for quantity in QUANTITIES)
 
 
 def _values(figures: Mapping[str, float]) -> tuple[str, ...]:
@@ -109,10 +122,3 @@ def _number(value: float, sign: str = "") -> str:
 
 def _outcome(run: Run) -> str:
     return run.outcome if run.solved else f"[red]{run.outcome}[/red]"
-
-
-def _table(title: str, *columns: str) -> Table:
-    table = Table(title=escape(title) or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
-    for k, column in enumerate(columns):
-        table.add_column(column, justify="left" if k == 0 else "right", no_wrap=k < 2)
-    return table

@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
-from ccm_opt.cli.tables import report_console
+from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import dh_table, joint_names
@@ -60,7 +59,7 @@ def arm_lines(problem: Problem) -> list[str]:
 
 def parameter_table(arm: Arm, limits: Limits) -> Table:
     """Standard Denavit–Hartenberg parameters of every revolute, A = Rz(θ + offset) Tz(d) Tx(a) Rx(α), and its drive."""
-    table = _table("link parameters", ("joint", "offset [deg]", "d [m]", "a [m]", "alpha [deg]", *_DRIVE))
+    table = columned_table("link parameters", ("joint", "offset [deg]", "d [m]", "a [m]", "alpha [deg]", *_DRIVE))
     rotors = np.broadcast_to(arm.rotor_inertia, (3 * arm.links,))
     friction = np.broadcast_to(arm.friction, (3 * arm.links,))
     torque = ["none"] * (3 * arm.links) if limits.torque is None else [f"{value:g}" for value in limits.torque]
@@ -73,16 +72,9 @@ def parameter_table(arm: Arm, limits: Limits) -> Table:
 
 def link_table(arm: Arm) -> Table:
     """Mass and moments of inertia of every link; the two frames between, of no mass, are left out."""
-    table = _table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
+    table = columned_table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
     limits = np.rad2deg(arm.bend_limits)
     for k in range(arm.links):
         inertia = (f"{arm.inertia_axial[k]:.6g}", f"{arm.inertia_transverse[k]:.6g}")
         table.add_row(f"link{k + 1:02d}", f"{arm.masses[k]:g}", *inertia, f"{limits[k]:.6g}")
-    return table
-
-
-def _table(title: str, columns: Sequence[str]) -> Table:
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
-    for k, column in enumerate(columns):
-        table.add_column(escape(column), justify="right" if k else "left", no_wrap=True)
     return table

@@ -1,6 +1,7 @@
 """The closing tables of solve and check: every check with its worst value, and the time of every stage."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from rich.console import Console
@@ -63,9 +64,28 @@ def checks_table(title: str, checks: Sequence[Check]) -> Table:
     return table
 
 
+def columned_table(title: str, columns: Sequence[str], *, unwrapped: int | None = None) -> Table:
+    """An empty table, its first column to the left and the others to the right.
+
+    Args:
+        title: above it, or empty.
+        columns: their headings, in plain text.
+        unwrapped: how many of the columns, from the first, are never broken into lines; all when None.
+    """
+    table = _plain_table(title)
+    for k, column in enumerate(columns):
+        justify: Literal["left", "right"] = "left" if k == 0 else "right"
+        table.add_column(escape(column), justify=justify, no_wrap=unwrapped is None or k < unwrapped)
+    return table
+
+
+def _plain_table(title: str) -> Table:
+    return Table(title=escape(title) or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
+
+
 def _table(title: str, value: str) -> Table:
     """An empty table of a name, a value, its limit, their unit and a place."""
-    table = Table(title=escape(title), title_justify="left", title_style="bold", box=None, pad_edge=False)
+    table = _plain_table(title)
     table.add_column("", no_wrap=True)
     table.add_column(value, justify="right", no_wrap=True)
     table.add_column("limit", justify="right", no_wrap=True)
