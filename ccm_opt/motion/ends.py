@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.collision.certificate import TOUCH, Certificate, allowed_contact
+from ccm_opt.collision.bad_pose import refuse_bad_pose
 from ccm_opt.collision.contacts import WALL, ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import Diagnosis, UnreachableGoal
@@ -28,8 +28,6 @@ FLUSH = 1e-5
 """A mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands flush on it."""
 UPRIGHT = 0.1
 """Sine of the angle between a flush mount and its wall's normal above which a turn of the base leaves the wall."""
-ROUNDING = 1e-9
-"""Depth that counts as contact [m]."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +56,16 @@ def resolve_ends(problem: Problem) -> Ends:
     start = _headings(problem, problem.start)
     clamped = stands_flush(problem, start)
     arm = clamped_arm(problem.arm) if clamped else problem.arm
-    _refuse_bad_pose(problem, arm, start, "start")
+    refuse_bad_pose(arm, problem.workspace, start, "start")
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
         near_enough = (TOLERANCE_SHARE * problem.tolerances.position, TOLERANCE_SHARE * problem.tolerances.heading)
         goal = GoalPose(aim(problem, problem.goal), problem.goal.heading, near_enough=near_enough)
         return Ends(start, goal, None, clamped)
     headings = _headings(problem, problem.goal)
-    _refuse_bad_pose(problem, problem.arm if headings[0] != start[0] else arm, headings, "goal")
+    # A base that is clamped at the start is so at the goal only if it has not turned.
+    at_goal = arm if headings[0] == start[0] else problem.arm
+    refuse_bad_pose(at_goal, problem.workspace, headings, "goal")
     tip = arm.joint_positions(headings)[-1]
     return Ends(start, GoalPose(tip, float(headings[-1])), headings, clamped)
 
@@ -135,26 +135,3 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
         reason = f"at the goal the {what} {depth:.1f} mm too near to '{problem.workspace.walls[k].name}'"
         advice = ("move the goal or change its heading", "use a smaller arm.radius or workspace.clearance")
         raise UnreachableGoal(Diagnosis(reason, "goal", advice))
-
-
-def _refuse_bad_pose(problem: Problem, arm: Arm, headings: FloatArray, which: str) -> None:
-    bends = arm.bends(headings)
-    over = np.abs(bends) - arm.bend_limits
-    if over.max() > 1e-9:
-        joint = int(np.argmax(over))
-        angle, limit = np.rad2deg(bends[joint]), np.rad2deg(arm.bend_limits[joint])
-        reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, its limit is {limit:.2f}°"
-        raise UnreachableGoal(Diagnosis(reason, which, (f"change the {which}", "raise arm.joint_limit_deg")))
-    finder = ContactFinder(arm, Walls.of(problem.workspace), problem.workspace.clearance, 0.0, 0.02 * arm.length)
-    points = arm.joint_positions(headings)
-    contacts = finder.find(points)
-    least = -ROUNDING if allowed_contact(arm, problem.workspace) > 0.0 else TOUCH
-    if np.any(contacts.gap < least) or finder.crosses(points):
-        raise UnreachableGoal(_touching(which, finder.describe(contacts)))
-    if len(Certificate.of_contact(arm, problem.workspace).failures(np.stack((headings, headings)))):
-        raise UnreachableGoal(_touching(which, "a link lies inside an obstacle"))
-
-
-def _touching(which: str, contact: str) -> Diagnosis:
-    advice = (f"change the {which}", "use a smaller arm.radius or workspace.clearance")
-    return Diagnosis(f"the {which} touches something: {contact}", which, advice)

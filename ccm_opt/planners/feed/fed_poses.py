@@ -3,14 +3,11 @@
 import numpy as np
 import shapely
 
-from ccm_opt.collision.certificate import TOUCH, allowed_contact
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.geometry.angles import unit_vector
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.motion.ends import ROUNDING, refuse_blocked_tip
+from ccm_opt.motion.ends import refuse_blocked_tip
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
-from ccm_opt.planners.following.feed_path import FeedMotions
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 
 _ROUNDING = 1e-9
@@ -44,28 +41,6 @@ def fed_pose(
     return JointPose(np.where(held, 0.0, bends), pose.feed)
 
 
-def refuse_bad_pose(motions: FeedMotions, pose: JointPose, which: str) -> float:
-    """The least gap of a pose [m].
-
-    Raises:
-        UnreachableGoal: the pose breaks a joint limit or touches something; names joint or link and obstacle.
-    """
-    arm = motions.arm
-    q = pose.configuration(arm)
-    over = np.abs(pose.bends) - arm.bend_limits
-    if over.max() > _ROUNDING:
-        raise UnreachableGoal(_over_limit(arm, pose, which, int(np.argmax(over))))
-    contacts, finder, crosses = motions.contacts(q)
-    least = -ROUNDING if allowed_contact(arm, motions.workspace) > 0.0 else TOUCH
-    touches = bool(np.any(contacts.gap < least)) or crosses
-    # A pose that stands still is a motion too: its certificate sees links inside obstacles, far from any wall.
-    if touches or not motions.touching_nothing(np.stack((q, q))):
-        what = finder.describe(contacts) if touches else "a link lies inside an obstacle"
-        advice = (f"change the {which}", "use a smaller arm.radius or workspace.clearance")
-        raise UnreachableGoal(Diagnosis(f"the {which} touches something: {what}", which, advice))
-    return float(contacts.gap.min(initial=np.inf))
-
-
 def refuse_bad_tip(problem: Problem, goal: TipGoal) -> float:
     """The gap of the tip at the goal, or with a heading of the last link there [m].
 
@@ -81,10 +56,3 @@ def refuse_bad_tip(problem: Problem, goal: TipGoal) -> float:
     need = arm.radius + problem.workspace.clearance
     distances = [float(shapely.distance(line, wall.core)) - wall.rounding for wall in problem.workspace.walls]
     return min(distances) - need
-
-
-def _over_limit(arm: Arm, pose: JointPose, which: str, joint: int) -> Diagnosis:
-    angle = np.rad2deg(pose.bends[joint])
-    limit = np.rad2deg(arm.bend_limits[joint])
-    reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, its limit is {limit:.2f}°"
-    return Diagnosis(reason, which, (f"change the {which}", "raise arm.joint_limit_deg"))

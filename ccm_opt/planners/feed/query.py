@@ -3,9 +3,10 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from ccm_opt.collision.bad_pose import refuse_bad_pose
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
-from ccm_opt.planners.feed.fed_poses import fed_pose, refuse_bad_pose, refuse_bad_tip
+from ccm_opt.planners.feed.fed_poses import fed_pose, refuse_bad_tip
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.following.feed_path import FeedMotions
 from ccm_opt.planners.following.gating import travel_between_samples
@@ -46,20 +47,19 @@ class FeedQuery:
         Raises:
             UnreachableGoal: the start or the goal cannot be.
         """
-        following = settings.following
-        travel = travel_between_samples(problem.arm, problem.limits, following)
-        motions = FeedMotions(problem.arm, problem.workspace, travel, settings=following)
-
         start = fed_pose(problem, problem.start, "start", settings)
-        gap = refuse_bad_pose(motions, start, "start")
+        gap = _gap_of(problem, start, "start", settings)
         goal = None
         if isinstance(problem.goal, TipGoal):
             # Deeper than contact, within the tolerance, counts as contact.
             gap_at_goal = max(refuse_bad_tip(problem, problem.goal), 0.0)
         else:
             goal = fed_pose(problem, problem.goal, "goal", settings)
-            gap_at_goal = refuse_bad_pose(motions, goal, "goal")
-        motions = replace(motions, gap=min(gap, gap_at_goal))
+            gap_at_goal = _gap_of(problem, goal, "goal", settings)
+
+        following = settings.following
+        travel = travel_between_samples(problem.arm, problem.limits, following)
+        motions = FeedMotions(problem.arm, problem.workspace, travel, min(gap, gap_at_goal), following)
         return cls(problem, feed, start, goal, motions, deadline, settings)
 
     def between(self, start: JointPose, goal: JointPose | None) -> "FeedQuery":
@@ -112,3 +112,14 @@ class FeedQuery:
             end = self.goal.feed  # the same but for rounding
         in_range = self.feed.low <= end <= min(self.feed.high, path.straight)
         return end if in_range else None
+
+
+def _gap_of(problem: Problem, pose: JointPose, which: str, settings: FeedPlannerSettings) -> float:
+    """The least gap of a pose that the arm can have [m].
+
+    Raises:
+        UnreachableGoal: the pose breaks a joint limit or touches something.
+    """
+    arm = problem.arm
+    reach = settings.following.contact_reach
+    return refuse_bad_pose(arm, problem.workspace, arm.poses(pose.configuration(arm)), which, reach)

@@ -8,8 +8,6 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate, allowed_contact
-from ccm_opt.collision.contacts import ContactFinder, Contacts
-from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.search_settings import SearchSettings
@@ -47,21 +45,9 @@ class FeedMotions:
         )
         return Certificate(self.arm, self.workspace, float(spare))
 
-    def contacts(self, q: FloatArray) -> tuple[Contacts, ContactFinder, bool]:
-        """Near pairs of a configuration, what describes them, and whether links cross something."""
-        points = self.arm.joint_positions_at(q)
-        reach = self.settings.contact_reach * self.arm.length
-        finder = ContactFinder(self.arm, Walls.of(self.workspace), self.workspace.clearance, 0.0, reach)
-        return finder.find(points), finder, finder.crosses(points)
-
     def within_limits(self, keyframes: FloatArray) -> bool:
         """Whether keyframes keep joint limits and the range of the feed."""
         return bool(np.all((keyframes >= self.arm.lower_limits) & (keyframes <= self.arm.upper_limits)))
-
-    def touching_nothing(self, keyframes: FloatArray) -> bool:
-        """Whether keyframes of bends and feed, linear between them, do no more than touch."""
-        certificate = Certificate.of_contact(self.arm, self.workspace)
-        return len(certificate.failures(self.arm.poses(keyframes))) == 0
 
     def certified(self, keyframes: FloatArray) -> bool:
         """Whether keyframes of bends and feed, linear between them, are clear of everything."""
