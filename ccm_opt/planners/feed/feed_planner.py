@@ -167,7 +167,8 @@ class _FeedSearch:
         refused = list(self.refused)
         if self.leader_paths is not None:
             refused.extend(self.leader_paths.refusals)
-        reason = f"no motion found along {len(self.found)} leaders' paths, {len(self.refused)} motions could not be certified"
+        found = len(self.found)
+        reason = f"no motion found along {found} leaders' paths, {len(self.refused)} motions could not be certified"
         evidence: dict[str, object] = {"refused": refused[: self.query.settings.refusals_listed]}
         if self.query.deadline.passed():
             slow = Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence)
