@@ -13,7 +13,7 @@ class GridSettings:
         most_intervals: most grid intervals, whatever the number of knots. Taste; it bounds the time.
         even_share: share of the intervals that is spread evenly over the spans, for those where the path turns rather
             than moves; the others go by length. Taste.
-        stopped: share of the greatest |q'| of all knots below which the path stops at a knot. Taste, far above
+        stopped: share of the greatest ``|q'|`` of all knots below which the path stops at a knot. Taste, far above
             rounding and far below what a path that moves has.
     """
 
