@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from ccm_opt.geometry.angles import (
     WHOLE_TURN,
     heading_of,
-    headings_of,
     sweep_on_side,
     unit_vector,
+    vector_headings,
     whole_turns,
     wrap,
 )
@@ -70,7 +70,7 @@ def test_a_sweep_stays_on_its_side(angle: float, side: int) -> None:
 def test_headings_undo_unit_vectors(heading: float) -> None:
     """The heading of the unit vector of a heading is that heading, alone and in an array."""
     assert heading_of(unit_vector(heading)) == pytest.approx(heading, abs=1e-14)
-    assert headings_of(unit_vector(np.array([[heading]])))[0, 0] == pytest.approx(heading, abs=1e-14)
+    assert vector_headings(unit_vector(np.array([[heading]])))[0, 0] == pytest.approx(heading, abs=1e-14)
 
 
 @given(SEEDS, st.floats(0.0, 1.0))

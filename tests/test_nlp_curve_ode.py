@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.continuum.segment import PIECES
 from ccm_opt.nlp import constraints
-from ccm_opt.nlp.curve_ode import CONTROLS, PIECES, STATES, SUBSTEPS, SegmentFlow, segment_function
+from ccm_opt.nlp.curve_ode import CONTROLS, STATES, SUBSTEPS, SegmentFlow, segment_function
 from tests.nlp_corridors import region
 
 seeds = st.integers(0, 100_000)

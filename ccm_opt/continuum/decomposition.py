@@ -13,13 +13,11 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.segment import CurvatureSegment, Knots
+from ccm_opt.continuum.segment import PIECES, POWERS, CurvatureSegment, Knots
 from ccm_opt.errors import ProblemError
 
 SHORTEST = 1e-6
-"""Shortest part that division makes, as a share of the segment."""
-_PIECES = 4
-"""Cubic pieces of a segment's curvature: it has five knots."""
+"""Rounding: shortest part that division makes, as a share of the segment or chain of segments."""
 _SAME = 1e-9
 """Relative jump of a derivative that counts as rounding."""
 _FIT_SAMPLES = 65
@@ -202,14 +200,13 @@ class _Stretch:
 
     def _heading_at(self, arc: float) -> float:
         widths = np.clip(arc - self.breaks[:-1], 0.0, np.diff(self.breaks))
-        powers = np.arange(1, _PIECES + 1)
-        turns = (self.coefficients * widths[:, None] ** powers / powers).sum(axis=1)
+        turns = (self.coefficients * widths[:, None] ** POWERS / POWERS).sum(axis=1)
         return float(self.heading + turns.sum())
 
     def _jumps(self) -> FloatArray:
         """At every inner break: jumps of C, C', C'' and C''', made comparable, shape (m - 1, 4) [1/m]."""
         widths = np.diff(self.breaks)
-        powers = np.arange(_PIECES)
+        powers = np.arange(PIECES)
         ends = self.on(np.append(self.breaks[:-1], self.breaks[-1]))
         t = widths[:-1]
         c = self.coefficients[:-1]
@@ -233,14 +230,14 @@ class _Stretch:
         """
         found = self._exact()
         if found is None:
-            raise ProblemError(f"{len(self.breaks) - 1} pieces do not make one segment; expected at most {_PIECES}")
+            raise ProblemError(f"{len(self.breaks) - 1} pieces do not make one segment; expected at most {PIECES}")
         return found
 
     def _exact(self) -> CurvatureSegment | None:
         """The stretch as one segment where that changes nothing, else None."""
         jumps = self._jumps()
         scale = _SAME * max(1.0 / self.length, float(np.abs(self.coefficients[:, 0]).max()))
-        too_many = len(self.breaks) > _PIECES + 1
+        too_many = len(self.breaks) > PIECES + 1
         if too_many:
             scale *= 1.0 + 1e3  # differences of merged parts carry more rounding
         if np.any(jumps[:, :3] > 1e3 * scale):
@@ -248,7 +245,7 @@ class _Stretch:
         knots = self.breaks[1:-1]
         if too_many:
             knots = knots[jumps[:, 3] > scale]  # a break where no derivative jumps is no knot
-        if len(knots) > _PIECES - 1:
+        if len(knots) > PIECES - 1:
             return None
         breaks = _with_idle(np.concatenate(([0.0], knots, [self.length])))
         return self._on_knots(breaks)
@@ -268,7 +265,7 @@ class _Stretch:
         made: list[CurvatureSegment] = []
         for first, last in pairwise(bounds):
             part = self.part(float(first), float(last))
-            cuts = np.append(part.breaks[:-1:_PIECES], part.length)
+            cuts = np.append(part.breaks[:-1:PIECES], part.length)
             made.extend(part.part(float(a), float(b)).segment() for a, b in pairwise(cuts))
         return tuple(made)
 
@@ -294,7 +291,7 @@ class _Stretch:
         arc = np.linspace(0.0, self.length, _FIT_SAMPLES)
         wanted = np.array([self._heading_at(float(s)) for s in arc]) - self.heading
         basis = np.stack(
-            [CurvatureSegment(self.length, 0.0, unit).heading_at(arc) for unit in np.eye(_PIECES + 1)], axis=1
+            [CurvatureSegment(self.length, 0.0, unit).heading_at(arc) for unit in np.eye(PIECES + 1)], axis=1
         )
         normal = np.block([[basis.T @ basis, basis[-1:].T], [basis[-1:], np.zeros((1, 1))]])
         values = np.linalg.solve(normal, np.append(basis.T @ wanted, wanted[-1]))[:-1]
@@ -304,7 +301,7 @@ class _Stretch:
 
 def _with_idle(breaks: FloatArray) -> FloatArray:
     """Breaks filled up to five: the widest gap is halved again and again."""
-    while len(breaks) < _PIECES + 1:
+    while len(breaks) < PIECES + 1:
         k = int(np.argmax(np.diff(breaks)))
         breaks = np.insert(breaks, k + 1, 0.5 * (breaks[k] + breaks[k + 1]))
     return breaks

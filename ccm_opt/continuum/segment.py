@@ -9,6 +9,10 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.spline import piece_coefficients
 
+PIECES = 4
+"""Cubic pieces of a segment's curvature: it has five knots."""
+POWERS = np.arange(1, PIECES + 1)
+"""Of arc length in the integral of a cubic."""
 EVEN_KNOTS = (0.25, 0.5, 0.75)
 Knots: TypeAlias = tuple[float, float, float]
 

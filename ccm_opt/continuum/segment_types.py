@@ -15,7 +15,7 @@ _FIRST_ZERO_OF_J0 = 2.404825557695773
 """Where the chord of a modal curve vanishes [rad]."""
 _SAMPLES_PER_PIECE = 32
 """Headings at which the signs of a segment's curvature are looked for, on each of its cubic pieces."""
-_SINE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
+SINE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
 """A whole wave of the sine at a segment's five knots."""
 
 
@@ -130,7 +130,7 @@ def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length
         raise ProblemError(f"a segment of {length:g} m cannot span {ratio * length:g} m; give it more length")
     amplitude = end_angle(kind, min(ratio, 1.0))
     sign = 1.0 if kind in {SegmentType.LEFT, SegmentType.LEFT_RIGHT} else -1.0
-    shape = np.full(5, 2.0) if kind in {SegmentType.LEFT, SegmentType.RIGHT} else 2.0 * np.pi * _SINE
+    shape = np.full(5, 2.0) if kind in {SegmentType.LEFT, SegmentType.RIGHT} else 2.0 * np.pi * SINE
     return CurvatureSegment(length, direction - sign * amplitude, sign * amplitude / length * shape)
 
 

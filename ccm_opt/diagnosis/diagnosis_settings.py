@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class PassageSettings:
+class PassageProofSettings:
     """How finely passages are measured, and which obstacles are taken away.
 
     Attributes:
@@ -89,7 +89,7 @@ class DiagnosisSettings:
         figures: figures that a reported value keeps, rounded to the easier side before it is solved. Taste.
     """
 
-    passages: PassageSettings = field(default_factory=PassageSettings)
+    passages: PassageProofSettings = field(default_factory=PassageProofSettings)
     tightness: TightnessSettings = field(default_factory=TightnessSettings)
     trials: TrialSettings = field(default_factory=TrialSettings)
     findings: int = 5

@@ -9,7 +9,7 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.diagnosis.contact import tip_has_room
-from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageSettings
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageProofSettings
 from ccm_opt.diagnosis.keyed_poses import tip_places
 from ccm_opt.diagnosis.wide_space import THIN, WideSpace, wide_space
 from ccm_opt.diagnosis.words import at, listed, metres, millimetres, point
@@ -47,7 +47,7 @@ class PassageSearch:
     problem: Problem
     goal: FloatArray
     tolerance: float
-    settings: PassageSettings = DEFAULT_DIAGNOSIS.passages
+    settings: PassageProofSettings = DEFAULT_DIAGNOSIS.passages
 
     @cached_property
     def space(self) -> WideSpace:

@@ -55,7 +55,7 @@ def heading_of(vector: FloatArray) -> float:
     return float(np.arctan2(vector[1], vector[0]))
 
 
-def headings_of(vectors: FloatArray) -> FloatArray:
+def vector_headings(vectors: FloatArray) -> FloatArray:
     """Direction of each vector, shape (..., 2) to (...), in [-π, π] [rad]."""
     return np.asarray(np.arctan2(vectors[..., 1], vectors[..., 0]), dtype=np.float64)
 

@@ -6,7 +6,7 @@ Points may have any number of coordinates unless a function says ``(k, 2)``: a m
 import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.geometry.angles import headings_of
+from ccm_opt.geometry.angles import vector_headings
 
 
 def leg_lengths(points: FloatArray) -> FloatArray:
@@ -51,7 +51,7 @@ def legs_at(arcs: FloatArray, places: FloatArray) -> IntArray:
 
 def leg_headings(points: FloatArray) -> FloatArray:
     """Heading of each leg, unwrapped: neighbours differ by half a turn at most, shape (k, 2) to (k - 1,) [rad]."""
-    return np.unwrap(headings_of(np.diff(points, axis=0)))
+    return np.unwrap(vector_headings(np.diff(points, axis=0)))
 
 
 def without_repeats(points: FloatArray, apart: float) -> FloatArray:

@@ -8,15 +8,11 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.segment import CurvatureSegment
+from ccm_opt.continuum.segment import PIECES, POWERS, CurvatureSegment
 from ccm_opt.geometry.angles import unit_vector
 
-_PIECES = 4
-"""Cubic pieces of a segment's curvature."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 """Gauss points of a piece."""
-_POWERS = np.arange(1, _PIECES + 1)
-"""Of arc length in the integral of a cubic."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +97,7 @@ class Shapes:
     def tips(self) -> tuple[FloatArray, FloatArray]:
         """Positions (m, 2) [m] and headings (m,) [rad] of the tips."""
         t = self._widths[..., None] * (0.5 * (_NODES + 1.0))
-        c = self._coefficients[:, :, None] / _POWERS
+        c = self._coefficients[:, :, None] / POWERS
         inside = t * (c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3])))
         headings = inside + (self.heading[:, None] + self._turned[:, :-1])[..., None]
         weights = 0.5 * self._widths[..., None] * _WEIGHTS
@@ -138,7 +134,7 @@ class Shapes:
     @cached_property
     def _coefficients(self) -> FloatArray:
         """Power coefficients of curvature on every piece, shape (m, segments * 4, 4)."""
-        a = self._widths.reshape(*self.lengths.shape, _PIECES)
+        a = self._widths.reshape(*self.lengths.shape, PIECES)
         moments = self._second_derivatives(a)
         left = moments[..., :-1]
         right = moments[..., 1:]
@@ -167,7 +163,7 @@ class Shapes:
     @cached_property
     def _turned(self) -> FloatArray:
         """Turn from the base to the start of each piece and to the tip, shape (m, segments * 4 + 1) [rad]."""
-        turns = (self._coefficients * self._widths[..., None] ** _POWERS / _POWERS).sum(axis=2)
+        turns = (self._coefficients * self._widths[..., None] ** POWERS / POWERS).sum(axis=2)
         return np.concatenate((np.zeros((len(self), 1)), np.cumsum(turns, axis=1)), axis=1)
 
     def _heading_integral(self, arc: FloatArray) -> FloatArray:
@@ -177,7 +173,7 @@ class Shapes:
             piece += arc > self._breaks[:, k, None]
         row = np.arange(len(self))[:, None]
         t = arc - self._breaks[row, piece]
-        c0, c1, c2, c3 = (c[row, piece] for c in np.moveaxis(self._coefficients / (_POWERS * (_POWERS + 1)), 2, 0))
+        c0, c1, c2, c3 = (c[row, piece] for c in np.moveaxis(self._coefficients / (POWERS * (POWERS + 1)), 2, 0))
         start = self._turned[row, piece] + self.heading[:, None]
         bends = t * (c0 + t * (c1 + t * (c2 + t * c3)))
         integral: FloatArray = self._integrals[row, piece] + t * (start + bends)
@@ -187,7 +183,7 @@ class Shapes:
     def _integrals(self) -> FloatArray:
         """Integral of the heading from the base to the start of each piece, shape (m, segments * 4) [rad m]."""
         a = self._widths
-        bends = (self._coefficients * a[..., None] ** (_POWERS + 1) / (_POWERS * (_POWERS + 1))).sum(axis=2)
+        bends = (self._coefficients * a[..., None] ** (POWERS + 1) / (POWERS * (POWERS + 1))).sum(axis=2)
         pieces = (self._turned[:, :-1] + self.heading[:, None]) * a + bends
         integrals: FloatArray = np.cumsum(pieces, axis=1) - pieces
         return integrals

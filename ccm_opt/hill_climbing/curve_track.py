@@ -9,13 +9,11 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.cubic_spiral import chord_ratio
-from ccm_opt.continuum.decomposition import rest_of, start_of
+from ccm_opt.continuum.decomposition import SHORTEST, rest_of, start_of
 from ccm_opt.continuum.segment import EVEN_KNOTS, CurvatureSegment
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.angles import headings_of, wrap
+from ccm_opt.geometry.angles import vector_headings, wrap
 
-SHORTEST = 1e-6
-"""Rounding: pieces shorter than this share of the track are left out."""
 _EVEN = np.array([0.0, *EVEN_KNOTS, 1.0])
 """Even knots, the ends included."""
 
@@ -76,7 +74,7 @@ def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
     """
     legs = np.diff(corners, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
-    headings = headings_of(legs)
+    headings = vector_headings(legs)
     turns = [wrap(float(after - before)) for before, after in pairwise(headings)]
     share = np.full(len(lengths), 0.5)
     share[[0, -1]] = 1.0

@@ -97,9 +97,9 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
         # Where no allowed move improves distance and push together, the push eases until one does, or it is gone.
         while True:
-            gain = settings.gain_while_pushed if push > 0.0 else settings.least_gain
-            below = (1.0 - gain) * (left + push * crowded)
-            order = _order(distances + push * crowding, below, task.strategy, last)[: settings.most_tried]
+            order = _order(
+                distances + push * crowding, left + push * crowded, push > 0.0, last, task.strategy, settings
+            )
             chosen = _first_allowed(world, here, candidates, order, settings)
             if chosen is not None or push == 0.0:
                 break
@@ -127,13 +127,27 @@ def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configurati
             return start if here is None else here.configuration(0), ending
 
 
-def _order(values: FloatArray, below: float, strategy: Strategy, last: int) -> IntArray:
-    """Improving candidates: best first, or in the order of the operators beginning with the one used last."""
-    improving = np.flatnonzero(values < below)
+def _order(
+    values: FloatArray, now: float, pushed: bool, last: int, strategy: Strategy, settings: ClimbSettings
+) -> IntArray:
+    """Improving candidates: best first, or in the order of the operators beginning with the one used last.
+
+    Args:
+        values: of the candidates, shape (m,).
+        now: the value where the climb is.
+        pushed: whether walls push, so that a move has to gain more to count.
+        last: candidate moved to last.
+        strategy: of the climb.
+        settings: what counts as a gain, and how many are tried.
+    """
+    gain = settings.gain_while_pushed if pushed else settings.least_gain
+    improving = np.flatnonzero(values < (1.0 - gain) * now)
     if strategy is Strategy.STEEPEST:
-        return improving[np.argsort(values[improving], kind="stable")]
-    turn = int(np.searchsorted(improving, last))
-    return np.roll(improving, -turn)
+        improving = improving[np.argsort(values[improving], kind="stable")]
+    else:
+        # What helped last most probably helps again.
+        improving = np.roll(improving, -int(np.searchsorted(improving, last)))
+    return improving[: settings.most_tried]
 
 
 def _first_allowed(

@@ -4,7 +4,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.angles import headings_of, wrap
+from ccm_opt.geometry.angles import vector_headings, wrap
 from ccm_opt.geometry.polygons import cross
 from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING, MappingSettings
 
@@ -55,7 +55,7 @@ def _chords(points: FloatArray, link_length: float, slack: float) -> tuple[Float
             f"even joints {2 * pair} and {2 * pair + 2} coincide, so joint {2 * pair + 1} has no place of its own; "
             "bend the curve less or use more links"
         )
-    return chords, headings_of(steps)
+    return chords, vector_headings(steps)
 
 
 def _bulge_side(points: FloatArray) -> FloatArray:

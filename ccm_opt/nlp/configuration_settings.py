@@ -10,6 +10,7 @@ class ConfigurationSettings:
     Lengths marked [L] are in units of the arm's length, as all of the NLP.
 
     Attributes:
+        end_tolerance: a base or goal this near its region counts as inside [m]. Taste.
         segment_totals: segments in all at the attempts after the first. Taste.
         windings: whole turns at the ends that are tried, the fewest first. Taste.
         guess_samples: samples of the guessed heading. Taste.
@@ -41,6 +42,7 @@ class ConfigurationSettings:
         check_samples: points of each segment that the check looks at. Taste.
     """
 
+    end_tolerance: float = 1e-6
     segment_totals: tuple[int, ...] = (4, 6, 8)
     windings: int = 3
     guess_samples: int = 401

@@ -9,9 +9,6 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.corridor import Corridor
 from ccm_opt.nlp.configuration_settings import DEFAULT_CONFIGURATION, ConfigurationSettings
 
-END_TOLERANCE = 1e-6
-"""Rounding: a base or goal this near its region counts as inside [m]."""
-
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationTask:
@@ -70,5 +67,5 @@ class ConfigurationTask:
     def stub(self) -> float:
         """Length of the straight stub at the base [m]: the mount when the base is outside its region, else zero."""
         region = self.corridor.regions[0]
-        outside = bool(np.any(region.normals @ self.base > region.offsets + END_TOLERANCE))
+        outside = bool(np.any(region.normals @ self.base > region.offsets + self.settings.end_tolerance))
         return self.mount_length if outside else 0.0

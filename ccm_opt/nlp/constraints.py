@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.nlp.curve_ode import PIECES, SUBSTEPS, SegmentFlow
+from ccm_opt.continuum.segment import PIECES
+from ccm_opt.nlp.curve_ode import SUBSTEPS, SegmentFlow
 
 
 @dataclass(frozen=True)

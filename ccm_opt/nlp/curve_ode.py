@@ -11,12 +11,12 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
+from ccm_opt.continuum.segment import PIECES
+
 STATES = 5
 """Size of X."""
 CONTROLS = 12
 """Size of U."""
-PIECES = 4
-"""Cubic pieces of a segment's curvature."""
 SUBSTEPS = 2
 """Chords a piece is cut into, for quadrature and for containment."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)

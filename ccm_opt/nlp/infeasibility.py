@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ccm_opt.continuum.segment import PIECES
 from ccm_opt.errors import Diagnosis
 from ccm_opt.nlp.check import Shortfall
-from ccm_opt.nlp.configuration_task import END_TOLERANCE, ConfigurationTask
-from ccm_opt.nlp.curve_ode import PIECES
+from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, unpack_variables
 from ccm_opt.nlp.solver import NLPResult
 
@@ -100,7 +100,7 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
     )
     for name, region, point, allowed in ends:
         outside = float((region.normals @ point - region.offsets).max())
-        if outside > allowed + END_TOLERANCE:
+        if outside > allowed + task.settings.end_tolerance:
             return _end_outside(name, outside, allowed)
     return None
 

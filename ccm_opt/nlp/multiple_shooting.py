@@ -7,12 +7,13 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.continuum.segment import PIECES
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.nlp import constraints
 from ccm_opt.nlp.configuration_settings import DEFAULT_CONFIGURATION, ConfigurationSettings
-from ccm_opt.nlp.configuration_task import END_TOLERANCE, ConfigurationTask
+from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.costs import configuration_cost, nearness
-from ccm_opt.nlp.curve_ode import CONTROLS, PIECES, STATES, SegmentFlow, segment_function
+from ccm_opt.nlp.curve_ode import CONTROLS, STATES, SegmentFlow, segment_function
 
 STAGE = STATES + CONTROLS
 """Variables of one segment."""
@@ -237,7 +238,7 @@ def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> F
     # A base or goal that lies in the region stays in it: a side next to one moves by half of what is left there.
     ends = np.array([[0.0, 0.0], task.goal - task.base]) / task.length
     slack = offsets - ends @ region.normals.T
-    room = np.where(slack > -END_TOLERANCE / task.length, slack, np.inf).min(axis=0)
+    room = np.where(slack > -task.settings.end_tolerance / task.length, slack, np.inf).min(axis=0)
     offsets = offsets - np.minimum(task.settings.region_shrinkage, np.where(room > 0.0, 0.5 * room, room))
 
     padding = count - len(offsets)

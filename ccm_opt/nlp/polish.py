@@ -6,15 +6,13 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.segment import Knots
+from ccm_opt.continuum.segment import POWERS, Knots
 from ccm_opt.continuum.spline import piece_coefficients
 from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, unpack_variables
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 """Gauss points of a piece."""
-_POWERS = np.arange(1, 5)
-"""Of arc length in the integral of a cubic."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +68,7 @@ def heading_basis(widths: FloatArray) -> HeadingBasis:
     for k, row in enumerate(widths):
         for width, coefficients in zip(row, piece_coefficients(row, np.eye(5)), strict=True):
             arcs = np.append(0.5 * width * (_NODES + 1.0), width)
-            turns = (arcs[:, None] ** _POWERS / _POWERS) @ coefficients
+            turns = (arcs[:, None] ** POWERS / POWERS) @ coefficients
             block = np.tile(start, (len(arcs), 1))
             block[:, 4 * k : 4 * k + 5] += turns
             rows.append(block[:-1])

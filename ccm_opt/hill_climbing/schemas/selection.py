@@ -8,7 +8,7 @@ from scipy.special import j0
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import CurvatureSegment
-from ccm_opt.continuum.segment_types import SegmentType, end_angle, natural_segment, select_segment_type
+from ccm_opt.continuum.segment_types import SINE, SegmentType, end_angle, natural_segment, select_segment_type
 from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import heading_of, whole_turns, wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
@@ -22,8 +22,6 @@ BENT = (SegmentType.LEFT, SegmentType.RIGHT, SegmentType.LEFT_RIGHT, SegmentType
 """Types that bend."""
 _BUMP = np.array([0.0, 1.125, 1.5, 1.125, 0.0])
 """A parabola of mean 1 at even knots: a half wave of curvature."""
-_WAVE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
-"""A sine at even knots: a whole wave of curvature."""
 _KEPT_LENGTH = (
     Operator.C_B, Operator.C_C, Operator.C_D, Operator.C_E, Operator.S_B, Operator.S_C, Operator.S_D,
 )  # fmt: skip
@@ -166,4 +164,4 @@ def _first_guess(position: FloatArray, heading: float, goal: TipPose, least_rati
     # The chord ratio of the guess, were bump and wave alone; the waves fold back before J₀ vanishes at 2.405.
     ratio = max(float(j0(min(abs(wave), 2.4)) * np.sinc(0.5 * (alpha + beta) / np.pi)), least_ratio)
     length = distance / ratio
-    return CurvatureSegment(length, heading, ((alpha + beta) * _BUMP + 2.0 * np.pi * wave * _WAVE) / length)
+    return CurvatureSegment(length, heading, ((alpha + beta) * _BUMP + 2.0 * np.pi * wave * SINE) / length)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.angles import headings_of, wrap
+from ccm_opt.geometry.angles import vector_headings, wrap
 from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES, TipLedSettings
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
@@ -68,7 +68,7 @@ class TipLed:
         arm = self.space.arm
         joints_at = self.arc - arm.link_length * np.arange(arm.links, -1, -1.0)
         places = self.track.points_at(joints_at)
-        wanted = headings_of(np.diff(places, axis=0))
+        wanted = vector_headings(np.diff(places, axis=0))
         turn = wrap(wanted - pose.headings)
 
         # A link far from its place on the track would be turned for nothing, and pull the tip off its way.

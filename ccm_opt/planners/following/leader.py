@@ -7,7 +7,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.angles import headings_of, unit_vector, whole_turns
+from ccm_opt.geometry.angles import unit_vector, vector_headings, whole_turns
 
 _ITERATIONS = 40
 """Of Newton's method at most; from a chord's length ahead it needs four or five."""
@@ -100,6 +100,6 @@ class LeaderPath:
     def link_headings(self, joints: FloatArray) -> FloatArray:
         """Headings of the links between joints on the path, each the one nearest to the path's own [rad]."""
         steps = np.diff(self.positions(joints), axis=-2)
-        chords = headings_of(steps)
+        chords = vector_headings(steps)
         middle = np.interp(0.5 * (joints[..., :-1] + joints[..., 1:]), self.arc, self.headings)
         return chords + whole_turns(middle - chords)

@@ -8,7 +8,7 @@ from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.angles import headings_of, unit_vector, whole_turns
+from ccm_opt.geometry.angles import unit_vector, vector_headings, whole_turns
 from ccm_opt.geometry.polyline import arc_lengths
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
@@ -109,7 +109,7 @@ def _with_axis(
 ) -> LeaderPath:
     """The feed axis up to an arc length, then a sampled curve with arc lengths from there, points and tangents."""
     before = _on_axis(arm, leaves)
-    headings = arm.base_heading + np.unwrap(headings_of(tangents) - arm.base_heading)
+    headings = arm.base_heading + np.unwrap(vector_headings(tangents) - arm.base_heading)
     headings -= whole_turns(headings[0] - arm.base_heading)
     return LeaderPath(
         np.concatenate((before, leaves + arc)),
