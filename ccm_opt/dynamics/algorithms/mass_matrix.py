@@ -49,10 +49,10 @@ class MassMatrix:
         """M; the force along the base heading that unit accelerations of the joints need, (3 * links,); the mass."""
         model = self._model
         factors, mass = self._factors(angles, model.bodies.T, model.drives.T, model.world)
-        Z, Y, F, A = np.split(np.asarray(factors), 4)
+        Z, Y, F, A = np.asarray(factors).reshape(4, 3, -1)
         upper = np.triu(Z.T @ A + Y.T @ F)  # the formula holds for i ≤ j alone
-        M = upper + np.triu(upper, 1).T
-        M[np.diag_indices_from(M)] += self._rotors
+        M = upper + upper.T
+        np.fill_diagonal(M, upper.diagonal() + self._rotors)
         return M, F[0], float(mass)
 
 
