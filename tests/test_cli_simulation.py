@@ -93,7 +93,7 @@ def test_disturbances_leave_the_plan(solved: Path) -> None:
     assert "unknown to the controller" in out
 
 
-def test_a_simulated_arm_that_touches_is_told(solved: Path) -> None:
+def test_a_simulated_arm_that_touches_is_reported(solved: Path) -> None:
     """Pressed down by its payload the arm meets the post: a warning, and exit code 3."""
     code, _, err = run("simulate", str(solved), "--no-pictures", "--payload", "0.5")
     assert code == 3

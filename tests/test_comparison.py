@@ -278,7 +278,7 @@ def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.
     assert len(files["journal.jsonl"].splitlines()) == 8
 
 
-def test_a_crash_is_a_bug_and_the_rest_is_still_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_crash_is_a_bug_and_the_rest_is_still_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A planner with a defect gives exit code 1 after all runs are made."""
     small_cases(tmp_path)
     assert compare_methods(wanted(tmp_path, planners=(BROKEN,))) == 1
