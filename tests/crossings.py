@@ -76,7 +76,8 @@ def _library() -> ctypes.CDLL:
     if compiler is None:
         raise RuntimeError("got no C compiler, expected cc, gcc or clang: the comparison compiles its crossing check")
     folder = Path(tempfile.mkdtemp(prefix="crossings-"))
-    source, library = folder / "crossings.c", folder / f"crossings{sysconfig.get_config_var('SHLIB_SUFFIX')}"
+    source = folder / "crossings.c"
+    library = folder / f"crossings{sysconfig.get_config_var('SHLIB_SUFFIX')}"
     source.write_text(SOURCE)
     subprocess.run([compiler, "-O3", "-shared", "-fPIC", "-o", str(library), str(source), "-lm"], check=True)
     loaded = ctypes.CDLL(str(library))
@@ -103,7 +104,9 @@ class CrossingCheck:
         ]
         walls = np.ascontiguousarray(np.vstack(edges), dtype=np.float64)
         self._array = ctypes.c_double * arm.links
-        self._links, self._length, self._heading = arm.links, arm.link_length, arm.base_heading
+        self._links = arm.links
+        self._length = arm.link_length
+        self._heading = arm.base_heading
         self._keep = walls
         self._base = (ctypes.c_double * 2)(*arm.base)
         self._room = (ctypes.c_double * 4)(*problem.workspace.boundary.bounds)

@@ -85,16 +85,20 @@ def too_short(rng: np.random.Generator) -> Case:
         distance = rng.uniform(0.8, 1.6)
         data = _tables(rng, share * distance, radius)
         data["goal"]["position"] = _at(distance, rng.uniform(-3.0, 3.0))
-        need, named = distance, ("out of reach",)
+        need = distance
+        named = ("out of reach",)
     else:
-        ahead, height, thickness = rng.uniform(0.3, 0.5), rng.uniform(0.15, 0.5), rng.uniform(0.02, 0.08)
+        ahead = rng.uniform(0.3, 0.5)
+        height = rng.uniform(0.15, 0.5)
+        thickness = rng.uniform(0.02, 0.08)
         goal = np.array([ahead + rng.uniform(0.15, 0.5), rng.uniform(-0.2, 0.1)])
         end = np.array([ahead, height])
         need = string_round(np.zeros(2), goal, end, radius + 0.5 * thickness)
         data = _tables(rng, share * need, radius)
         screen = {"points": [[ahead, -3.0], end.tolist()], "thickness": thickness}
         data["workspace"]["obstacles"] = [{"name": "screen", "wall": screen}]
-        data["goal"]["position"], named = goal.tolist(), ("'screen'",)
+        data["goal"]["position"] = goal.tolist()
+        named = ("'screen'",)
         data["start"] = _pointing(data["arm"]["links"], rng.uniform(95.0, 150.0))
     links = data["arm"]["links"]
     return Case("too short", data, "arm.link_length", (need - TOLERANCE) / links, named, 1)
@@ -102,7 +106,8 @@ def too_short(rng: np.random.Generator) -> Case:
 
 def string_round(start: FloatArray, goal: FloatArray, middle: FloatArray, radius: float) -> float:
     """Length of a string over a circle whose middle is above the line from start to goal: tangents and an arc [m]."""
-    one, other = start - middle, goal - middle
+    one = start - middle
+    other = goal - middle
     tangents = [float(np.sqrt(v @ v - radius**2)) for v in (one, other)]
     cosine = float(one @ other / np.sqrt((one @ one) * (other @ other)))
     seen = sum(float(np.arccos(radius / np.hypot(*v))) for v in (one, other))
@@ -116,9 +121,12 @@ def too_thick(rng: np.random.Generator) -> Case:
     clearance = float(rng.choice([0.0, 0.0, 0.004]))
     thick = radius / rng.uniform(0.6, 0.93)
     width = 2.0 * (radius + clearance)
-    ahead, middle, depth = rng.uniform(0.35, 0.5), rng.uniform(-0.15, 0.15), rng.uniform(0.02, 0.15)
+    ahead = rng.uniform(0.35, 0.5)
+    middle = rng.uniform(-0.15, 0.15)
+    depth = rng.uniform(0.02, 0.15)
     data = _tables(rng, rng.uniform(1.1, 1.4), thick)
-    low, high = middle - 0.5 * width, middle + 0.5 * width
+    low = middle - 0.5 * width
+    high = middle + 0.5 * width
     data["workspace"]["clearance"] = clearance
     data["workspace"]["obstacles"] = [
         {"name": "upper wall", "box": [ahead, high, ahead + depth, 3.0]},
@@ -134,10 +142,12 @@ def too_stiff(rng: np.random.Generator) -> Case:
     """A goal at the end of a regular arc that takes every joint, or a goal so near that only a tight arc gets there."""
     data = _tables(rng, rng.uniform(0.9, 1.3), rng.uniform(0.01, 0.02))
     arm = data["arm"]
-    links, link = arm["links"], arm["link_length"]
+    links = arm["links"]
+    link = arm["link_length"]
     share = rng.uniform(0.6, 0.95)
     if rng.random() < 0.5:
-        turn, base = np.deg2rad(rng.uniform(60.0, 165.0)), np.deg2rad(rng.uniform(5.0, 10.0))
+        turn = np.deg2rad(rng.uniform(60.0, 165.0))
+        base = np.deg2rad(rng.uniform(5.0, 10.0))
         bend = (turn - base) / (links - 1)
         side = float(rng.choice([-1.0, 1.0]))
         headings = side * (base + bend * np.arange(links))
@@ -155,9 +165,13 @@ def too_stiff(rng: np.random.Generator) -> Case:
 
 def blocked(rng: np.random.Generator) -> Case:
     """Two rooms joined by a door that a shutter closes; other obstacles stand about."""
-    door, ahead = rng.uniform(0.18, 0.3), rng.uniform(0.35, 0.5)
-    thickness, middle = rng.uniform(0.05, 0.15), rng.uniform(-0.1, 0.1)
-    low, high, far = middle - 0.5 * door, middle + 0.5 * door, ahead + thickness
+    door = rng.uniform(0.18, 0.3)
+    ahead = rng.uniform(0.35, 0.5)
+    thickness = rng.uniform(0.05, 0.15)
+    middle = rng.uniform(-0.1, 0.1)
+    low = middle - 0.5 * door
+    high = middle + 0.5 * door
+    far = ahead + thickness
     outline = [
         [-2.0, -2.0], [ahead, -2.0], [ahead, low], [far, low], [far, -2.0], [3.0, -2.0],
         [3.0, 2.0], [far, 2.0], [far, high], [ahead, high], [ahead, 2.0], [-2.0, 2.0],
@@ -180,7 +194,8 @@ def contact(rng: np.random.Generator) -> Case:
     """A post that overlaps a link at the start, a link of a goal for the whole arm, or the tip at its goal."""
     thick = rng.uniform(0.03, 0.05)
     data = _tables(rng, rng.uniform(1.0, 1.3), thick)
-    links, link = data["arm"]["links"], data["arm"]["link_length"]
+    links = data["arm"]["links"]
+    link = data["arm"]["link_length"]
     which = str(rng.choice(["start", "goal", "tip"]))
     gap = rng.uniform(0.6, 0.93) * thick
     bends = np.full(links, rng.choice([-1.0, 1.0]) * np.deg2rad(rng.uniform(60.0, 120.0)) / links)
@@ -191,7 +206,8 @@ def contact(rng: np.random.Generator) -> Case:
         middle = np.array([(number + 0.5) * link, side * (gap + post)])
         turn = -side * rng.uniform(50.0, 110.0)
         data["goal"] = {"position": _at(rng.uniform(0.6, 0.8) * links * link, np.deg2rad(turn))}
-        threshold, named = gap, ("'post'", f"link {number + 1}")
+        threshold = gap
+        named = ("'post'", f"link {number + 1}")
     else:
         headings = np.cumsum(bends)
         steps = link * np.column_stack((np.cos(headings), np.sin(headings)))
@@ -201,12 +217,14 @@ def contact(rng: np.random.Generator) -> Case:
             normal = outside * np.array([-np.sin(headings[number]), np.cos(headings[number])])
             middle = 0.5 * (points[number] + points[number + 1]) + (gap + post) * normal
             data["goal"] = {"joints_deg": np.rad2deg(bends).tolist()}
-            threshold, named = gap, ("'post'", f"link {number + 1}")
+            threshold = gap
+            named = ("'post'", f"link {number + 1}")
         else:
             ahead = np.array([np.cos(headings[-1]), np.sin(headings[-1])])
             middle = points[-1] + (gap + post) * ahead
             data["goal"] = {"position": points[-1].tolist()}
-            threshold, named = gap + TOLERANCE, ("'post'", "the tip")
+            threshold = gap + TOLERANCE
+            named = ("'post'", "the tip")
         data["start"] = _pointing(links, float(-np.sign(bends[0])) * rng.uniform(60.0, 120.0))
     data["workspace"]["obstacles"] = [{"name": "post", "circle": {"center": middle.tolist(), "radius": post}}]
     return Case("contact", data, "arm.radius", float(threshold), named, -1)
@@ -215,7 +233,8 @@ def contact(rng: np.random.Generator) -> Case:
 def torque(rng: np.random.Generator) -> Case:
     """An arm too weak for its start or for a goal for the whole arm; the rest of the motion hangs or stands."""
     data = _tables(rng, rng.uniform(0.6, 1.2), rng.uniform(0.01, 0.03))
-    links, link = data["arm"]["links"], data["arm"]["link_length"]
+    links = data["arm"]["links"]
+    link = data["arm"]["link_length"]
     mass = rng.uniform(0.03, 0.2)
     data["arm"]["link_mass"] = mass
     tilt = rng.uniform(-30.0, 30.0)
@@ -223,12 +242,14 @@ def torque(rng: np.random.Generator) -> Case:
     need = links * mass * GRAVITY * lever
     data["limits"]["torque"] = float(rng.uniform(0.5, 0.93) * need)
     steep = float(np.sign(tilt)) * rng.uniform(60.0, 110.0)
-    weak, easy = _pointing(links, tilt), _pointing(links, steep)
+    weak = _pointing(links, tilt)
+    easy = _pointing(links, steep)
     if rng.random() < 0.5:
         data["start"] = weak
         data["goal"] = {"position": _at(rng.uniform(0.9, 0.97) * links * link, np.deg2rad(steep))}
     else:
-        data["start"], data["goal"] = easy, weak
+        data["start"] = easy
+        data["goal"] = weak
     return Case("torque", data, "limits.torque", float(need), ("joint 1 ",), 1)
 
 

@@ -10,7 +10,8 @@ from ccm_opt.solution import JointTrajectory
 
 def swan_neck(links: int = 12, axes: Axes = "zyx", *, varied: bool = False) -> Arm:
     """The swan's neck (section 5.4) with any number of links; ``varied`` gives every link its own mass and inertia."""
-    h, r = 0.05, 0.025
+    h = 0.05
+    r = 0.025
     masses = np.linspace(0.2, 0.05, links) if varied else np.full(links, 0.1)
     axial = masses * r**2 / 2
     return Arm(

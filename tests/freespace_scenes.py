@@ -69,6 +69,7 @@ def winding_numbers(loop: np.ndarray, free: shapely.MultiPolygon) -> np.ndarray:
     holes = [shapely.Polygon(ring).representative_point() for part in free.geoms for ring in part.interiors]
     around = np.array([[hole.x, hole.y] for hole in holes]).reshape(-1, 1, 2)
     rays = np.concatenate((loop, loop[:1]))[None] - around
-    a, b = rays[:, :-1], rays[:, 1:]
+    a = rays[:, :-1]
+    b = rays[:, 1:]
     angles = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], np.sum(a * b, axis=-1))
     return np.rint(angles.sum(axis=1) / (2.0 * np.pi))

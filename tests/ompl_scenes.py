@@ -34,7 +34,8 @@ LARGEST_CORRIDOR = 110
 
 def horn(links: int) -> Problem:
     """An arm inside a bent horn, to be drawn out and laid straight on the other side of its base."""
-    width, room = 1.0 / links, np.log(links) / links
+    width = 1.0 / links
+    room = np.log(links) / links
     walls = (
         Obstacle("outer wall", shapely.LineString(_bent_wall(links, -room))),
         Obstacle("inner wall", shapely.LineString(_bent_wall(links, room))),
@@ -75,7 +76,8 @@ def corridor(links: int) -> Problem:
 
 def constricted(links: int) -> Problem:
     """A straight arm half in a slit two links high, whose tip is to go round the end of a shelf."""
-    gap, slit = 2.0 * np.log10(links) / links, 1.0 / links
+    gap = 2.0 * np.log10(links) / links
+    slit = 1.0 / links
     blocks = (
         Obstacle("lower block", _outline(0.0, 0.0, 0.5, 0.5 - slit)),
         Obstacle("upper block", _outline(0.0, 0.5 + slit, 0.5, WORLD)),

@@ -45,7 +45,8 @@ class _PhasePlane:
 
     def __init__(self, path: JointPath, limits: Limits, friction: float, s: FloatArray) -> None:
         q, first, second = (path.spline(s, nu) for nu in range(3))
-        velocity, acceleration = limits.velocity[1::3], limits.acceleration[1::3]
+        velocity = limits.velocity[1::3]
+        acceleration = limits.acceleration[1::3]
         assert limits.torque is not None
         torque = limits.torque[1::3]
         inertia = MASS * LENGTH**2 / torque

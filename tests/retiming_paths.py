@@ -13,7 +13,10 @@ from ccm_opt.solution import JointPath, JointTrajectory
 
 from .arms import plain_arm
 
-GRAVITY, MASS, LENGTH, FRICTION = 9.81, 2.0, 0.5, 3.0
+GRAVITY = 9.81
+MASS = 2.0
+LENGTH = 0.5
+FRICTION = 3.0
 
 
 def on_feed(limits: Limits, force: float | None = None) -> Limits:

@@ -123,7 +123,8 @@ def test_bands_keep_off_the_walls_of_a_bent_tube(turn: float, left: bool, gap: f
 
 def test_a_tube_is_passed() -> None:
     """An arm of 40 mm passes a tube 52 mm wide that bends by 60 degrees to each side, the verifier agreeing."""
-    there, back = np.deg2rad(60.0) * np.linspace(0.0, 1.0, 200), np.deg2rad(60.0) * np.linspace(1.0, 0.0, 200)
+    there = np.deg2rad(60.0) * np.linspace(0.0, 1.0, 200)
+    back = np.deg2rad(60.0) * np.linspace(1.0, 0.0, 200)
     headings = np.concatenate((np.zeros(80), there, back, np.zeros(80)))
     steps = 0.7 / len(headings) * np.column_stack((np.cos(headings), np.sin(headings)))
     middle = shapely.LineString(np.cumsum(np.vstack(([0.0, 0.0], steps)), axis=0))
@@ -173,7 +174,8 @@ def test_reversed_paths() -> None:
 
 def test_reshaping_leaves_the_guide_alone() -> None:
     """At a fixed feed the part beyond the hole changes its shape, for even and odd numbers of links there."""
-    arm, room = fed_arm(), make_room(*_plate(0.35))
+    arm = fed_arm()
+    room = make_room(*_plate(0.35))
     for beyond in (9, 10):
         feed = LINK * beyond
         problem = make_problem(arm, room, TipGoal(np.array([0.3, 0.2])), JointPose(np.zeros(arm.links), 0.0))
@@ -192,13 +194,16 @@ def test_reshaping_leaves_the_guide_alone() -> None:
 @pytest.mark.parametrize("case", ["short range", "bent at the hole", "goal bent at the hole", "back to straight"])
 def test_starts_that_following_alone_does_not_solve(case: str) -> None:
     """The path is certified, straight in the guide and clear of the walls by sampling; its ends are those asked for."""
-    start, goal, arm = _bent(-0.35), _bent(0.35), fed_arm()
+    start = _bent(-0.35)
+    goal = _bent(0.35)
+    arm = fed_arm()
     if case == "short range":
         arm = fed_arm(low=0.35)
     elif case == "bent at the hole":
         start = _bent(-0.35, first=8)
     elif case == "goal bent at the hole":
-        start, goal = JointPose(np.zeros(arm.links), 0.0), _bent(0.35, first=8)
+        start = JointPose(np.zeros(arm.links), 0.0)
+        goal = _bent(0.35, first=8)
     else:
         goal = JointPose(np.zeros(arm.links), 0.1)
     problem = make_problem(arm, make_room(), goal, start)

@@ -43,7 +43,8 @@ def backwards() -> Motion:
 
 def test_ends_of_a_whole_arm_goal_are_exchanged() -> None:
     """The goal becomes the start, and the start a goal for the whole arm."""
-    task, other = whole_arm_task(24), turned(24)
+    task = whole_arm_task(24)
+    other = turned(24)
     assert task.goal_headings is not None
     assert other.goal_headings is not None
     np.testing.assert_allclose(other.start, task.goal_headings)
@@ -52,7 +53,8 @@ def test_ends_of_a_whole_arm_goal_are_exchanged() -> None:
 
 def test_reversed_motion_runs_from_start_to_goal() -> None:
     """A motion found backwards begins at the start, ends at the goal pose, and is certified."""
-    task, motion = whole_arm_task(24), backwards()
+    task = whole_arm_task(24)
+    motion = backwards()
     np.testing.assert_allclose(motion.headings[0], task.start, atol=EXACT)
     np.testing.assert_allclose(motion.headings[-1], task.goal_headings, atol=EXACT)
     assert len(task.certificate.failures(motion.headings)) == 0

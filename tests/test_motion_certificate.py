@@ -47,7 +47,8 @@ def random_turn(rng: np.random.Generator, arm: Arm, size: float) -> FloatArray:
 
 def thirty_polygons(rng: np.random.Generator, off: FloatArray, gap: float) -> Workspace:
     """Polygons within the arm's reach that keep a gap from a polyline (k, 2)."""
-    axis, obstacles = shapely.LineString(off), []
+    axis = shapely.LineString(off)
+    obstacles = []
     while len(obstacles) < 30:
         polygon = random_polygon(rng, rng.uniform(-1.0, 1.0, 2))
         if polygon.distance(axis) > gap:
@@ -85,7 +86,8 @@ def folding_motions(count: int) -> Iterator[tuple[Arm, FloatArray, FloatArray]]:
     rng = np.random.default_rng(36)
     for k in range(count):
         arm = make_arm(24, (0.0, 0.01, 0.02)[k % 3])
-        start, other = clear_headings(rng, arm, 6.0), random_headings(rng, arm, 14.0)
+        start = clear_headings(rng, arm, 6.0)
+        other = random_headings(rng, arm, 14.0)
         yield arm, start, start + rng.uniform(0.3, 1.0) * (other - start)
 
 
@@ -105,7 +107,8 @@ def test_it_never_passes_an_arm_that_meets_itself() -> None:
 def test_an_arm_that_may_touch_itself_may_fold() -> None:
     """The same fold is refused with self-collision and certified without."""
     room = Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0))
-    straight, coil = np.zeros(24), np.linspace(0.0, 2.5 * np.pi, 24)
+    straight = np.zeros(24)
+    coil = np.linspace(0.0, 2.5 * np.pi, 24)
     assert not certified(make_arm(24), room, straight, coil)
     assert certified(make_arm(24, self_collision=False), room, straight, coil)
 
@@ -116,13 +119,16 @@ def test_thin_walls_cannot_be_tunnelled(seed: int, radius: float) -> None:
     """An arm with next to no width that swings across a sheet of no thickness between two clear poses is refused."""
     rng = np.random.default_rng(seed)
     arm = make_arm(12, radius)
-    heading, turn = rng.uniform(-np.pi, np.pi), rng.choice((-1.0, 1.0)) * rng.uniform(0.1, 1.5)
-    at, where = heading + rng.uniform(0.3, 0.7) * turn, rng.uniform(0.3, 0.8)
+    heading = rng.uniform(-np.pi, np.pi)
+    turn = rng.choice((-1.0, 1.0)) * rng.uniform(0.1, 1.5)
+    at = heading + rng.uniform(0.3, 0.7) * turn
+    where = rng.uniform(0.3, 0.8)
     point = where * np.array([np.cos(at), np.sin(at)])
     along = rng.uniform(-np.pi, np.pi)
     sheet = shapely.LineString(point + np.outer((-0.008, 0.008), (np.cos(along), np.sin(along))))
     workspace = Workspace(ROOM, (Obstacle("sheet", sheet),))
-    start, end = np.full(12, heading), np.full(12, heading + turn)
+    start = np.full(12, heading)
+    end = np.full(12, heading + turn)
     assert wall_gaps(arm, workspace, arm.joint_positions(np.array([start, end]))).min() > 0.0
     assert not certified(arm, workspace, start, end)
     assert certified(arm, Workspace(ROOM), start, end)
@@ -166,7 +172,8 @@ def test_the_verdict_does_not_depend_on_the_direction(seed: int) -> None:
     turns = np.array([random_turn(rng, scene.arm, 0.15) for _ in range(4)])
     keyframes = scene.start + np.cumsum(turns, axis=0)
     certificate = Certificate.of(scene.arm, scene.workspace)
-    forwards, backwards = certificate.failures(keyframes), certificate.failures(keyframes[::-1])
+    forwards = certificate.failures(keyframes)
+    backwards = certificate.failures(keyframes[::-1])
     np.testing.assert_array_equal(forwards, np.sort(len(keyframes) - 2 - backwards))
 
 
@@ -224,7 +231,8 @@ def test_the_mount_may_touch() -> None:
 
 def test_a_spare_gap_is_kept() -> None:
     """Asked for a gap beyond contact, the certificate refuses what comes nearer and passes what does not."""
-    arm, still = make_arm(12, 0.015), np.zeros((2, 12))
+    arm = make_arm(12, 0.015)
+    still = np.zeros((2, 12))
     for gap, expected in ((0.9e-3, False), (1.1e-3, True)):
         post = Obstacle("post", shapely.Point(0.5, 0.015 + 0.03 + gap), 0.03)
         certificate = Certificate(arm, Workspace(ROOM, (post,)), 1e-3)

@@ -33,7 +33,8 @@ def random_points(seed: int, arm: Arm, bend: float = 5.0) -> FloatArray:
 def random_mixed_pose(seed: int, mount: float = 0.6) -> tuple[Arm, Workspace, FloatArray]:
     """A pose among walls of every kind that touches no wall's core, so that a distance is a distance."""
     rng = np.random.default_rng(seed)
-    arm, workspace = make_arm(24, 0.01, mount_length=mount / 24), mixed_walls()
+    arm = make_arm(24, 0.01, mount_length=mount / 24)
+    workspace = mixed_walls()
     cores = [wall.core for wall in workspace.walls]
     while True:
         points = arm.joint_positions(random_headings(rng, arm, 4.0))
@@ -81,7 +82,8 @@ def test_clearance_is_taken_off_the_gap(seed: int) -> None:
     asked = make_finder(arm, Workspace(room.boundary, room.obstacles, 0.02), 1.0).find(points)
     for k in range(len(room.walls) + 1):
         less = 0.02 if k < len(room.walls) else 0.0
-        before, after = plain.gap[plain.wall == k], asked.gap[asked.wall == k]
+        before = plain.gap[plain.wall == k]
+        after = asked.gap[asked.wall == k]
         assert after.min(initial=1.0) == pytest.approx(before.min(initial=1.0 + less) - less, abs=1e-12)
 
 
@@ -171,7 +173,8 @@ def test_the_neighbour_list_forgets_nothing(seed: int, step: float) -> None:
     for k in range(200):
         headings = headings + step * np.cumsum(rng.normal(0.0, 0.2, 24))
         points = scene.arm.joint_positions(headings)
-        contacts, crossing = old.find(points), old.crosses(points)
+        contacts = old.find(points)
+        crossing = old.crosses(points)
         if k % 10 == 0:
             fresh = make_finder(scene.arm, scene.workspace, 0.04)
             np.testing.assert_allclose(by_place(contacts), by_place(fresh.find(points)), atol=1e-9)

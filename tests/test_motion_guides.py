@@ -83,7 +83,8 @@ def followed(stepper: Stepper, start: Pose, candidate: GuideCandidate) -> tuple[
 @pytest.mark.parametrize("heading", [0.0, 1.0])
 def test_every_candidate_reaches_its_end_in_the_open(turn: float, heading: float) -> None:
     """From a straight arm to a bow on its other side, interpolation, tip and fold all lead to the goal, safely."""
-    room, bow = Workspace(ROOM), heading + turn + np.linspace(0.0, 1.0, 24)
+    room = Workspace(ROOM)
+    bow = heading + turn + np.linspace(0.0, 1.0, 24)
     scene = Scene(make_arm(), room, np.full(24, heading), bow)
     stepper, start = make_stepper(scene)
     paths = motion_task(scene.problem()).tip_paths[:1]
@@ -174,7 +175,8 @@ def test_polish_meets_the_goal_to_a_nanometre(seed: int, links: int, *, free: bo
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
     space, v = LinkSpace.through(arm, random_headings(rng, arm, 5.0))
-    points, last = space.positions(v), space.headings(v)[-1]
+    points = space.positions(v)
+    last = space.headings(v)[-1]
     heading = None if free else float(last + rng.uniform(-0.05, 0.05)) + 2.0 * np.pi * int(rng.integers(-1, 2))
     inwards = 0.004 * (points[0] - points[-1]) / np.hypot(*(points[0] - points[-1]))
     goal = GoalPose(points[-1] + inwards + rng.uniform(-0.001, 0.001, 2), heading)
@@ -237,7 +239,8 @@ def test_a_track_is_measured_by_arc_length(seed: int) -> None:
     """Places on a track are shapely's at the same length, repeated points or not; beyond its ends it stands still."""
     rng = np.random.default_rng(seed)
     points = np.repeat(rng.uniform(-1.0, 1.0, (6, 2)), rng.integers(1, 3, 6), axis=0)
-    track, line = TipTrack.along(points, 0.1), shapely.LineString(points)
+    track = TipTrack.along(points, 0.1)
+    line = shapely.LineString(points)
     assert track.length == pytest.approx(line.length)
     for arc in rng.uniform(0.0, line.length, 5):
         place = shapely.get_coordinates(line.interpolate(arc))[0]
@@ -263,7 +266,8 @@ def test_a_tracks_heading_is_its_tangent_unwrapped(seed: int, first: float) -> N
 def swept_angle(path: FloatArray, centre: FloatArray) -> float:
     """Angle by which a polyline (k, 2) turns about a point."""
     rays = path - centre
-    a, b = rays[:-1], rays[1:]
+    a = rays[:-1]
+    b = rays[1:]
     return float(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)).sum())
 
 
@@ -286,7 +290,8 @@ def test_the_base_is_passed_on_either_side(seed: int) -> None:
 def test_tip_paths_are_free_and_lead_from_tip_to_goal(seed: int) -> None:
     """Both sides of a route give a path clear of all obstacles, taut or shorter than the way round, shortest first."""
     scene = clutter(seed, 20)
-    points, route = scene.arm.joint_positions(scene.start), scene.arm.joint_positions(scene.goal)
+    points = scene.arm.joint_positions(scene.start)
+    route = scene.arm.joint_positions(scene.goal)
     paths = find_tip_paths(scene.workspace, points, (route,), scene.arm.radius + 1e-3, 0.0)
     assert {path.side for path in paths} == {1, -1}
     assert [path.length for path in paths] == sorted(path.length for path in paths)

@@ -33,7 +33,8 @@ def space_at_zero(links: int) -> LinkSpace:
 @pytest.mark.parametrize("links", LINK_COUNTS)
 def test_headings_are_the_means_of_the_curve(links: int) -> None:
     """A v is the mean heading of the curve v over each link, by Gauss quadrature of the configuration's own heading."""
-    space, v = space_at_zero(links), random_coordinates(links)
+    space = space_at_zero(links)
+    v = random_coordinates(links)
     curve = space.curve(v)
     nodes, weights = np.polynomial.legendre.leggauss(3)
     fine = np.linspace(0.0, 1.0, 20 * links + 1)  # every link and every spline piece ends on this grid
@@ -46,8 +47,10 @@ def test_headings_are_the_means_of_the_curve(links: int) -> None:
 @pytest.mark.parametrize("links", [4, 14, 96])
 def test_headings_agree_with_adaptive_quadrature(links: int) -> None:
     """A v agrees with QUADPACK on the curve's heading, whose breakpoints fall inside links."""
-    space, v = space_at_zero(links), random_coordinates(7)
-    curve, l = space.curve(v), space.arm.link_length
+    space = space_at_zero(links)
+    v = random_coordinates(7)
+    curve = space.curve(v)
+    l = space.arm.link_length
     for j in (0, 1, links // 2, links - 1):
         inner = curve.breakpoints[(curve.breakpoints > j * l) & (curve.breakpoints < (j + 1) * l)]
         total, _ = quad(lambda s: float(curve.heading_at(np.array(s))), j * l, (j + 1) * l, points=inner, epsabs=1e-13)
@@ -72,7 +75,8 @@ def test_start_of_a_curve_is_found_again(seed: int, links: int) -> None:
     """Headings that are means of a gentle curve need next to no offset."""
     space = space_at_zero(links)
     rng = np.random.default_rng(seed)
-    coefficients, s = rng.normal(0.0, 2.0, 3), np.linspace(0.0, 1.0, KNOTS)
+    coefficients = rng.normal(0.0, 2.0, 3)
+    s = np.linspace(0.0, 1.0, KNOTS)
     gentle = np.append(rng.uniform(-3.0, 3.0), np.polynomial.chebyshev.chebval(2.0 * s - 1.0, coefficients))
     found, _ = LinkSpace.through(space.arm, space.headings(gentle))
     assert np.abs(found.offset).max() < 2e-3
@@ -112,7 +116,8 @@ def test_jacobians_are_the_derivatives_of_the_positions(seed: int, links: int, *
 @given(seed=seeds)
 def test_curve_is_smooth_and_as_long_as_the_arm(seed: int) -> None:
     """The curve behind coordinates has five equal segments, the arm's length, and no jump of curvature."""
-    space, v = space_at_zero(24), random_coordinates(seed)
+    space = space_at_zero(24)
+    v = random_coordinates(seed)
     curve = space.curve(v)
     assert len(curve.segments) == SEGMENTS
     assert curve.length == pytest.approx(space.arm.length, abs=1e-12)
@@ -124,7 +129,8 @@ def test_curve_is_smooth_and_as_long_as_the_arm(seed: int) -> None:
 def test_headings_scale_with_the_arm() -> None:
     """Stretching the arm and dividing its curvatures by the same factor leaves all headings alone."""
     v = random_coordinates(3)
-    small, large = mean_heading_matrix(24, 0.5), mean_heading_matrix(24, 2.0)
+    small = mean_heading_matrix(24, 0.5)
+    large = mean_heading_matrix(24, 2.0)
     shrunk = np.append(v[0], v[1:] / 4.0)
     np.testing.assert_allclose(small @ v, large @ shrunk, atol=1e-12)
 
@@ -158,7 +164,8 @@ def test_a_clamped_base_keeps_its_heading(seed: int) -> None:
     """In a clamped space the first link keeps the start's heading at all coordinates, also with a goal blended in."""
     arm = make_arm(24)
     rng = np.random.default_rng(seed)
-    start, goal = random_headings(rng, arm), random_headings(rng, arm)
+    start = random_headings(rng, arm)
+    goal = random_headings(rng, arm)
     goal += start[0] - goal[0]
     space, v = LinkSpace.through(arm, start, clamped=True)
     blended, end = space.blended_to(goal)

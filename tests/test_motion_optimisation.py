@@ -101,7 +101,8 @@ def test_nothing_is_lost_when_time_is_up() -> None:
 @given(seed=st.integers(0, 10_000))
 def test_half_planes_leave_walls_outside(seed: int) -> None:
     """Behind every half-plane lies a wall, and every wall near a link's sweep is behind one of its half-planes."""
-    sweep, workspace = random_sweep(seed, 1), mixed_walls()
+    sweep = random_sweep(seed, 1)
+    workspace = mixed_walls()
     planes = sweep_regions(sweep, WallSegments.from_workspace(workspace), 0, 0.2)
     segments = WallSegments.from_workspace(workspace)
     for link in np.unique(planes.link):
@@ -137,7 +138,9 @@ def test_curvature_of_rows_matches_second_differences(seed: int) -> None:
     sweep = random_sweep(seed)
     rng = np.random.default_rng(seed)
     rows = some_rows(sweep)
-    weights, pull, direction = rng.uniform(size=len(rows)), rng.normal(size=2), rng.normal(size=sweep.coordinates.shape)
+    weights = rng.uniform(size=len(rows))
+    pull = rng.normal(size=2)
+    direction = rng.normal(size=sweep.coordinates.shape)
 
     def lagrangian(step: float) -> float:
         moved = Sweep(sweep.space, sweep.coordinates + step * direction)
@@ -156,7 +159,8 @@ def test_curvature_of_rows_matches_second_differences(seed: int) -> None:
 def test_objective_is_a_quadratic_form_of_its_blocks(seed: int) -> None:
     """Value, gradient and Hessian blocks describe one quadratic."""
     sweep = random_sweep(seed, 4)
-    objective, v = Objective(sweep.space, 4), sweep.coordinates
+    objective = Objective(sweep.space, 4)
+    v = sweep.coordinates
     blocks = np.array([[objective.block(k, m) for m in range(5)] for k in range(5)])
     gradient = np.einsum("kmpq,mq->kp", blocks, v)
     assert np.allclose(objective.gradient(v), gradient)
@@ -213,7 +217,8 @@ def test_representatives_are_the_tightest() -> None:
     """Of rows that differ in value alone the tightest is kept."""
     rows = some_rows(random_sweep(1))
     looser = replace(rows, constant=rows.constant - 1.0)
-    both, sweep = joined_rows([looser, rows]), random_sweep(1)
+    both = joined_rows([looser, rows])
+    sweep = random_sweep(1)
     kept = representatives(both, both.values(sweep), 1, 12)
     assert np.all(kept >= len(rows))
     assert len(np.unique(kept)) == len(kept)

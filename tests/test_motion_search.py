@@ -68,7 +68,8 @@ def least_gap(arm: Arm, workspace: Workspace, headings: FloatArray) -> float:
 def test_a_motion_leads_from_start_to_goal(name: str) -> None:
     """It starts at the start, ends on the goal pose to nanometres, keeps all joint limits and touches nothing."""
     task, motion = planned(name)
-    headings, arm = motion.headings, task.arm
+    headings = motion.headings
+    arm = task.arm
     np.testing.assert_allclose(headings[0], task.start, atol=1e-12)
     assert np.hypot(*(arm.joint_positions(headings[-1])[-1] - task.goal.position)) < EXACT
     assert task.goal.heading is not None
@@ -115,7 +116,8 @@ def test_a_goal_without_heading_is_met_by_the_tip() -> None:
 @pytest.mark.parametrize("name", ["clutter 4", "corridor"])
 def test_optimising_shortens_and_stays_safe(name: str) -> None:
     """The optimised motion travels less than the one first found, with the same ends, certified and within limits."""
-    scene, (task, optimised) = SCENES[name], planned(name)
+    scene = SCENES[name]
+    (task, optimised) = planned(name)
     found = find_motion(replace(task, deadline=later(), optimiser="none"))
     assert travel(optimised) < travel(found)
     for motion in (found, optimised):
@@ -131,7 +133,8 @@ def test_a_detour_is_cut_short() -> None:
     scene = open_scene(2)
     task = motion_task(scene.problem())
     space, v = LinkSpace.through(scene.arm, scene.start)
-    turn, bend = np.eye(len(v))[0], np.eye(len(v))[5]
+    turn = np.eye(len(v))[0]
+    bend = np.eye(len(v))[5]
     way = np.vstack((np.linspace(v, v + 0.8 * turn, 12), np.linspace(v + 0.8 * turn, v + 0.3 * turn + bend, 12)[1:]))
     astray = Motion(space, way, space.headings(way), "astray")
     points = scene.arm.joint_positions(astray.headings[-1])
@@ -189,7 +192,8 @@ def test_a_coarser_arm_has_the_same_shape() -> None:
     coarse = coarsened(fine, 24)
     assert coarse.arm.links == 24
     assert coarse.arm.length == pytest.approx(fine.arm.length)
-    here, there = fine.arm.joint_positions(fine.start)[::4], coarse.arm.joint_positions(coarse.start)
+    here = fine.arm.joint_positions(fine.start)[::4]
+    there = coarse.arm.joint_positions(coarse.start)
     assert np.linalg.norm(here - there, axis=1).max() < 0.25 * coarse.arm.link_length
 
 

@@ -180,7 +180,8 @@ def test_rows_are_the_derivatives_of_the_gaps(seed: int) -> None:
         least = least[np.argmin(contacts.gap[least])]
         assert change[least] == pytest.approx(numeric[k], abs=1e-4 * np.abs(h).max() + 1e-12)
     for c in np.flatnonzero(contacts.second != WALL):
-        i, j = contacts.first[c], contacts.second[c]
+        i = contacts.first[c]
+        j = contacts.second[c]
         pair = 0.5 * (links[1][i].distance(links[1][j]) - links[0][i].distance(links[0][j]))
         assert change[c] == pytest.approx(pair, abs=1e-4 * np.abs(h).max() + 1e-12)
 

@@ -89,7 +89,8 @@ def test_bending_weighs_the_curvature_on_the_way() -> None:
 def test_clearance_keeps_off_the_walls_and_is_never_less_than_asked() -> None:
     """A weight on clearance widens the mean gap; no motion touches, whatever the weights are."""
     scene = found()[0]
-    plain, wide = optimised(Weights()), optimised(Weights(clearance=10.0))
+    plain = optimised(Weights())
+    wide = optimised(Weights(clearance=10.0))
     assert gap(wide) > 1.3 * gap(plain)
     for headings in (plain, wide):
         assert min(sweep_gaps(scene.arm, scene.workspace, headings)) >= 0.0
@@ -113,7 +114,8 @@ def test_interior_point_weighs_the_same() -> None:
     """The cost of nearness that IPOPT sees has the value that the sequential programming sees."""
     _, task, motion = found()
     sweep = Sweep(motion.space, thinned(motion, task.certificate)[0])
-    near, l = nearness(sweep), motion.space.arm.link_length
+    near = nearness(sweep)
+    l = motion.space.arm.link_length
     points = sweep.points[..., 0].T, sweep.points[..., 1].T
     seen = interior_point._nearness(ca, (near,), tuple(map(ca.DM, points)), ca.DM(sweep.headings.T), l)
     assert float(seen) == pytest.approx(near.value(sweep))

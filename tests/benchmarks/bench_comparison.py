@@ -54,7 +54,8 @@ class WarmWorkers:
         with LocalWorkers(self.count).open() as (executor, width):
             task = Task(cases_of_suite("open-space", 1, 10**6)[0], self.method)
             list(executor.map(execute, [task] * (4 * self.count)))
-            clock["ready"], clock["cpu"] = time.perf_counter(), time.process_time()
+            clock["ready"] = time.perf_counter()
+            clock["cpu"] = time.process_time()
             yield executor, width
             clock["done"], clock["cpu"] = time.perf_counter(), time.process_time() - clock["cpu"]
 
@@ -101,7 +102,8 @@ def overhead(options: argparse.Namespace) -> None:
                 raise result
             journal.append(result[0])
             gaps.append(result[1])
-    own, between = clock["cpu"] / options.count, float(np.mean(gaps[1:]))
+    own = clock["cpu"] / options.count
+    between = float(np.mean(gaps[1:]))
     print(f"{options.count} runs, one worker: {1e3 * own:.3f} ms CPU a run where the work is handed out,")
     print(f"{1e3 * between:.3f} ms in the worker between runs, {1e3 * (own + between):.3f} ms in all")
 
@@ -118,7 +120,9 @@ def dask(options: argparse.Namespace) -> None:
     """Memory of the client while many tiny tasks go through a scheduler and two workers."""
     with tempfile.TemporaryDirectory() as folder, dask_cluster(Path(folder), 2) as (address, _):
         wait_for_workers(address, 2)
-        begin, rows, total = time.perf_counter(), [], 0
+        begin = time.perf_counter()
+        rows = []
+        total = 0
         for count, (task, result) in enumerate(completed(DaskWorkers(address), double, range(options.tasks)), start=1):
             total += int(result == 2 * task)
             if count % (options.tasks // REPORTS) == 0 or count == options.tasks // 20:

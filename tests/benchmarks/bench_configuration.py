@@ -32,7 +32,8 @@ def report(name: str, tasks: Iterable[ConfigurationTask]) -> None:
     tasks = list(tasks)
     for task in tasks:
         built_solver(build_configuration_nlp(task).program)
-    seconds, solved = [], 0
+    seconds = []
+    solved = 0
     for task in tasks:
         begin = time.process_time()
         try:
@@ -63,7 +64,8 @@ def clutter_tasks(obstacles: int, seeds: int) -> list[ConfigurationTask]:
 
 def clutter_task(obstacles: int, seed: int) -> ConfigurationTask:
     """One random pair of ends at least 0.8 m apart; the tip heads on within a radian of the route's last leg."""
-    room, rng = FreeSpace(clutter(obstacles, seed), 0.021), np.random.default_rng(100 + seed)
+    room = FreeSpace(clutter(obstacles, seed), 0.021)
+    rng = np.random.default_rng(100 + seed)
     while True:
         ends = rng.uniform(0.1, 2.3, (2, 2))
         if np.hypot(*(ends[1] - ends[0])) < 0.8 or not room.contains(ends).all():

@@ -99,7 +99,8 @@ def line(name: str, outcomes: list[Outcome]) -> str:
     """Counts, and median and worst of error and time."""
     errors = np.array([outcome.error for outcome in outcomes])
     seconds = np.array([outcome.seconds for outcome in outcomes])
-    named, close = sum(outcome.named for outcome in outcomes), int(np.sum(errors <= CLOSE))
+    named = sum(outcome.named for outcome in outcomes)
+    close = int(np.sum(errors <= CLOSE))
     spread = f"{np.median(errors):.3f}, worst {errors.max():.3f}"
     times = f"{np.median(seconds):.2f}, worst {seconds.max():.2f}"
     return f"{name:12s} {named:4d}/{len(outcomes):3d} {close:7d}/{len(outcomes):3d} {spread:>22s} {times:>22s}"

@@ -89,13 +89,16 @@ def compare_calls(links: int = 12, count: int = 1000) -> None:
     """One state at a time, at 36 joints."""
     arm = swan_neck(links)
     q, v, w = (states[0].copy() for states in random_states(3 * links))
-    inverse, forward = InverseDynamics(arm, GRAVITY), ForwardDynamics(arm, GRAVITY)
+    inverse = InverseDynamics(arm, GRAVITY)
+    forward = ForwardDynamics(arm, GRAVITY)
     tau = inverse(q, v, w)
     model = pin.buildModelFromXML(urdf_text(arm, "arm", loose_limits(arm)))
     data = model.createData()
     mj_model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", GRAVITY))
     mj_data = mujoco.MjData(mj_model)
-    mj_data.qpos[:], mj_data.qvel[:], mj_data.qfrc_applied[:] = q, v, tau
+    mj_data.qpos[:] = q
+    mj_data.qvel[:] = v
+    mj_data.qfrc_applied[:] = tau
     geared = ForwardDynamics(replace(arm, rotor_inertia=1e-4), GRAVITY)
     many = [np.tile(x, (count, 1)) for x in (q, v, w)]
     times = interleaved(
@@ -164,7 +167,8 @@ def compare_lengths() -> None:
             os.environ[CACHE_VARIABLE] = folder
             cold, warm = (ready(links) for _ in range(2))
             arm = swan_neck(links)
-            inverse, forward = InverseDynamics(arm, GRAVITY), ForwardDynamics(arm, GRAVITY)
+            inverse = InverseDynamics(arm, GRAVITY)
+            forward = ForwardDynamics(arm, GRAVITY)
             times = [1e3 * batched(f, links) / (3 * links) for f in (inverse._rnea, forward._aba)]
         os.environ[COMPILER_VARIABLE] = ""
         interpreted = ready(links)
@@ -177,7 +181,8 @@ def compare_lengths() -> None:
 
 def ready(links: int) -> float:
     """User CPU until inverse and forward dynamics, mass matrix and closed loop can be called [s]."""
-    start, children = user_cpu(), user_cpu(resource.RUSAGE_CHILDREN)
+    start = user_cpu()
+    children = user_cpu(resource.RUSAGE_CHILDREN)
     arm = swan_neck(links)
     InverseDynamics(arm, GRAVITY)
     ForwardDynamics(arm, GRAVITY)
@@ -199,7 +204,8 @@ def simulation_row(links: int) -> None:
     arm = swan_neck(links)
     trajectory = smooth_trajectory(0.4 * np.sin(np.arange(links)) * 12 / links, duration=2.0)
     joints = joint_states(arm, trajectory, InverseDynamics(arm, GRAVITY))
-    options, limits = SimulationOptions(gravity=GRAVITY), loose_limits(arm)
+    options = SimulationOptions(gravity=GRAVITY)
+    limits = loose_limits(arm)
     motion = simulate(arm, trajectory, joints, options, limits)
     warm = microseconds(lambda: simulate(arm, trajectory, joints, options, limits), 1) * 1e-6
     states = microseconds(lambda: joint_states(arm, trajectory, InverseDynamics(arm, GRAVITY)), 1) * 1e-6
@@ -209,13 +215,15 @@ def simulation_row(links: int) -> None:
 def compare_energy() -> None:
     """Drift of the total energy of a free fall of 0.6 s from level at 1 ms, ours and MuJoCo's Runge–Kutta."""
     arm = replace(swan_neck(12), base_heading=0.0)
-    limits, joints = loose_limits(arm, torque=0.0), 36
+    limits = loose_limits(arm, torque=0.0)
+    joints = 36
     loop = simulation.closed_loop(arm, arm, SimulationOptions(gravity=GRAVITY), limits)
     rest = np.zeros((600, 3, joints + 1))
     states = loop.run(rest[0, :2], rest, rest[:, :2, :-1], 0)[0]
     model = mujoco.MjModel.from_xml_string(mjcf_text(arm, "arm", GRAVITY))
     model.jnt_limited[:] = 0
-    data, theirs = mujoco.MjData(model), []
+    data = mujoco.MjData(model)
+    theirs = []
     for _ in range(600):
         mujoco.mj_step(model, data)
         theirs.append(np.stack((data.qpos, data.qvel)))
@@ -243,10 +251,12 @@ def compare_frames(solution: Solution, rate: float = 60.0) -> None:
     joint positions (step 3) and draws the arm in 3-D from the simulated ones (step 6).
     """
     problem = solution.problem
-    arm, view = problem.arm, ArmView(problem.arm)
+    arm = problem.arm
+    view = ArmView(problem.arm)
     positions = solution.joint_positions
     setup = (arm, solution.trajectory, solution.joints, problem.simulation, problem.limits)
-    frames, start = 0, user_cpu()
+    frames = 0
+    start = user_cpu()
     for time, angles, feed in simulated_states(*setup, 1.0 / rate):
         sample = min(int(np.searchsorted(solution.trajectory.time, time)), len(positions) - 1)
         ball_angles(arm, positions[sample])
@@ -262,7 +272,8 @@ def compare_frames(solution: Solution, rate: float = 60.0) -> None:
 
 def compare_feed() -> None:
     """What a feed axis costs the closed loop."""
-    arm, trajectory = swan_neck(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=2.0)
+    arm = swan_neck(12)
+    trajectory = smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=2.0)
     times = []
     for moved in (arm, replace(arm, feed=Feed(0.0, 0.4, 0.4))):
         joints = joint_states(moved, trajectory, InverseDynamics(moved, GRAVITY))

@@ -96,7 +96,9 @@ def perturbed(problem: Problem, count: int, seed: int = 0) -> Iterator[Problem]:
     """The problem from starts whose joints are off by small normal random angles, and which touch nothing."""
     if not isinstance(problem.start, JointPose):
         raise TypeError("only joint poses can be perturbed")
-    rng, check, found = np.random.default_rng(seed), CrossingCheck(problem), 0
+    rng = np.random.default_rng(seed)
+    check = CrossingCheck(problem)
+    found = 0
     spread = PERTURBATION / np.sqrt(problem.arm.links)
     while found < count:
         bends = problem.start.bends + spread * rng.standard_normal(problem.arm.links)
@@ -120,7 +122,8 @@ def compare(options: argparse.Namespace) -> None:
     for scene, n in cases(options.scenes, options.links):
         problem = SCENES[scene](n)
         runs = [run_ours(problem) for _ in range(options.repeat)]
-        ours, optimised = runs[0], run_ours(problem, optimise=True)
+        ours = runs[0]
+        optimised = run_ours(problem, optimise=True)
         peers = ["" for _ in PLANNERS]
         if n in options.peer_links and ours.goal is not None:
             peers = [_peer(scene, n, ours.goal, planner, options) for planner in PLANNERS]

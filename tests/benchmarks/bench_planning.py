@@ -64,7 +64,8 @@ class Pair:
 
     def cells(self) -> tuple[str, ...]:
         """Outcome, CPU and duration without and with optimisation, and the tactic."""
-        found, optimised = self.found[0], self.optimised[0]
+        found = self.found[0]
+        optimised = self.optimised[0]
         return (
             found.outcome,
             optimised.outcome,

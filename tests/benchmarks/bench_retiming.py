@@ -173,7 +173,8 @@ def shares(arm: Arm, limits: Limits, path: JointPath, profile: Profile) -> Float
 
 def table_row(arm: Arm, dynamics: InverseDynamics, kind: str, jerk: float | None, count: int) -> None:
     """Measure many paths of one kind and print a row."""
-    found, failed = [], 0
+    found = []
+    failed = 0
     for seed in range(count):
         path = replace(make_path(KINDS[kind](np.random.default_rng([seed, arm.links]), arm.links)), spare=1e-4)
         try:

@@ -50,7 +50,8 @@ def make_clutter(arm: Arm, trajectory: JointTrajectory, count: int) -> Workspace
     sweep = shapely.union_all(shapely.buffer(shapely.linestrings(points), arm.radius + 0.001, quad_segs=32))
     obstacles: list[Obstacle] = []
     while len(obstacles) < count:
-        centre, size = rng.choice(points.reshape(-1, 2)) + rng.uniform(-0.15, 0.15, 2), rng.uniform(0.01, 0.06)
+        centre = rng.choice(points.reshape(-1, 2)) + rng.uniform(-0.15, 0.15, 2)
+        size = rng.uniform(0.01, 0.06)
         turn = rng.uniform(0.0, 6.0) + np.arange(5) * 1.2566
         core = shapely.Polygon(centre + size * np.stack((np.cos(turn), np.sin(turn)), axis=1))
         if shapely.disjoint(core, sweep):

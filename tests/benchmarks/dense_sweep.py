@@ -67,7 +67,8 @@ def densely(problem: Problem, bends: FloatArray) -> FloatArray:
 
 def reaches(problem: Problem, bends: FloatArray) -> bool:
     """Whether a pose (links,) is the goal, within its tolerances."""
-    arm, goal = problem.arm, problem.goal
+    arm = problem.arm
+    goal = problem.goal
     if not isinstance(goal, TipGoal):
         wanted = getattr(goal, "bends", None)
         return wanted is not None and bool(np.allclose(bends, wanted, rtol=0.0, atol=1e-6))

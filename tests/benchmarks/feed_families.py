@@ -50,7 +50,8 @@ def way(rng: np.random.Generator, straight: float = STRAIGHT) -> LeaderPath:
 
 def keeps_off_itself(points: FloatArray, arc: FloatArray) -> bool:
     """Whether places far apart along a curve are apart in the room, and all are in the room."""
-    some, at = points[::10], arc[::10]
+    some = points[::10]
+    at = arc[::10]
     apart = np.linalg.norm(some[:, None] - some[None], axis=2)
     far = np.abs(at[:, None] - at[None]) > 0.2
     return not np.any(far & (apart < 0.08)) and bool(np.all((some[:, 0] > 0.05) & (np.abs(some).max(axis=1) < 1.05)))
@@ -81,32 +82,40 @@ def tip_of(pose: JointPose, path: LeaderPath) -> TipGoal:
 
 def into_clutter(rng: np.random.Generator) -> Problem:
     """From the guide to a pose of the tip among polygons."""
-    arm, path = fed_arm(links=LINKS), way(rng)
+    arm = fed_arm(links=LINKS)
+    path = way(rng)
     return make_problem(arm, make_room(*clutter(rng, [path])), tip_of(on_way(arm, path), path))
 
 
 def position_only(rng: np.random.Generator) -> Problem:
     """The same with any heading."""
-    arm, path = fed_arm(links=LINKS), way(rng)
+    arm = fed_arm(links=LINKS)
+    path = way(rng)
     return make_problem(arm, make_room(*clutter(rng, [path])), TipGoal(path.points[-1]))
 
 
 def from_bent(rng: np.random.Generator) -> Problem:
     """From one way to the tip of another: the arm has to be drawn back first."""
-    arm, start, path = fed_arm(links=LINKS), way(rng), way(rng)
+    arm = fed_arm(links=LINKS)
+    start = way(rng)
+    path = way(rng)
     room = make_room(*clutter(rng, [start, path]))
     return make_problem(arm, room, tip_of(on_way(arm, path), path), on_way(arm, start))
 
 
 def whole_arm(rng: np.random.Generator) -> Problem:
     """From one way to another, the goal given for the whole arm."""
-    arm, start, path = fed_arm(links=LINKS), way(rng), way(rng)
+    arm = fed_arm(links=LINKS)
+    start = way(rng)
+    path = way(rng)
     return make_problem(arm, make_room(*clutter(rng, [start, path])), on_way(arm, path), on_way(arm, start))
 
 
 def straight_out(rng: np.random.Generator) -> Problem:
     """From a straight arm that already protrudes."""
-    arm, path, feed = fed_arm(links=LINKS), way(rng), rng.uniform(0.2, 0.5)
+    arm = fed_arm(links=LINKS)
+    path = way(rng)
+    feed = rng.uniform(0.2, 0.5)
     out = np.array([-0.2, HOLE + feed])
     ahead = LeaderPath(out, np.column_stack((out - HOLE, np.zeros(2))), np.zeros(2), HOLE + feed)
     start = JointPose(np.zeros(LINKS), feed)
@@ -115,7 +124,9 @@ def straight_out(rng: np.random.Generator) -> Problem:
 
 def short_range(rng: np.random.Generator) -> Problem:
     """From one way to the tip of another with a feed too short to draw the arm back: it changes shape on the way."""
-    arm, start, path = fed_arm(low=float(rng.uniform(0.3, 0.4)), links=LINKS), way(rng), way(rng)
+    arm = fed_arm(low=float(rng.uniform(0.3, 0.4)), links=LINKS)
+    start = way(rng)
+    path = way(rng)
     room = make_room(*clutter(rng, [start, path]))
     return make_problem(arm, room, tip_of(on_way(arm, path), path), on_way(arm, start))
 
@@ -124,7 +135,8 @@ def tube(gap: float) -> Family:
     """From the guide through a curved tube with a given room on either side of the arm, to near its end."""
 
     def drawn(rng: np.random.Generator) -> Problem:
-        arm, path = fed_arm(links=LINKS), way(rng)
+        arm = fed_arm(links=LINKS)
+        path = way(rng)
         beyond = path.points[-1] + 0.08 * np.array([np.cos(path.headings[-1]), np.sin(path.headings[-1])])
         line = shapely.LineString(np.vstack((path.points[path.arc > HOLE + 0.01], beyond)))
         inside = shapely.buffer(line, RADIUS + gap, cap_style="flat", quad_segs=16)

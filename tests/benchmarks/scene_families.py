@@ -25,7 +25,8 @@ POSES = 50
 """Poses of a known motion that are looked at for self-contact."""
 DRAWS = 300
 """Poses or dimensions that are drawn before a scene is given up."""
-WHOLE_ARM, POSITION_ONLY = 0.15, 0.2
+WHOLE_ARM = 0.15
+POSITION_ONLY = 0.2
 """Share of goals for the whole arm, and for the tip's position alone."""
 
 
@@ -58,7 +59,9 @@ def random_arm(rng: np.random.Generator, links: int, widest: float) -> Arm:
 def laid_on(arm: Arm, centre: FloatArray) -> FloatArray:
     """Link headings of the arm whose joints lie on a line one after the other, shape (links,) [rad]."""
     line = shapely.LineString(centre)
-    arc, at, headings = 0.0, centre[0], []
+    arc = 0.0
+    at = centre[0]
+    headings = []
     for _ in range(arm.links):
         arc = _next_arc(line, arc, at, arm.link_length)
         place = np.array(line.interpolate(arc).coords[0])
@@ -126,8 +129,10 @@ def carved(block: shapely.Polygon, corners: FloatArray, width: float) -> tuple[O
 
 def s_duct(rng: np.random.Generator) -> Layout:
     """A duct with two right angles, its mouth near the base."""
-    width, rise = rng.uniform(0.09, 0.2), rng.choice((-1.0, 1.0)) * rng.uniform(0.2, 0.4)
-    mouth, riser = rng.uniform(0.12, 0.2), rng.uniform(0.42, 0.55)
+    width = rng.uniform(0.09, 0.2)
+    rise = rng.choice((-1.0, 1.0)) * rng.uniform(0.2, 0.4)
+    mouth = rng.uniform(0.12, 0.2)
+    riser = rng.uniform(0.42, 0.55)
     y = rng.uniform(-0.03, 0.03)
     corners = np.array([[mouth - 0.01, y], [riser, y], [riser, y + rise], [1.3, y + rise]])
     block = shapely.box(mouth, -0.9, 1.2, 0.9)
@@ -137,8 +142,11 @@ def s_duct(rng: np.random.Generator) -> Layout:
 
 def u_turn(rng: np.random.Generator) -> Layout:
     """Round the end of a tongue and back into the pocket behind it."""
-    side, gap = rng.choice((-1.0, 1.0)), rng.uniform(0.16, 0.34)
-    end, thick, low = rng.uniform(0.35, 0.5), float(rng.choice((0.0, 0.03, 0.08))), rng.uniform(0.06, 0.12)
+    side = rng.choice((-1.0, 1.0))
+    gap = rng.uniform(0.16, 0.34)
+    end = rng.uniform(0.35, 0.5)
+    thick = float(rng.choice((0.0, 0.03, 0.08)))
+    low = rng.uniform(0.06, 0.12)
     high = low + thick + gap
     tongue = _box(0.15, side * low, end, side * (low + thick)) if thick else _sheet((0.15, end), side * low)
     walls = (
@@ -153,9 +161,12 @@ def u_turn(rng: np.random.Generator) -> Layout:
 
 def slalom(rng: np.random.Generator) -> Layout:
     """Round posts on alternating sides of a line."""
-    posts, first = int(rng.integers(2, 6)), rng.uniform(0.14, 0.22)
-    step, side = rng.uniform(0.16, 0.24), rng.choice((-1.0, 1.0))
-    radius, swing = rng.uniform(0.0, 0.05), rng.uniform(0.04, 0.09)
+    posts = int(rng.integers(2, 6))
+    first = rng.uniform(0.14, 0.22)
+    step = rng.uniform(0.16, 0.24)
+    side = rng.choice((-1.0, 1.0))
+    radius = rng.uniform(0.0, 0.05)
+    swing = rng.uniform(0.04, 0.09)
     sides = side * (-1.0) ** np.arange(posts)
     x = first + step * np.arange(posts)
     obstacles = [
@@ -176,7 +187,8 @@ def gates(rng: np.random.Generator) -> Layout:
     """Sheets across the way, each with a gap at another height."""
     count = int(rng.integers(1, 4))
     x = rng.uniform(0.2, 0.35) + rng.uniform(0.2, 0.28) * np.arange(count)
-    y, width = rng.uniform(-0.12, 0.12, count), rng.uniform(0.07, 0.16)
+    y = rng.uniform(-0.12, 0.12, count)
+    width = rng.uniform(0.07, 0.16)
     thick = float(rng.choice((0.0, 0.01)))
     obstacles = [
         Obstacle(f"gate {k + 1}, {name}", shapely.LineString([(a, b + s * 0.5 * width), (a, s * 1.0)]), thick)
@@ -252,7 +264,8 @@ def passage(name: str, rng: np.random.Generator, links: int) -> Scene:
     """
     make, widest = LAYOUTS[name]
     for _ in range(30):
-        layout, arm = make(rng), random_arm(rng, links, widest)
+        layout = make(rng)
+        arm = random_arm(rng, links, widest)
         workspace = Workspace(ROOM, layout.obstacles)
         goal = laid_on(arm, layout.centre)
         if clear(arm, workspace, goal):
