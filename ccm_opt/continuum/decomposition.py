@@ -186,6 +186,7 @@ class _Stretch:
         piece = np.searchsorted(self.breaks[1:-1], 0.5 * (breaks[:-1] + breaks[1:]))
         t = breaks[:-1] - self.breaks[piece]
         c = self.coefficients[piece]
+        # Taylor expansion of each cubic about the new break.
         value = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
         slope = c[:, 1] + t * (2.0 * c[:, 2] + 3.0 * t * c[:, 3])
         return np.stack((value, slope, c[:, 2] + 3.0 * t * c[:, 3], c[:, 3]), axis=1)
@@ -193,6 +194,7 @@ class _Stretch:
     def part(self, first: float, last: float) -> "_Stretch":
         """The part between two arc lengths."""
         inside = self.breaks[(self.breaks > first) & (self.breaks < last)]
+        # Breaks at the very ends would make pieces of no length.
         margin = 1e-12 * self.length
         inside = inside[(inside > first + margin) & (inside < last - margin)]
         breaks = np.concatenate(([first], inside, [last]))
@@ -219,6 +221,7 @@ class _Stretch:
             ),
             axis=1,
         )
+        # Powers of the length make derivatives comparable with the curvature itself.
         jumps: FloatArray = np.abs(ends[1:] - left) * self.length**powers
         return jumps
 
@@ -254,6 +257,7 @@ class _Stretch:
         c = self.on(breaks)
         last = self.on(np.append(self.breaks[:-1], self.breaks[-1]))[-1]
         t = self.breaks[-1] - self.breaks[-2]
+        # The last knot is the end of the last piece, which no break begins.
         end_value = last[0] + t * (last[1] + t * (last[2] + t * last[3]))
         moments = (2.0 * float(c[0, 2]), 2.0 * float(last[2] + 3.0 * t * last[3]))
         values = np.append(c[:, 0], end_value)
@@ -265,6 +269,7 @@ class _Stretch:
         made: list[CurvatureSegment] = []
         for first, last in pairwise(bounds):
             part = self.part(float(first), float(last))
+            # A segment holds four pieces: a part of more is cut after every fourth.
             cuts = np.append(part.breaks[:-1:PIECES], part.length)
             made.extend(part.part(float(a), float(b)).segment() for a, b in pairwise(cuts))
         return tuple(made)
@@ -293,6 +298,7 @@ class _Stretch:
         basis = np.stack(
             [CurvatureSegment(self.length, 0.0, unit).heading_at(arc) for unit in np.eye(PIECES + 1)], axis=1
         )
+        # The last row holds the end heading exactly; its multiplier is dropped with [:-1].
         normal = np.block([[basis.T @ basis, basis[-1:].T], [basis[-1:], np.zeros((1, 1))]])
         values = np.linalg.solve(normal, np.append(basis.T @ wanted, wanted[-1]))[:-1]
         error = float(np.abs(basis @ values - wanted).max())

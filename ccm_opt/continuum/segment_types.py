@@ -128,6 +128,7 @@ def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length
     ratio = float(np.hypot(*chord)) / length
     if ratio > 1.0 + 1e-9:
         raise ProblemError(f"a segment of {length:g} m cannot span {ratio * length:g} m; give it more length")
+    # A chord longer than the arm by rounding counts as straight.
     amplitude = end_angle(kind, min(ratio, 1.0))
     sign = 1.0 if kind in {SegmentType.LEFT, SegmentType.LEFT_RIGHT} else -1.0
     shape = np.full(5, 2.0) if kind in {SegmentType.LEFT, SegmentType.RIGHT} else 2.0 * np.pi * SINE

@@ -34,12 +34,14 @@ def contact_at_tips(problem: Problem) -> Iterator[Finding]:
 def axis_gap(wall: Obstacle, bodies: shapely.Geometry, room: shapely.Polygon) -> float:
     """Distance from a wall to the axis of a body [m]; negative by how deep the axis is inside."""
     if wall.name == BOUNDARY_NAME:
+        # The boundary is a wall with its body outside: depth is measured there.
         outside = shapely.difference(bodies, room)
         depth = _farthest(outside, room.exterior)
         return -depth if depth > 0.0 else float(shapely.distance(bodies, wall.core))
     distance = float(shapely.distance(bodies, wall.core))
     if distance > 0.0 or not isinstance(wall.core, shapely.Polygon):
         return distance - wall.rounding
+    # Distance says nothing inside a polygon: what counts there is how deep the axis is.
     return -_farthest(shapely.intersection(bodies, wall.core), wall.core.boundary)
 
 
@@ -53,6 +55,7 @@ def tip_has_room(problem: Problem, goal: FloatArray, tolerance: float) -> bool:
 
 def _farthest(body: shapely.Geometry, edge: shapely.Geometry) -> float:
     """The largest distance of a body's corners and middles from an edge [m]; 0 for nothing."""
+    # Every 2 mm along the body: depths between these points are hardly deeper.
     points = shapely.get_coordinates(shapely.segmentize(body, 2e-3))
     return float(np.max(shapely.distance(shapely.points(points), edge), initial=0.0))
 
@@ -70,6 +73,7 @@ def _walls_touched(problem: Problem, pose: WholePose) -> Iterator[Finding]:
         if axis_gap(wall, whole, workspace.boundary) - need >= -ROUNDING:
             continue
         gaps = [axis_gap(wall, link, workspace.boundary) for link in links]
+        # One finding a wall: the link that is deepest in it.
         k = int(np.argmin(gaps))
         yield _touch(problem, pose.name, pose.key, f"link {first + k + 1}", wall, gaps[k], links[k], 0.0)
 
@@ -98,6 +102,7 @@ def _tip_blocked(problem: Problem, place: TipPlace) -> Iterator[Finding]:
         back = visible * unit_vector(place.goal.heading)
         body = shapely.LineString([place.goal.position - back, place.goal.position])
         what = f"link {arm.links}"
+        # The last link may be shifted by one tolerance and turned about the tip by the other.
         play += arm.link_length * tolerances.heading
     need = arm.radius + problem.workspace.clearance
     for wall in problem.workspace.walls:

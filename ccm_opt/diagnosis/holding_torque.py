@@ -19,6 +19,7 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
         return
     model = InverseDynamics(problem.arm, problem.simulation.gravity)
     for pose in whole_poses(problem):
+        # At rest, inverse dynamics gives what gravity asks of every joint.
         angles = revolute_angles(problem.arm, problem.arm.bends(pose.headings))
         load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
         number = int(np.argmax(load / torque))

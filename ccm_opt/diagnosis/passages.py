@@ -100,6 +100,7 @@ def _largest(high: float, holds: Callable[[float], bool], fineness: float) -> fl
         return high
     if not holds(THIN):
         return 0.0
+    # What is open to an arm is open to every thinner one, so that bisection finds the largest.
     low = THIN
     while high - low > fineness * high:
         middle = 0.5 * (low + high)
@@ -115,6 +116,7 @@ def _too_long(search: PassageSearch, key: str) -> Finding:
     arm = search.problem.arm
     need = search.space.shortest
     taut = search.space.routes(arm.base, search.goal, 1)[0].taut
+    # The corner half-way stands for the detour; a straight way has none but its middle.
     corner = taut[len(taut) // 2] if len(taut) > 2 else taut.mean(axis=0)
     round_what = _walls_round(search, taut[1:-1])
     bounds = {"arm.link_length": need / arm.links}

@@ -71,6 +71,7 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     distance = float(np.hypot(*towards))
     bends = (arm.links - 1) * arm.joint_limit
     direction = heading_of(towards) if distance > place.tolerances.position else None
+    # The tip may be anywhere in the tolerance, so the goal may be seen in another direction by that.
     aside = float(np.arcsin(min(place.tolerances.position / max(distance, 1e-300), 1.0)))
     heading = place.goal.heading
     if heading is not None:

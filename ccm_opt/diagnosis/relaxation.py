@@ -54,6 +54,7 @@ class Trials:
         """Whether a problem is solved within its share of the time; a try that a busy machine starved is repeated."""
         settings = self.settings
         for _ in range(settings.attempts):
+            # A share of what is left, so that several things can be tried.
             limit = min(settings.try_share * self.left, settings.longest_try * self.slowness)
             before = self.spent
             if limit < settings.least_time:
@@ -108,6 +109,7 @@ def candidates(
     proved = tuple(finding for finding in findings if finding.proved)
     relevant = proved or findings
     keys = [key for finding in relevant for key in finding.bounds]
+    # Of what is proved, every single finding has to be mended, or there is still no plan.
     mends = {key for key in keys if not proved or all(key in finding.bounds for finding in proved)}
     fitting = [each for each in PARAMETERS if each.key in mends and each.fits(problem)]
     yield from sorted(fitting, key=lambda each: keys.index(each.key))

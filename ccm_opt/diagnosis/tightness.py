@@ -95,6 +95,7 @@ def _stiff(
     h cos(α/2) / (1 − cos(α/2)), tangent to both outer walls; links of length l bend by β to a radius l / (2 tan(β/2)).
     """
     arm = problem.arm
+    # Limits near half a turn are cut off, where tangent and cosine run away.
     tightest = 0.5 * arm.link_length / np.tan(0.5 * min(arm.joint_limit, 0.99 * np.pi))
     for corner, turn, outwards in _turns(route.taut, 2.0 * room.margin, settings.least_turn):
         half = np.cos(0.5 * min(abs(turn), 0.95 * np.pi))
@@ -128,6 +129,7 @@ def _turns(taut: FloatArray, together: float, least: float) -> Iterator[tuple[Fl
         return
     corners = taut[0] + np.cumsum(legs, axis=0)[:-1]
     angles = np.arctan2(cross(legs[:-1], legs[1:]), np.einsum("ij,ij->i", legs[:-1], legs[1:]))
+    # A taut path bends round a rounded corner in several small turns: they are one.
     group = np.cumsum(np.append(True, leg_lengths(corners) > together))
     for k in np.unique(group):
         mine = np.flatnonzero(group == k)

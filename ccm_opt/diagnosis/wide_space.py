@@ -44,6 +44,7 @@ class WideSpace(FreeSpace):
             shapely.buffer(wall.core, wall.rounding + self.margin, quad_segs=arc) for wall in self.workspace.obstacles
         ]
         free = shapely.difference(room, shapely.union_all(grown))
+        # The mount may stand in a wall, and the tip anywhere within its tolerance.
         ends = [_disc(self.base, self.mount, arc), _disc(self.goal, self.tolerance, arc)]
         whole = shapely.union_all([free, *(shapely.intersection(end, self.workspace.boundary) for end in ends)])
         polygons = [part for part in shapely.get_parts(whole) if isinstance(part, shapely.Polygon)]

@@ -132,6 +132,7 @@ class Cover:
 
     def _nearest_first(self, which: Sequence[int], reached: float) -> list[int]:
         """Those candidates that hold the string at ``reached`` [m], the one leading farthest last."""
+        # Spans of candidates that follow each other must meet, or the string is uncovered between them.
         holding = [k for k in which if self.candidates[k].first <= reached <= self.candidates[k].last]
         return sorted(holding, key=lambda k: self.candidates[k].last)
 
@@ -215,6 +216,7 @@ def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
     """One chord of each link, places not decreasing, with the greatest product of scores (dynamic programming)."""
     best: list[tuple[float, list[Chord]]] = [(0.0, [])]
     for options in links:
+        # Options before every chain are of no use; should all be, the last is taken as it is.
         reached = min((chosen[-1].place for _, chosen in best if chosen), default=0.0)
         longer: list[tuple[float, list[Chord]]] = []
         for choice in [c for c in options if c.place >= reached] or options[-1:]:

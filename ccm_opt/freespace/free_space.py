@@ -146,6 +146,7 @@ class FreeSpace:
     def corridor(self, route: Route) -> Corridor:
         """Overlapping convex regions along a route, from its first free point to its last."""
         free = self.snapped(route.taut[[0, -1]])
+        # Ends that are not free are no part of the corridor.
         moved = np.linalg.norm(free - route.taut[[0, -1]], axis=1) > MOVED
         path = route.taut[int(moved[0]) : len(route.taut) - int(moved[1])]
         return self.corridor_maker.corridor_along(route, path if len(path) > 1 else np.repeat(path, 2, axis=0))

@@ -73,6 +73,7 @@ class _Funnel:
         while len(chain) > 1 and side * _turn(chain[-2], chain[-1], point) <= 0.0:
             chain.pop()
         if len(chain) == 1:
+            # The point lies beyond the other chain: the string bends round it, vertex by vertex.
             while len(other) > 1 and side * _turn(other[0], other[1], point) < 0.0:
                 other.popleft()
                 self.path.append(other[0])

@@ -94,6 +94,7 @@ def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: Float
 
 def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -> Iterator[_Partial]:
     """The walks one chain longer that pass no node twice; the goal may be the start."""
+    # The goal may be the start; then a walk comes back to it.
     passed = {start, *(graph.chains[index].head for index in before.history)} - {goal}
     for index, lengths in graph.steps[before.history[-1]]:
         if graph.chains[index].head not in passed:
@@ -153,6 +154,7 @@ def _remaining(
     last = [index for index, chain in enumerate(chains) if chain.head == goal]
     final = (SAMPLES * np.array(last, dtype=np.intp)[:, None] + sample).ravel()
     to_goal = [np.linalg.norm(metric.points[goal, chains[index].entry] - point, axis=1) + TINY for index in last]
+    # One node more stands for the goal. All steps run backwards, so that one search from it finds all lengths.
     backwards = scipy.sparse.coo_array(
         (
             np.concatenate((weight[finite], *to_goal)),

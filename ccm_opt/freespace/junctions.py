@@ -99,6 +99,7 @@ def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
         if leaf in terminals or neighbours[leaf].count(WALL) != 2:
             continue
         stem = next(t for t in neighbours[leaf] if t != WALL)
+        # Cutting off a leaf may make a leaf of what it hung on.
         neighbours[leaf] = [WALL] * 3
         neighbours[stem][neighbours[stem].index(leaf)] = WALL
         leaves.append(stem)
@@ -108,6 +109,7 @@ def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
 def _follow(metric: EdgeMetric, neighbours: list[list[int]], nodes: set[int], node: int, exit_edge: int) -> Chain:
     """The chain that leaves ``node`` across its edge ``exit_edge``."""
     triangles = [node, neighbours[node][exit_edge]]
+    # The unit of min-plus products: no way from a sample point but to itself.
     lengths = np.where(np.eye(SAMPLES, dtype=bool), 0.0, np.inf)
     while triangles[-1] not in nodes:
         row = neighbours[triangles[-1]]

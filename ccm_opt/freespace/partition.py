@@ -69,6 +69,7 @@ class _Faces:
         for tail, head in corners:
             self.following[tail] = head
             self.before[head] = tail
+        # One of the two faces is no more; what belonged to it finds its way by its parent.
         self.parent[other] = one
         self.removed[half_edge] = self.removed[twin] = True
 

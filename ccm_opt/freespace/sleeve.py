@@ -86,6 +86,7 @@ def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) 
     straight = _straight_walk(mesh, _off_edges(mesh, p), p.triangle, _off_edges(mesh, q), q.triangle)
     if straight:
         return straight
+    # The line meets a wall: halves of it may pass, each from the free point nearest to its ends.
     middle = 0.5 * (p.point + q.point)
     triangles, free = mesh.nearest(middle[None])
     if depth == 0 or mesh.components[triangles[0]] != mesh.components[p.triangle]:

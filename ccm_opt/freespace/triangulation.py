@@ -104,6 +104,7 @@ class Triangulation:
         free = np.array(points, dtype=np.float64)
         outside = np.flatnonzero(triangles < 0)
         if len(outside):
+            # Of equally near triangles the lowest number, so that results never depend on the order of a tree.
             which, found = self._tree.query_nearest(shapely.points(free[outside]), all_matches=True)
             triangles[outside] = len(self)
             np.minimum.at(triangles, outside[which], found)

@@ -100,6 +100,7 @@ class Shapes:
         c = self._coefficients[:, :, None] / POWERS
         inside = t * (c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3])))
         headings = inside + (self.heading[:, None] + self._turned[:, :-1])[..., None]
+        # Headings are closed forms; only the positions need a quadrature.
         weights = 0.5 * self._widths[..., None] * _WEIGHTS
         steps = np.stack(((np.cos(headings) * weights).sum((1, 2)), (np.sin(headings) * weights).sum((1, 2))), axis=1)
         return self.base + steps, self.heading + self._turned[:, -1]
@@ -170,6 +171,7 @@ class Shapes:
         """Integral of the heading from the base to arc lengths (m, k), of that shape [rad m]."""
         piece = np.zeros(arc.shape, dtype=np.intp)
         for k in range(1, self._breaks.shape[1]):
+            # Counting the breaks passed is a search for all rows at once.
             piece += arc > self._breaks[:, k, None]
         row = np.arange(len(self))[:, None]
         t = arc - self._breaks[row, piece]

@@ -214,6 +214,7 @@ def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
     """There by SCM-2, on by SCM-0."""
     if len(start.segments) < 2:
         raise ProblemError("got an arm of one segment, expected two that can be merged; climb with the one")
+    # The merged arm is another configuration: SCM-2 goes there, in steps that touch nothing.
     merged = merge_segments(start, len(start.segments) - 2, world.settings.plans.merge_tolerance)
     here = yield from scm_2(world, start, merged)
     return (yield from _last_climb(world, here, goal))

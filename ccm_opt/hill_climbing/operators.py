@@ -80,6 +80,7 @@ class Moves:
             pairs.append((Operator.ROTATE, 0))  # the base has no segment
         many = here.take(np.zeros(len(pairs) * len(signed), dtype=np.intp))
         least = min(self.sizes.least_spacing, float(_spacing(many.knots[-1:, self.segments])[0])) * (1.0 - 1e-9)
+        # Block k of the batch is for pair k: all its scales, both ways.
         for k, (operator, segment) in enumerate(pairs):
             _apply(many, slice(k * len(signed), (k + 1) * len(signed)), operator, segment, signed, self.sizes)
         return many.take(np.flatnonzero(_spacing(many.knots[:, self.segments]) >= least))

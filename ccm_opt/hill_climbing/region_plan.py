@@ -147,8 +147,10 @@ def _track(
         ProblemError: a turn is too sharp.
         UnreachableGoal: there is no way.
     """
+    # Straight runs at both ends, so that the headings there are met without a turn.
     entry = first.position + run * unit_vector(first.heading or 0.0)
     last = goal.position if goal.heading is None else goal.position - run * unit_vector(goal.heading)
+    # A way of its two ends only says nothing of how to pass between the walls: look for a route.
     if len(way) == 2:
         found = room.routes(entry, last, 1)
         if not found:

@@ -91,6 +91,7 @@ class World:
         chords = self.settings.crowding.self_points
         count = chords + 1
         one, other = np.triu_indices(count, 1)
+        # Points that are near along the arm are near in the plane whatever it does: they say nothing.
         apart = (other - one) / chords * float(shapes.length[0]) > 4.0 * self.thickness
         one = one[apart]
         other = other[apart]

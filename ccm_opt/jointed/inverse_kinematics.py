@@ -45,6 +45,7 @@ def _aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     """θ1 and θ2 that turn x̂ into a unit direction, shape (..., 3), with |θ1| ≤ 90°."""
     x, y, z = np.moveaxis(direction, -1, 0)
     side = np.where(x < 0.0, -1.0, 1.0)
+    # A link that points backwards bends by more than 90° instead of turning its yaw round.
     return np.arctan2(side * y, np.abs(x)), np.arctan2(-z, side * np.hypot(x, y))
 
 
@@ -78,6 +79,7 @@ def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> FloatArr
     """Unit directions of the links in the world, shape (..., links, 3); checks base and lengths to a tolerance [m]."""
     off = points[..., 0, :] - base_position(arm)
     axis = base_rotation(arm)[:, 0]
+    # A carried base may be anywhere on its axis: only what is off the axis counts.
     off = off - np.clip(off @ axis, *arm.base_range)[..., None] * axis  # the base may be carried along its heading
     offset = float(np.max(np.abs(off), initial=0.0))
     if not offset <= tolerance:  # so written, a NaN is refused too

@@ -35,6 +35,7 @@ def even_joint_headings(
     if len(near) % 2:
         raise ProblemError(f"the even-joint mapping needs an even number of links, got {len(near)}")
     chords, directions = _chords(points, link_length, settings.length_tolerance)
+    # Both links of a pair make the same angle with its chord: an isosceles triangle.
     lift = np.arccos(np.clip(0.5 * chords / link_length, 0.0, 1.0)) * _bulge_side(points)
     headings = np.column_stack((directions + lift, directions - lift)).ravel()
     nearest: FloatArray = near + wrap(headings - near)

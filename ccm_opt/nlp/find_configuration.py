@@ -70,6 +70,7 @@ def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathPro
     """Regions of the segments, path headings and side of the spare length, most promising first."""
     profiles = winding_profiles(task)
     first, *others = segment_regions(task, profiles[0])
+    # Most tasks need the first guess only; more segments cost more than another side or winding.
     yield first, profiles[0], 1
     yield first, profiles[0], -1
     for profile in profiles[1:]:

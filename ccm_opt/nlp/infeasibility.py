@@ -119,6 +119,7 @@ def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
     found: dict[tuple[str, int], BrokenRow] = {}
     for name, violation in attempt.result.broken:
         row = _broken_row(attempt, name, violation)
+        # Rows come worst first, so the first of a kind and segment is its worst.
         found.setdefault((row.constraint, row.segment), row)
     return tuple(found.values())[: attempt.nlp.task.settings.rows_reported]
 

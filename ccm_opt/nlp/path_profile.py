@@ -55,6 +55,7 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
     directions = leg_headings(points)
     base_heading = _nearest_heading(task.base_heading_range, float(directions[0]))
     first = base_heading + wrap(float(directions[0]) - base_heading) + WHOLE_TURN * base_turns
+    # All headings are shifted together, so that turns along the path stay what they are.
     directions += first - directions[0]
     tip = float(directions[-1])
     if task.goal_heading is not None:

@@ -92,6 +92,7 @@ def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: F
         residual, jacobian = _tip_equations(nlp, basis, unknowns)
         if np.abs(residual).max() < 1e-13 * task.length:
             break
+        # The least step that solves the linearised equations, in scaled unknowns.
         step = np.linalg.lstsq(jacobian[:, free] * scale, -residual, rcond=1e-12)[0]
         unknowns[free] += scale * step
     low, high = task.base_heading_range
@@ -107,6 +108,7 @@ def _tip_equations(nlp: ConfigurationNLP, basis: HeadingBasis, unknowns: FloatAr
     stub = task.stub * unit_vector(unknowns[0])
     position = stub + np.array([basis.weights @ cosine, basis.weights @ sine])
     inner = np.stack((-(basis.weights * sine) @ basis.rows, (basis.weights * cosine) @ basis.rows))
+    # Turning the base turns the whole arm about it.
     turning = np.array([-position[1], position[0]])
     residual = position - (task.goal - task.base)
     jacobian = np.column_stack((turning, inner))

@@ -111,6 +111,7 @@ def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precis
     climb_there = scm_0(world, start, subgoal, precision=precision, push=settings.push, patience=settings.patience)
     steps, here = run(climb_there)
     moves = [step.configuration for step in steps]
+    # The moves of a climb zigzag; the straight way is shorter where it is free.
     if len(moves) > 1 and world.move_allowed(start, here):
         moves = [here]
     for configuration in moves:

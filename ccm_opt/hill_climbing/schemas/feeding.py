@@ -54,6 +54,7 @@ class Feeding:
         before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
         position, heading = Configuration(before.base, (*before.segments, *self._placed(before, length))).tip
         shapes = Shapes.from_configurations([resized(before, self.holder, before.segments[-1].length + length)])
+        # The segment before the boundary ends with the curvature with which the rest of the track begins.
         shapes.curvature[0, -1, -1] = ahead.segments[0].curvature[0]
         return self._made_of(shapes.configuration(0), ahead, self.out - length), TipPose(position, heading)
 

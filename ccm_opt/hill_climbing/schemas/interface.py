@@ -103,6 +103,7 @@ def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Co
     if segment > 0 or float(np.hypot(*(held.position - changed.base))) > changed.segments[0].length:
         return ()
     shapes = Shapes.from_configurations([changed])
+    # As SCM-1 does, from the poses alone; the end curvature stays as it was changed.
     kind = select_segment_type(changed.base, None, held.position, held.heading)
     natural = natural_segment(kind, changed.base, held.position, changed.segments[0].length)
     shapes.curvature[0, 0, :-1] = natural.curvature[:-1]

@@ -64,6 +64,7 @@ def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_a
     direction = direction_to_tip(world, start)
     for share in _shares(start, target, world.settings.schemas):
         mixed = interpolate(start, target, share)
+        # First the direction is restored, then the winding that the base has.
         there = turned(mixed, wrap(direction - direction_to_tip(world, mixed)))
         there = turned(there, whole_turns(here.base_heading - there.base_heading))
         if not world.move_allowed(here, there):

@@ -73,6 +73,7 @@ def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tupl
         reason = f"the goal is {ratio * start.length:.3f} m away, the arm {start.length:.3f} m long"
         raise SchemaStopped("SCM-1", start, reason)
     others = sorted((k for k in BENT if k is not kind), key=lambda k: _heading_miss(k, direction, ratio, goal))
+    # An arm with length to spare cannot reach its goal straight: the bent types come first.
     kinds = (*others, kind) if kind is SegmentType.STRAIGHT and ratio < 1.0 - 1e-3 else (kind, *others)
     return tuple(_select(world, start, goal, k) for k in kinds)
 
@@ -118,6 +119,7 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     segment = _met(world, start, guess, goal, (*_KEPT_LENGTH, Operator.LENGTH))
     while segment.length > longest:
         length = max(longest, (1.0 - settings.shortening) * segment.length)
+        # Curvature goes with 1/length, so the shorter guess has the shape of the longer segment.
         shorter = replace(segment, length=length, curvature=segment.curvature * segment.length / length)
         segment = _met(world, start, shorter, goal, _KEPT_LENGTH)
     alone = Shapes.from_configurations([Configuration(position, (segment,))])
