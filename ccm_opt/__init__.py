@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ccm_opt import errors
     from ccm_opt.driver.pipeline import solve
     from ccm_opt.driver.retargeting import retarget
+    from ccm_opt.driver.solve_settings import Settings
     from ccm_opt.files.problem_file import load_problem
     from ccm_opt.problem import Problem
     from ccm_opt.solution import Solution
@@ -29,6 +30,7 @@ __all__ = [
     "Interval",
     "Problem",
     "Quantities",
+    "Settings",
     "Solution",
     "__version__",
     "check",
@@ -48,6 +50,7 @@ _HOMES = {
     "constraint": ("ccm_opt.user_terms.terms", "constraint"),
     "cost": ("ccm_opt.user_terms.terms", "cost"),
     "Problem": ("ccm_opt.problem", "Problem"),
+    "Settings": ("ccm_opt.driver.solve_settings", "Settings"),
     "Solution": ("ccm_opt.solution", "Solution"),
     "check": ("ccm_opt.verification", "verify"),
     "load_problem": ("ccm_opt.files.problem_file", "load_problem"),

@@ -18,8 +18,10 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+from ccm_opt.retiming.timing_settings import SamplingSettings, TimingSettings
 from ccm_opt.solution import JointPath, Solution
 from ccm_opt.stages import Stages
+from ccm_opt.verification.verification_settings import VerificationSettings
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
 from .scenes import Scene, clutter, make_arm, open_scene, self_gap, wall_gaps
@@ -123,6 +125,18 @@ def test_a_solution_is_verified_and_complete(name: str) -> None:
     assert solution.metrics["heading_error_rad"] == pytest.approx(turn, abs=1e-9)
     assert set(solution.versions) == {"python", *PACKAGES}
     assert len(solution.path.curves) == len(solution.path.keyframes) == solution.metrics["keyframes"]
+
+
+def test_settings_reach_the_stages() -> None:
+    """Finer samples are taken when they are asked for, and a verifier that asks for finer ones still refuses them."""
+    problem = parse_problem(SMALL_PROBLEM)
+    fine = TimingSettings(sampling=SamplingSettings(step=1e-3))
+    solution = solve(problem, settings=ccm_opt.Settings(timing=fine))
+    assert np.max(np.diff(solution.trajectory.time)) <= 1e-3
+    assert np.max(np.diff(solve(problem).trajectory.time)) > 1e-3
+    strict = ccm_opt.Settings(timing=fine, verification=VerificationSettings(largest_step=0.5e-3))
+    with pytest.raises(VerificationError, match="samples"):
+        solve(problem, settings=strict)
 
 
 def mapped_bends(arm: Arm, pose: CurvePose) -> FloatArray:

@@ -4,12 +4,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.jointed.frames import bends_from_revolutes
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.selfcollision import check_self_collision
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_walls
 
 WALLS = "simulated_least_wall_clearance_m"
@@ -21,7 +23,7 @@ OUT_OF_PLANE = 1e-9
 
 
 def simulate_and_check(
-    problem: Problem, trajectory: JointTrajectory, joints: JointStates
+    problem: Problem, trajectory: JointTrajectory, joints: JointStates, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
     """Simulate a planned motion.
 
@@ -29,6 +31,7 @@ def simulate_and_check(
         problem: arm, limits, obstacles, simulation options.
         trajectory: the plan.
         joints: the same for all revolutes.
+        settings: of the simulation, and of the verifier that looks at what the arm did.
 
     Returns:
         What the arm does, and its figures of merit, named with their units.
@@ -36,27 +39,39 @@ def simulate_and_check(
     Raises:
         SimulationError: the simulation cannot run.
     """
-    simulated = simulate(problem.arm, trajectory, joints, problem.simulation, problem.limits)
-    return simulated, simulated_figures(problem, trajectory, simulated)
+    simulated = simulate(
+        problem.arm, trajectory, joints, problem.simulation, problem.limits, settings=settings.simulation
+    )
+    return simulated, simulated_figures(problem, trajectory, simulated, settings.verification)
 
 
-def simulated_figures(problem: Problem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> Mapping[str, float]:
+def simulated_figures(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    simulated: SimulatedMotion,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> Mapping[str, float]:
     """Tracking errors, and least clearances of the simulated motion at all times."""
     figures = {"tracking_error_rad": simulated.tracking_error}
     errors = np.abs(simulated.base_positions - trajectory.base_positions)
     for name, error in zip(trajectory.coordinates.base_names, errors.T, strict=True):
         figures[f"{name}_tracking_error_m"] = float(np.max(error))
     names = {"wall clearance": WALLS, "self-collision": ITSELF}
-    checks = simulated_checks(problem, trajectory, simulated)
+    checks = simulated_checks(problem, trajectory, simulated, settings)
     return figures | {names[check.name]: check.worst for check in checks if check.name in names}
 
 
-def simulated_checks(problem: Problem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> tuple[Check, ...]:
+def simulated_checks(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    simulated: SimulatedMotion,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> tuple[Check, ...]:
     """Clearance of the simulated arm from walls and itself, linear between samples; nothing once it left its plane."""
     angles = simulated.angles
     if len(angles) < 2 or max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > OUT_OF_PLANE:
         return ()
     positions = np.column_stack((bends_from_revolutes(angles), simulated.base_positions))
     motion = ChainMotion(problem.arm, trajectory.time, positions)
-    walls = check_walls(motion, problem.workspace)
-    return (walls, check_self_collision(motion)) if problem.arm.self_collision else (walls,)
+    walls = check_walls(motion, problem.workspace, settings)
+    return (walls, check_self_collision(motion, settings)) if problem.arm.self_collision else (walls,)

@@ -9,6 +9,7 @@ from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.assembly import assembled
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.planner_choice import default_planner
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import timed_and_verified, verified_plan
 from ccm_opt.dynamics.runtime.compiled_library import prepare
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
@@ -32,6 +33,7 @@ def solve(
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
     explain: bool = True,
+    settings: Settings | None = None,
 ) -> Solution:
     """Plan, time, verify and simulate a motion.
 
@@ -43,6 +45,7 @@ def solve(
         constraints: of the user; another planner is not given them, but its plan is held against them.
         costs: of the user; another planner is not given them.
         explain: whether the time left after a failure is used to find out why, and what change would help.
+        settings: numbers of the stages that the problem does not set; the defaults when None.
 
     Returns:
         A verified solution; there is no unverified one.
@@ -53,14 +56,15 @@ def solve(
         VerificationError: the verifier refuses the plan; a defect of the planner.
     """
     stages = Stages(progress)
+    numbers = settings or DEFAULT_SETTINGS
     give_up = time.monotonic() + problem.planner.time_limit
 
     # Checks: what no plan could mend is refused before one is sought.
     prepare(problem.arm)
     with stages("dynamics model"):
-        check_options(problem.arm, problem.simulation)
+        check_options(problem.arm, problem.simulation, settings=numbers.simulation)
         terms = compiled_terms(problem.arm, constraints, costs)
-    chosen = RecordingPlanner(planner or default_planner(problem, stages, terms))
+    chosen = RecordingPlanner(planner or default_planner(problem, stages, terms, numbers))
 
     try:
         with stages("necessary checks"):
@@ -68,7 +72,7 @@ def solve(
         # Legs, one to each goal: routes through free space, goal configuration, motion, smooth path.
         legs = plan_legs(problem, chosen)
         # Timing and verification: each leg by itself, then all of them as one motion.
-        plan = timed_and_verified(problem, legs, stages, retimer, terms)
+        plan = timed_and_verified(problem, legs, stages, retimer, terms, numbers)
     except NoPlanFound as failure:
         if not explain:
             raise
@@ -77,16 +81,18 @@ def solve(
             """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
             quiet = Stages()
             its_terms = compiled_terms(changed.arm, constraints, costs)
-            its_planner = RecordingPlanner(planner or default_planner(changed, quiet, its_terms), chosen.paths)
-            return verified_plan(changed, its_planner, quiet, retimer, its_terms)
+            its_planner = planner or default_planner(changed, quiet, its_terms, numbers)
+            recording = RecordingPlanner(its_planner, chosen.paths)
+            return verified_plan(changed, recording, quiet, retimer, its_terms, numbers)
 
         # Explanation: of the same kind as the failure, with the causes and the changes that would help.
         with stages("diagnosis"):
-            explanation = explained(problem, failure, Trials(solve_changed, give_up))
+            trials = Trials(solve_changed, give_up, settings=numbers.diagnosis.trials)
+            explanation = explained(problem, failure, trials)
         raise explanation from failure
 
     with stages("simulation"):
-        simulated, of_simulation = simulate_and_check(problem, plan.trajectory, plan.joints)
+        simulated, of_simulation = simulate_and_check(problem, plan.trajectory, plan.joints, numbers)
     return assembled(problem, plan, simulated, of_simulation, stages.timings)
 
 

@@ -1,5 +1,6 @@
 """Which planner a problem is given to when the user brings none."""
 
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
 from ccm_opt.planners.baseline import HillClimbingPlanner
 from ccm_opt.planners.curve import CurvePlanner
@@ -10,7 +11,9 @@ from ccm_opt.stages import Stages
 from ccm_opt.user_terms.compiled_terms import UserTerms
 
 
-def default_planner(problem: Problem, stages: Stages, terms: UserTerms | None = None) -> Planner:
+def default_planner(
+    problem: Problem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
+) -> Planner:
     """The planner for a problem and the user's constraints and costs.
 
     Raises:
@@ -19,5 +22,7 @@ def default_planner(problem: Problem, stages: Stages, terms: UserTerms | None = 
     if problem.planner.method == "hill-climbing":
         if terms is not None:
             raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
-        return HillClimbingPlanner(stages)
-    return FeedPlanner(stages) if problem.arm.base_axes else CurvePlanner(stages, terms)
+        return HillClimbingPlanner(stages, settings.hill_climbing)
+    if problem.arm.base_axes:
+        return FeedPlanner(stages, settings.feed)
+    return CurvePlanner(stages, terms, settings.curve)

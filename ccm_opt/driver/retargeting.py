@@ -10,6 +10,7 @@ from ccm_opt import retiming
 from ccm_opt.driver.assembly import assembled
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.pipeline import compiled_terms, solve
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
@@ -32,6 +33,7 @@ def retarget(
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
     progress: Callable[[str], None] | None = None,
+    settings: Settings | None = None,
 ) -> Solution:
     """Change the goal of a motion that is under way.
 
@@ -45,6 +47,7 @@ def retarget(
             it was solved with, so they are given again here.
         costs: of the user, likewise.
         progress: called with the name of each stage when it starts.
+        settings: numbers of the stages, as ``solve`` takes them; the defaults when None.
 
     Returns:
         The whole verified motion, as planned up to that moment, to rest soonest along the same path, and on to the new
@@ -58,17 +61,18 @@ def retarget(
     problem = solution.problem
     arm = problem.arm
     stages = Stages(progress)
+    numbers = settings or DEFAULT_SETTINGS
     _check(solution, time)
 
     # Down to rest, along the path that the arm is on.
     dynamics = InverseDynamics(arm, problem.simulation.gravity)
     with stages("braking"):
-        first = braked(solution.trajectory, time, arm, problem.limits, dynamics)
+        first = braked(solution.trajectory, time, arm, problem.limits, dynamics, settings=numbers.braking)
     rest = JointPose.from_configuration(first.positions[-1].copy(), first.coordinates)
 
     # From rest to the new goal, a problem like any other.
     onward = replace(problem, start=rest, goal=goal, stops=(), tolerances=tolerances or problem.tolerances, source="")
-    leg = solve(onward, progress=progress, planner=planner, constraints=constraints, costs=costs)
+    leg = solve(onward, progress=progress, planner=planner, constraints=constraints, costs=costs, settings=settings)
 
     # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
     passed = problem.stops[: len(first.stops)]
@@ -76,10 +80,11 @@ def retarget(
     trajectory = retiming.joined([first, leg.trajectory])
     joints = joint_states(arm, trajectory, dynamics)
     with stages("verification"):
-        checks = verified(whole, trajectory, joints)
-        of_terms = results_of_terms(compiled_terms(arm, constraints, costs), arm, leg.path, leg.trajectory)
+        checks = verified(whole, trajectory, joints, numbers.verification)
+        terms = compiled_terms(arm, constraints, costs)
+        of_terms = results_of_terms(terms, arm, leg.path, leg.trajectory, numbers.user_terms)
     with stages("simulation"):
-        simulated, of_simulation = simulate_and_check(whole, trajectory, joints)
+        simulated, of_simulation = simulate_and_check(whole, trajectory, joints, numbers)
     plan = VerifiedPlan(_path(first, leg.path, onward, time), trajectory, joints, checks, of_terms)
     spent = dict(leg.timings)
     for name, seconds in stages.timings.items():

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from ccm_opt import retiming, verification
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
 from ccm_opt.jointed.arm import Arm
@@ -17,8 +18,10 @@ from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory
 from ccm_opt.stages import Stages
+from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.term_checks import checks_of_terms, metrics_of_terms
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,12 @@ class VerifiedPlan:
 
 
 def verified_plan(
-    problem: Problem, planner: Planner, stages: Stages, retimer: Retimer | None = None, terms: UserTerms | None = None
+    problem: Problem,
+    planner: Planner,
+    stages: Stages,
+    retimer: Retimer | None = None,
+    terms: UserTerms | None = None,
+    settings: Settings = DEFAULT_SETTINGS,
 ) -> VerifiedPlan:
     """A motion past all goals of a problem that passes every check.
 
@@ -64,12 +72,13 @@ def verified_plan(
         stages: names and times the stages.
         retimer: another way to time a leg; the one that the problem names when None.
         terms: the user's constraints and costs; they hold for every leg by itself.
+        settings: of all stages.
 
     Raises:
         NoPlanFound: there is no plan within the limits.
         VerificationError: the verifier refuses the plan.
     """
-    return timed_and_verified(problem, plan_legs(problem, planner), stages, retimer, terms)
+    return timed_and_verified(problem, plan_legs(problem, planner), stages, retimer, terms, settings)
 
 
 def timed_and_verified(
@@ -78,14 +87,15 @@ def timed_and_verified(
     stages: Stages,
     retimer: Retimer | None = None,
     terms: UserTerms | None = None,
+    settings: Settings = DEFAULT_SETTINGS,
 ) -> VerifiedPlan:
     """The paths of all legs as one motion in time that passes every check; arguments as for ``verified_plan``."""
     with stages("dynamics model"):
         inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
-    timed = [timed_leg(leg, inverse_dynamics, stages, retimer, terms) for leg in legs]
+    timed = [timed_leg(leg, inverse_dynamics, stages, retimer, terms, settings) for leg in legs]
     if len(timed) == 1:
         return timed[0]
-    return _put_together(problem, legs, timed, inverse_dynamics, stages)
+    return _put_together(problem, legs, timed, inverse_dynamics, stages, settings)
 
 
 def _put_together(
@@ -94,13 +104,14 @@ def _put_together(
     timed: Sequence[VerifiedPlan],
     inverse_dynamics: InverseDynamics,
     stages: Stages,
+    settings: Settings,
 ) -> VerifiedPlan:
     """All legs as one motion, verified once more as a whole."""
     with stages("retiming"):
         trajectory = retiming.joined([leg.trajectory for leg in timed], [stop.pause for stop in problem.stops])
         joints = joint_states(problem.arm, trajectory, inverse_dynamics)
     with stages("verification"):
-        checks = verified(problem, trajectory, joints)
+        checks = verified(problem, trajectory, joints, settings.verification)
     of_terms = _worst_of_legs([leg.of_terms for leg in timed])
     return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
 
@@ -122,6 +133,7 @@ def timed_leg(
     stages: Stages,
     retimer: Retimer | None = None,
     terms: UserTerms | None = None,
+    settings: Settings = DEFAULT_SETTINGS,
 ) -> VerifiedPlan:
     """The first timing of a leg that passes every check.
 
@@ -130,7 +142,7 @@ def timed_leg(
         VerificationError: no timing passes; it names what the last of them fails.
     """
     arm = leg.problem.arm
-    timings = timings_of(leg, inverse_dynamics, retimer)
+    timings = timings_of(leg, inverse_dynamics, retimer, settings)
     failures: list[str] = []
     while True:
         with stages("retiming"):
@@ -139,8 +151,8 @@ def timed_leg(
                 raise VerificationError(failures)
             joints = joint_states(arm, trajectory, inverse_dynamics)
         with stages("verification"):
-            checks = verification.verify(leg.problem, trajectory, joints)
-            of_terms = results_of_terms(terms, arm, leg.path, trajectory)
+            checks = verification.verify(leg.problem, trajectory, joints, settings.verification)
+            of_terms = results_of_terms(terms, arm, leg.path, trajectory, settings.user_terms)
 
         broken_terms = failures_of(of_terms.checks)
         failures = [*failures_of(checks), *broken_terms]
@@ -151,11 +163,18 @@ def timed_leg(
             raise MotionNotFound(_not_kept(failures))
 
 
-def results_of_terms(terms: UserTerms | None, arm: Arm, path: JointPath, trajectory: JointTrajectory) -> TermResults:
+def results_of_terms(
+    terms: UserTerms | None,
+    arm: Arm,
+    path: JointPath,
+    trajectory: JointTrajectory,
+    settings: TermCheckSettings = TERM_CHECKS,
+) -> TermResults:
     """What a motion makes of the user's constraints and costs; nothing when there are none."""
     if terms is None:
         return TermResults()
-    return TermResults(checks_of_terms(terms, arm, path, trajectory), metrics_of_terms(terms, arm, path, trajectory))
+    checks = checks_of_terms(terms, arm, path, trajectory, settings)
+    return TermResults(checks, metrics_of_terms(terms, arm, path, trajectory, settings))
 
 
 def _not_kept(failures: list[str]) -> Diagnosis:
@@ -165,13 +184,18 @@ def _not_kept(failures: list[str]) -> Diagnosis:
     return Diagnosis(reason, "constraints", advice, {"failures": failures})
 
 
-def verified(problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> tuple[Check, ...]:
+def verified(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> tuple[Check, ...]:
     """The verifier's checks of a motion, all of which hold.
 
     Raises:
         VerificationError: naming those that do not.
     """
-    checks = verification.verify(problem, trajectory, joints)
+    checks = verification.verify(problem, trajectory, joints, settings)
     if failures := failures_of(checks):
         raise VerificationError(failures)
     return checks
@@ -182,7 +206,9 @@ def failures_of(checks: Sequence[Check]) -> list[str]:
     return [f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed]
 
 
-def timings_of(leg: Leg, inverse_dynamics: InverseDynamics, retimer: Retimer | None) -> Iterator[JointTrajectory]:
+def timings_of(
+    leg: Leg, inverse_dynamics: InverseDynamics, retimer: Retimer | None, settings: Settings = DEFAULT_SETTINGS
+) -> Iterator[JointTrajectory]:
     """Timings of a leg, best first: those of the problem's method, or the only one of the user's retimer."""
     problem = leg.problem
     arm = problem.arm
@@ -191,10 +217,13 @@ def timings_of(leg: Leg, inverse_dynamics: InverseDynamics, retimer: Retimer | N
         return
     yield from retiming.timings(
         leg.path,
-        feed_limits(arm, problem.limits),
+        feed_limits(arm, problem.limits, settings.feed.following),
         inverse_dynamics,
         revolutes=partial(revolute_angles, arm),
         method=problem.planner.retiming,
         link_length=arm.link_length,
         coordinates=arm.coordinates,
+        arm=arm,
+        settings=settings.timing,
+        paul=settings.transitions,
     )

@@ -74,6 +74,18 @@ class Coordinates:
         """
         return np.asarray(np.sum(q[..., self.base], axis=-1))
 
+    def travel(self, change: FloatArray, link_length: float) -> FloatArray:
+        """Bound on how far any point of the arm moves when its coordinates change, shape (...) [m].
+
+        A link that turns by Δφ moves what is beyond it by at most l |Δφ|, and Δφ is the sum of the bends up to it.
+
+        Args:
+            change: of the coordinates, shape (..., c) [rad, m].
+            link_length: l [m].
+        """
+        turned = np.abs(np.cumsum(change[..., self.bends], axis=-1)).sum(axis=-1)
+        return np.asarray(link_length * turned + np.abs(change[..., self.base]).sum(axis=-1))
+
 
 @lru_cache(maxsize=64)
 def planar_coordinates(links: int, axes: tuple[str, ...] = ()) -> Coordinates:

@@ -117,9 +117,7 @@ def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordin
         Bounds, shape (T − 1,) [m].
     """
     places = np.union1d(s, np.clip(spline.t, 0.0, 1.0))
-    second = np.asarray(spline(places, 2))
-    weight = link_length * np.abs(np.cumsum(second[:, coordinates.bends], axis=1)).sum(axis=1)
-    weight += np.abs(second[:, coordinates.base]).sum(axis=1)
+    weight = coordinates.travel(np.asarray(spline(places, 2)), link_length)
     at = np.searchsorted(places, s)
     inside = np.maximum.reduceat(weight, at)[:-1]
     return np.asarray(0.125 * np.diff(s) ** 2 * np.maximum(inside, weight[at[1:]]))
