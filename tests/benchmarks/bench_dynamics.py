@@ -136,7 +136,7 @@ def compare_sines(count: int = 1000) -> None:
             for flag in ("-DFAR=1e5", "-DFAR=-1.0"):  # with -1 every angle is too far for our reduction
                 output = Path(folder) / f"{len(back_ends)}{name.strip()}.so".replace(" ", "-")
                 compile_library(compiler, source, output, (*FLAGS, flag))
-                back_ends.append(CompiledBackEnd(compiled_library._open(output)))
+                back_ends.append(CompiledBackEnd(compiled_library.open_library(output)))
             for kind in ("inverse_dynamics", "forward_dynamics"):
                 ours, theirs = (DynamicsFunction(kind, model, back_end) for back_end in back_ends)
                 states = random_states(36, count)

@@ -72,17 +72,17 @@ def _opened(path: Path) -> ctypes.CDLL | None:
     if not path.exists():
         return None
     try:
-        return _open(path)
+        return open_library(path)
     except (OSError, AttributeError):
         return None
 
 
 def _compiled(path: Path, structure: Structure, compiler: str) -> ctypes.CDLL:
     _compile(path, structure, compiler)
-    return _open(path)
+    return open_library(path)
 
 
-def _open(path: Path) -> ctypes.CDLL:
+def open_library(path: Path) -> ctypes.CDLL:
     """Load a library that keeps the interpreter's lock while it runs, which makes short calls shorter."""
     library = ctypes.PyDLL(str(path))
     for symbol in SYMBOLS:
