@@ -55,18 +55,21 @@ class TipLedSettings:
 class HairpinSettings:
     """Numbers of the travelling hairpin, against a weight of 1 for the tip's error in nominal links.
 
+    What is measured was chosen on OMPL's kinematic chains of 12 to 96 links; ``tests/benchmarks/bench_ompl.py`` runs
+    them.
+
     Attributes:
-        lengths: of the hairpin that are tried, in nominal links. Measured on OMPL's kinematic chains
-            (``tests/benchmarks/bench_ompl.py``): what suits a passage lies between the least and the greatest.
-        passage_share: length of the hairpin that fits a passage, as a share of its width. Measured on the same chains.
+        lengths: of the hairpin that are tried, in nominal links. Measured: what suits a passage lies between the least
+            and the greatest.
+        passage_share: length of the hairpin that fits a passage, as a share of its width. Measured.
         passage_quantile: of the widths along a path that counts as the passage's; the least alone may be a corner that
             is only touched. Taste.
         same_length: hairpins whose lengths differ by less are the same, in nominal links. Taste.
-        advance: travel of the fold in one step, in nominal links. Measured on the same chains.
-        leash: how far the tip may lag behind its target before the fold waits, in nominal links. Measured likewise.
+        advance: travel of the fold in one step, in nominal links. Measured.
+        leash: how far the tip may lag behind its target before the fold waits, in nominal links. Measured.
         longest_error: error of the tip that is asked to be mended in one step, in nominal links. Taste.
-        heading_weight: of every link's heading against the reference, per nominal link. Measured likewise.
-        turn_weight: of every link's turn, per nominal link. Measured likewise.
+        heading_weight: of every link's heading against the reference, per nominal link. Measured.
+        turn_weight: of every link's turn, per nominal link. Measured.
         motion_weight: of every joint's motion, per nominal link. Taste.
         still_weight: of a joint's motion ahead of the fold in addition, where the arm should stay. Taste.
         longest_shape: the taut path from the base may be this share of the arm's length; it cuts no corner, so the
@@ -93,8 +96,8 @@ class PassageSettings:
 
     Attributes:
         samples: places along a path at which its passage is measured. Taste.
-        narrow: passages less wide than this many nominal links ask for shorter nominal links. Measured: guides fail in
-            narrower ones, a fold needs about a third of the width.
+        narrow: passages less wide than this many nominal links ask for shorter nominal links. Taste: a fold in
+            a passage is about a third of its width high, and should not be shorter than a nominal link.
         roomy: width that such passages then have, in nominal links. Taste.
         margin_share: where no planning margin fits, this share of the gap that there is serves as one. Taste.
         least_margin: least planning margin, in nominal links. Taste.
@@ -112,8 +115,8 @@ class GuideSettings:
     """Numbers of the guides and of the candidates made of them.
 
     Attributes:
-        heading_window: length over which a track's heading is smoothed, in nominal links. Measured on OMPL's kinematic
-            chains (``tests/benchmarks/bench_ompl.py``).
+        heading_window: length over which a track's heading is smoothed, in nominal links. Measured, as the hairpin's
+            numbers are.
         corner: turn that makes a corner of a path [rad]. Taste.
         few_corners: a route with more corners bends the arm so that straight interpolation seldom works. Taste.
         interpolation: of the straight interpolation of coordinates.
