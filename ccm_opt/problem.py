@@ -326,6 +326,7 @@ def _defects(problem: Problem) -> Iterator[str]:
     yield from _name_defects(problem)
     yield from _weight_defects(problem.planner.weights)
     yield from _feed_defects(problem)
+    yield from _point_defects(problem)
     if problem.planner.retiming == "paul" and (problem.limits.jerk is not None or problem.limits.feed_jerk is not None):
         yield 'limits.jerk and limits.feed_jerk need planner.retiming = "toppra", got "paul"'
 
@@ -334,6 +335,23 @@ def _weight_defects(weights: Weights) -> Iterator[str]:
     for name, value in asdict(weights).items():
         if not 0.0 <= value < np.inf:
             yield f"planner.weights.{name} must be finite and not negative, got {value}"
+
+
+def _point_defects(problem: Problem) -> Iterator[str]:
+    """Limits on points: on the arm, positive, and one for each."""
+    points = problem.limits.points
+    length = problem.arm.length
+    for k, point in enumerate(points):
+        name = f"limits.points[{k}]"
+        if point.at is not None and not 0.0 <= point.at <= length * (1.0 + 1e-9):
+            yield f"{name}.at must be from 0 to the arm's length, {length:g} m, got {point.at}"
+        for key in ("velocity", "acceleration"):
+            if not getattr(point, key) > 0.0:
+                yield f"{name}.{key} must be positive, or left out when it is not limited, got {getattr(point, key)}"
+        if np.isinf(point.velocity) and np.isinf(point.acceleration):
+            yield f"{name} limits neither velocity nor acceleration"
+        if point.at in [other.at for other in points[:k]]:
+            yield f"{name} limits the {point.name} a second time"
 
 
 def _feed_defects(problem: Problem) -> Iterator[str]:

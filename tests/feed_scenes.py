@@ -58,7 +58,7 @@ def make_problem(arm: Arm, room: Workspace, goal: Goal, start: JointPose | None 
         Limits(np.full(count, 1.0), np.full(count, 4.0), feed_velocity=0.2, feed_acceleration=0.5),
         start or JointPose(np.zeros(arm.links), least),
         goal,
-        planner=PlannerOptions(time_limit=30.0),
+        planner=PlannerOptions(time_limit=900.0),
     )
 
 

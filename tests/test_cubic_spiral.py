@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
@@ -120,6 +120,8 @@ def test_symmetric_poses_need_one_turn_and_parallel_ones_two_equal_turns() -> No
 
 @settings(max_examples=30, deadline=None)
 @given(heading=st.floats(-0.9, 0.9), end_heading=st.floats(-0.9, 0.9), place=st.floats(0.05, 0.95))
+@example(heading=-0.296875, end_heading=0.328125, place=0.9375)
+@example(heading=-0.0546875, end_heading=0.05078125, place=0.0625)
 def test_the_mean_pose_is_the_best_of_all(heading: float, end_heading: float, place: float) -> None:
     """No other symmetric split of the poses, on the arc of mean poses, has less jerk."""
     end = np.array([1.0, 0.0])

@@ -22,7 +22,7 @@ def beside(wall: shapely.Geometry, rounding: float = 0.0, radius: float = RADIUS
     """A straight arm along x beside one wall, to be bent away to its left."""
     arm = make_arm(24, radius)
     workspace = Workspace(ROOM, (Obstacle("wall", wall, rounding),))
-    return Scene(arm, workspace, np.zeros(24), GOAL).problem(time_limit=30.0)
+    return Scene(arm, workspace, np.zeros(24), GOAL).problem(time_limit=900.0)
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ ALLOWED = 1e-6
 def reaching(x: float, y: float) -> Problem:
     """The open space with another goal for the tip."""
     problem = ccm_opt.load_problem(PROBLEMS / "open-space.toml")
-    return replace(problem, goal=TipGoal(np.array([x, y])), planner=replace(problem.planner, time_limit=30.0))
+    return replace(problem, goal=TipGoal(np.array([x, y])), planner=replace(problem.planner, time_limit=900.0))
 
 
 def start_tip(problem: Problem) -> tuple[FloatArray, float]:

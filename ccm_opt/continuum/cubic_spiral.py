@@ -119,6 +119,10 @@ class CubicSpiral:
         return self.start + integrate_positions(self.heading_at, arc, np.array([0.0, self.length]))
 
 
+_PLACES = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 41)))
+"""Places of mean poses, as shares of their range, that are compared before the best is refined; denser at its ends."""
+
+
 def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: float) -> tuple[CubicSpiral, ...]:
     """One cubic spiral between symmetric poses, two between others.
 
@@ -158,7 +162,11 @@ def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: 
             f"no two cubic spirals of at most {LARGEST_TURN} rad join the poses ({start[0]:.4g}, {start[1]:.4g}), "
             f"{heading:.4g} rad and ({end[0]:.4g}, {end[1]:.4g}), {end_heading:.4g} rad; go through a pose between them"
         )
-    best = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-10})
+    # The cost may have several minima, the least of them close to an end, where one turn does nearly all.
+    places = low + (high - low) * _PLACES
+    least = int(np.argmin([cost(place) for place in places]))
+    bounds = (places[max(least - 1, 0)], places[min(least + 1, len(places) - 1)])
+    best = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-10})
     return _halves(start, heading, chord, (before, after), float(best.x))
 
 

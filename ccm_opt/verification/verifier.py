@@ -12,6 +12,7 @@ from ccm_opt.verification.consistency import check_consistency
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.limits import check_limits
 from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.point_limits import check_points
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.start_and_goal import check_ends
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -49,6 +50,7 @@ def verify(
     if problem.arm.self_collision:
         checks.append(check_self_collision(motion, settings))
     checks += check_limits(problem.arm, problem.limits, trajectory, joints, settings)
+    checks += check_points(problem.arm, problem.limits, trajectory, settings)
     checks += check_consistency(problem, trajectory, joints, settings)
     checks += check_base_axes(problem, trajectory, joints, settings)
     checks += check_ends(problem, trajectory, settings)

@@ -18,6 +18,7 @@ from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_BRAKING, Bra
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.jointed.point_on_arm import PointOnArm
 from ccm_opt.problem import DriveLimits, Limits
 from ccm_opt.solution import JointTrajectory
 
@@ -72,6 +73,7 @@ class _PlannedMotion:
     limits: DriveLimits
     dynamics: InverseDynamics
     settings: BrakingSettings
+    points: tuple[tuple[PointOnArm, float], ...] = ()
     share: float = 1.0
 
     @classmethod
@@ -84,7 +86,13 @@ class _PlannedMotion:
         settings: BrakingSettings,
     ) -> "_PlannedMotion":
         spline = CubicHermiteSpline(trajectory.time, trajectory.positions, trajectory.velocities)
-        return cls(spline, arm, limits.of_drives(arm.coordinates), dynamics, settings)
+        # A slower motion along the same path keeps the bounds on speeds, so only those on accelerations matter.
+        points = tuple(
+            (PointOnArm.from_arc_length(arm, limit.at), limit.acceleration)
+            for limit in limits.points
+            if np.isfinite(limit.acceleration)
+        )
+        return cls(spline, arm, limits.of_drives(arm.coordinates), dynamics, settings, points)
 
     def at(self, sigma: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and their first two derivatives."""
@@ -96,8 +104,22 @@ class _PlannedMotion:
         accelerations = np.concatenate((samples.accelerations, mean))
         if np.any(np.abs(accelerations) > self._most_acceleration):
             return False
+        if not self._points_keep_limits(samples):
+            return False
         states = zip(samples.positions, samples.velocities, samples.accelerations, strict=True)
         return all(np.all(np.abs(self._efforts(*state)) <= self.limits.effort) for state in states)
+
+    def _points_keep_limits(self, samples: JointTrajectory) -> bool:
+        """Whether the limited points of the arm accelerate as little as they must, by values and by differences."""
+        step = np.diff(samples.time)[:, None]
+        for point, most in self.points:
+            values = point.acceleration(samples.positions, samples.velocities, samples.accelerations)
+            gained = np.diff(point.velocity(samples.positions, samples.velocities), axis=0) / step
+            means = np.diff(point.position(samples.positions), axis=0) / step
+            second = np.diff(means, axis=0) / (0.5 * (step[1:] + step[:-1]))
+            if np.max(np.linalg.norm(np.concatenate((values, gained, second)), axis=1)) > most:
+                return False
+        return True
 
     def least_change(self, sigma: float, rate: float, step: float) -> float:
         """Least α = ẇ within the limits over a step from a place of the motion on [1/s]; it is never above 0."""
@@ -116,7 +138,25 @@ class _PlannedMotion:
         bounds = np.concatenate((self._most_acceleration, self.limits.effort))
         with np.errstate(divide="ignore", invalid="ignore"):
             ends = (self.share * bounds - np.sign(-slopes) * offsets) / -np.abs(slopes)
-        return float(min(np.max(ends[np.isfinite(ends)], initial=-1.0 / self.settings.least_time), 0.0))
+        least = float(np.max(ends[np.isfinite(ends)], initial=-1.0 / self.settings.least_time))
+        return min(max(least, self._least_change_of_points(x, velocity, unbraked, first)), 0.0)
+
+    def _least_change_of_points(
+        self, x: FloatArray, velocity: FloatArray, unbraked: FloatArray, first: FloatArray
+    ) -> float:
+        """Least α at which every limited point keeps |p̈₀ + p' α| ≤ a, with p̈₀ its acceleration at α = 0."""
+        least = -np.inf
+        for point, most in self.points:
+            offset = point.acceleration(x[None], velocity[None], unbraked[None])[0]
+            slope = point.velocity(x[None], first[None])[0]
+            square = float(slope @ slope)
+            if square == 0.0:
+                continue
+            middle = -float(slope @ offset) / square
+            # Where not even the middle keeps the limit, that is the best there is.
+            room = max((self.share * most) ** 2 - float(offset @ offset) + square * middle**2, 0.0)
+            least = max(least, middle - float(np.sqrt(room / square)))
+        return least
 
     @property
     def _most_acceleration(self) -> FloatArray:

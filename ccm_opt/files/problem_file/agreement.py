@@ -26,6 +26,22 @@ def check_limit_lists(arm: ArmTable, limits: LimitsTable, issues: Issues) -> Non
         _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
 
 
+def check_limited_points(
+    arm: ArmTable, limits: LimitsTable, issues: Issues, settings: ReadingSettings = READING
+) -> None:
+    """Points whose motion is limited stand on the arm, and something of them is limited."""
+    length = arm.links * arm.link_length
+    for k, point in enumerate(limits.points):
+        path: KeyPath = ("limits", "points", k)
+        if point.at > length * (1.0 + settings.length_tolerance):
+            expected = f"at most the arm's length, links * link_length = {length:.6g} m"
+            issues.add((*path, "at"), f"{point.at:.6g} m is beyond the tip; expected {expected}")
+        if point.velocity is None and point.acceleration is None:
+            issues.add(path, "nothing is limited; expected velocity, acceleration or both")
+        if point.at in [other.at for other in limits.points[:k]]:
+            issues.add((*path, "at"), f"the point at {point.at:.6g} m is limited already; expected one entry a point")
+
+
 def check_pose(
     arm: ArmTable, pose: PoseTable, path: KeyPath, issues: Issues, settings: ReadingSettings = READING
 ) -> None:

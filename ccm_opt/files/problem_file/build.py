@@ -33,6 +33,7 @@ from ccm_opt.problem import (
     JointPose,
     Limits,
     PlannerOptions,
+    PointLimit,
     Problem,
     SimulationOptions,
     Start,
@@ -162,7 +163,16 @@ def _limits(table: LimitsTable, links: int) -> Limits:
         table.feed_force,
         None if table.jerk is None else _each_revolute(table.jerk, links),
         table.feed_jerk,
+        _point_limits(table),
     )
+
+
+def _point_limits(table: LimitsTable) -> tuple[PointLimit, ...]:
+    """The limits on the tip, if there are any, and on other points."""
+    points = [PointLimit(point.at, point.velocity or np.inf, point.acceleration or np.inf) for point in table.points]
+    if table.tip_velocity is None and table.tip_acceleration is None:
+        return tuple(points)
+    return (PointLimit(None, table.tip_velocity or np.inf, table.tip_acceleration or np.inf), *points)
 
 
 def build_pose(table: PoseTable, arm: Arm) -> Start:

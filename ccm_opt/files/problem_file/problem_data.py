@@ -132,6 +132,16 @@ def _limits(limits: Limits) -> Table:
     for key in ("feed_velocity", "feed_acceleration", "feed_jerk", "feed_force"):
         if getattr(limits, key) is not None:
             table[key] = float(getattr(limits, key))
+    points = []
+    for point in limits.points:
+        bounds = {key: float(getattr(point, key)) for key in ("velocity", "acceleration")}
+        given = {key: value for key, value in bounds.items() if np.isfinite(value)}
+        if point.at is None:
+            table |= {f"tip_{key}": value for key, value in given.items()}
+        else:
+            points.append({"at": float(point.at), **given})
+    if points:
+        table["points"] = points
     return table
 
 

@@ -154,8 +154,16 @@ class ArmTable(Table):
     feed: FeedTable | None = None
 
 
+class PointLimitTable(Table):
+    """Bounds on the speed and the acceleration of a point of the arm."""
+
+    at: NonNegativeLength
+    velocity: Positive | None = None
+    acceleration: Positive | None = None
+
+
 class LimitsTable(Table):
-    """Joint limits; one number, one a ball joint, or one a revolute."""
+    """Joint limits, each one number, one a ball joint, or one a revolute; limits of the feed axis, and of points."""
 
     velocity: PositiveEach
     acceleration: PositiveEach
@@ -165,6 +173,9 @@ class LimitsTable(Table):
     feed_acceleration: Positive | None = None
     feed_jerk: Positive | None = None
     feed_force: Positive | None = None
+    tip_velocity: Positive | None = None
+    tip_acceleration: Positive | None = None
+    points: list[PointLimitTable] = Field(default=[])
 
 
 class SegmentTable(Table):

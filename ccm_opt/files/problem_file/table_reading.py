@@ -9,7 +9,7 @@ import tomlkit
 from pydantic import BaseModel
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.problem_file.agreement import check_arm_lists, check_limit_lists, check_pose
+from ccm_opt.files.problem_file.agreement import check_arm_lists, check_limit_lists, check_limited_points, check_pose
 from ccm_opt.files.problem_file.build import (
     Tables,
     build_arm,
@@ -144,6 +144,7 @@ def _check_between(draft: _Draft, units: str, issues: Issues) -> None:
     check_arm_lists(draft.arm, issues)
     if draft.limits is not None:
         check_limit_lists(draft.arm, draft.limits, issues)
+        check_limited_points(draft.arm, draft.limits, issues)
     for path, pose in _poses(draft):
         check_pose(draft.arm, pose, path, issues)
         _check_foldable(draft.arm, pose, path, issues)

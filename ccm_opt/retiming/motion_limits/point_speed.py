@@ -1,7 +1,7 @@
 """The limits on how a point of the arm moves in the plane, such as its tip: |ṗ| ≤ v and |p̈| ≤ a.
 
-Along the path ṗ = p' ṡ, a bound on ṡ; and p̈ = p' s̈ + p'' ṡ² lies in a disc, which is convex in (s̈, ṡ²). A regular
-polygon around the disc stands for it in the rows, one row for each pair of opposite sides; what little it leaves is
+Along the path |ṗ|² = |p'|² ṡ², and p̈ = p' s̈ + p'' ṡ² lies in a disc, which is convex in (s̈, ṡ²). A regular polygon
+around the disc stands for it in the rows, one row for each pair of opposite sides; what little it leaves is
 within the share of the limits that is not used, and samples are judged by the disc itself.
 """
 
@@ -49,18 +49,22 @@ class PointSpeed(MotionLimit):
             point = PointOnArm.from_arc_length(path.arm, limit.at)
             yield cls(point, limit.velocity, limit.acceleration, settings.directions)
 
-    def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """|p'| / v."""
-        return np.asarray(_length(self._point.velocity(spline(s), spline(s, 1))) / self._velocity)
+    def rows(self, spline: BSpline, s: FloatArray) -> LimitRows:
+        """A row for the speed, and one for each pair of opposite sides of the polygon around the disc.
 
-    def rows(self, spline: BSpline, s: FloatArray) -> LimitRows | None:
-        """A row for each pair of opposite sides of the polygon around the disc."""
-        if not np.isfinite(self._acceleration):
-            return None
+        A row in ṡ², unlike a bound on ṡ, is tightened only where it is passed between grid points: points of the arm
+        change their speed along the path much faster than joints.
+        """
         q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
-        a = self._point.velocity(q, first) @ self._normals / self._acceleration
-        b = self._point.acceleration(q, first, second) @ self._normals / self._acceleration
-        return LimitRows(a, b, np.zeros_like(a))
+        tangent = self._point.velocity(q, first)
+        bend = self._point.acceleration(q, first, second)
+        gains = [np.zeros((len(s), 1))]
+        squares = [np.sum(tangent**2, axis=1)[:, None] / self._velocity**2]
+        if np.isfinite(self._acceleration):
+            gains.append(tangent @ self._normals / self._acceleration)
+            squares.append(bend @ self._normals / self._acceleration)
+        a = np.concatenate(gains, axis=1)
+        return LimitRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
         """By the motion at the samples, by differences of it, and by the motion that is linear between them."""
