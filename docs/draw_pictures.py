@@ -35,7 +35,7 @@ from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.search_run import SearchRun
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
-from ccm_opt.planners.curve import find_routes, route_margin, tip_paths_along
+from ccm_opt.planners.curve_routes import find_routes, route_margin, tip_paths_along
 
 BLOCKS = {
     "block": [(0.24, -0.13), (0.44, -0.07), (0.42, 0.17), (0.25, 0.12)],

@@ -25,12 +25,15 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.limits.assembly import assembled_limits
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import MotionTask
-from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.step_settings import StepSettings
-from ccm_opt.planners import curve as curve_planner
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.settings.step_settings import StepSettings
+from ccm_opt.motion.step import Stepper
+from ccm_opt.planners.curve_guesses import find_guesses
+from ccm_opt.planners.curve_routes import find_routes, route_margin, tip_paths_along
 from ccm_opt.problem import Problem
 
 MARGIN = 2.5e-3
@@ -107,7 +110,7 @@ def sweep_gaps(arm: Arm, workspace: Workspace, headings: FloatArray) -> tuple[fl
 def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
     """A stepper in the link space through the scene's start, and the pose there."""
     space, v = LinkSpace.through(scene.arm, scene.start)
-    walls = Walls.of(scene.workspace)
+    walls = Walls.from_workspace(scene.workspace)
     finder = ContactFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04)
     limits = assembled_limits(finder, Certificate(scene.arm, scene.workspace), StepSettings())
     stepper = Stepper(space, finder, limits)
@@ -126,17 +129,17 @@ def later(seconds: float = 60.0) -> Deadline:
 
 def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = False) -> MotionTask:
     """What the planner asks of the search for a problem, with or without guesses of goal poses."""
-    ends = curve_planner.resolve_ends(problem)
-    room = FreeSpace(problem.workspace, curve_planner.route_margin(problem, ends))
-    routes = () if ends.goal_headings is not None else curve_planner.find_routes(problem, ends, room)
+    ends = resolve_ends(problem)
+    room = FreeSpace(problem.workspace, route_margin(problem, ends))
+    routes = () if ends.goal_headings is not None else find_routes(problem, ends, room)
     return MotionTask(
         arm=problem.arm,
         workspace=problem.workspace,
         start=ends.start,
         goal=ends.goal,
         goal_headings=ends.goal_headings,
-        guesses=tuple(curve_planner.find_guesses(problem, ends, room, routes)) if guessing else (),
-        tip_paths=curve_planner.tip_paths_along(problem, ends, routes),
+        guesses=tuple(find_guesses(problem, ends, room, routes)) if guessing else (),
+        tip_paths=tip_paths_along(problem, ends, routes),
         deadline=later(seconds),
     )
 

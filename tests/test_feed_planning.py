@@ -112,7 +112,7 @@ def test_bands_keep_off_the_walls_of_a_bent_tube(turn: float, left: bool, gap: f
     middle = bow(fed_arm(), sign * turn)
     line = shapely.LineString(middle.points[middle.arc > 0.7])
     tube = shapely.buffer(line, 0.15).difference(shapely.buffer(line, RADIUS + gap, cap_style="flat"))
-    walls = Walls.of(Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0), (Obstacle("tube", tube),)))
+    walls = Walls.from_workspace(Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0), (Obstacle("tube", tube),)))
     way = middle.points[(middle.arc > 0.82) & (middle.arc < 1.38)]
     wanted = RADIUS + 0.01
     band = ElasticBand(walls, wanted, 0.0, 15.0, LINK / 3.0, LINK).smoothed(way, (0.0, None))

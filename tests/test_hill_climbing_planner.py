@@ -71,7 +71,7 @@ def test_figure_5_is_planned_certified_and_verified() -> None:
     assert all(check.passed for check in solution.checks)
     assert solution.path.candidate == "fold to the right"
     headings = problem.arm.headings(solution.path.keyframes)
-    assert len(Certificate.of(problem.arm, problem.workspace).failures(headings)) == 0
+    assert len(Certificate(problem.arm, problem.workspace).failures(headings)) == 0
     np.testing.assert_allclose(headings[0], Follower.from_problem(problem).ends.start, atol=1e-12)
     assert len(solution.path.curves) == len(headings)
 

@@ -12,7 +12,7 @@ from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.search_run import SearchRun
-from ccm_opt.motion.search_settings import SearchSettings
+from ccm_opt.motion.settings.search_settings import SearchSettings
 from ccm_opt.problem import JointPose
 from tests.scenes import clutter, motion_task
 

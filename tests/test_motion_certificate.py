@@ -36,7 +36,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def certified(arm: Arm, workspace: Workspace, *keyframes: FloatArray) -> bool:
     """Whether the piecewise-linear motion through keyframes is certified."""
-    return len(Certificate.of(arm, workspace).failures(np.array(keyframes))) == 0
+    return len(Certificate(arm, workspace).failures(np.array(keyframes))) == 0
 
 
 def random_turn(rng: np.random.Generator, arm: Arm, size: float) -> FloatArray:
@@ -171,7 +171,7 @@ def test_the_verdict_does_not_depend_on_the_direction(seed: int) -> None:
     scene = clutter(seed % 50, 30)
     turns = np.array([random_turn(rng, scene.arm, 0.15) for _ in range(4)])
     keyframes = scene.start + np.cumsum(turns, axis=0)
-    certificate = Certificate.of(scene.arm, scene.workspace)
+    certificate = Certificate(scene.arm, scene.workspace)
     forwards = certificate.failures(keyframes)
     backwards = certificate.failures(keyframes[::-1])
     np.testing.assert_array_equal(forwards, np.sort(len(keyframes) - 2 - backwards))
@@ -184,7 +184,7 @@ def test_intervals_are_judged_one_by_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scene = clutter(seed % 50, 30)
     keyframes = scene.start + np.cumsum([random_turn(rng, scene.arm, 0.08) for _ in range(8)], axis=0)
-    certificate = Certificate.of(scene.arm, scene.workspace)
+    certificate = Certificate(scene.arm, scene.workspace)
     alone = [k for k in range(7) if len(certificate.failures(keyframes[k : k + 2]))]
     assert certificate.failures(keyframes).tolist() == alone
 
@@ -192,7 +192,7 @@ def test_intervals_are_judged_one_by_one(seed: int) -> None:
 def test_more_bisections_never_refuse_more() -> None:
     """What is certified at a depth stays certified at a greater one."""
     for arm, workspace, start, end in random_motions(40):
-        certificate = Certificate.of(arm, workspace)
+        certificate = Certificate(arm, workspace)
         verdicts = [len(certificate.failures(np.array([start, end]), depth)) == 0 for depth in (0, 2, 7)]
         assert verdicts == sorted(verdicts)
 
@@ -203,7 +203,7 @@ def test_wide_turns_need_bisections() -> None:
     posts = tuple(
         Obstacle(f"post {k}", shapely.Point(1.03 * np.cos(a), 1.03 * np.sin(a)), 0.01) for k, a in enumerate(at)
     )
-    certificate = Certificate.of(make_arm(24), Workspace(ROOM, posts))
+    certificate = Certificate(make_arm(24), Workspace(ROOM, posts))
     turn = np.array([np.zeros(24), np.ones(24)])
     assert certificate.failures(turn, 1).tolist() == [0]
     assert len(certificate.failures(turn)) == 0
@@ -214,11 +214,11 @@ def test_an_arm_at_rest_is_certified_where_it_touches_nothing(keyframes: int) ->
     """Standing still is safe in free space, also as a motion of a single keyframe, and unsafe in contact."""
     scene = clutter(3)
     still = np.tile(scene.start, (keyframes, 1))
-    assert len(Certificate.of(scene.arm, scene.workspace).failures(still)) == 0
+    assert len(Certificate(scene.arm, scene.workspace).failures(still)) == 0
     beside = Obstacle("beside", shapely.Point(scene.arm.joint_positions(scene.start)[-1]), 0.01)
     blocked = Workspace(ROOM, (beside,))
     expected = list(range(keyframes - 1))
-    assert Certificate.of(scene.arm, blocked).failures(still).tolist() == expected
+    assert Certificate(scene.arm, blocked).failures(still).tolist() == expected
 
 
 def test_the_mount_may_touch() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.collision.certificate import CONTACT
+from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion.ends import resolve_ends
@@ -49,7 +49,7 @@ def test_goal_in_contact_is_reached() -> None:
 def test_deeper_starts_are_refused() -> None:
     """A start that is deeper in a wall than rounding is refused, with the link and the wall."""
     with pytest.raises(UnreachableGoal, match=r"link \d+ and 'wall'"):
-        resolve_ends(beside(shapely.box(-1.2, -1.0, 1.2, -RADIUS + 2.0 * CONTACT)))
+        resolve_ends(beside(shapely.box(-1.2, -1.0, 1.2, -RADIUS + 2.0 * DEFAULT_CERTIFICATE.contact)))
 
 
 def test_an_axis_may_not_lie_on_a_wall() -> None:

@@ -22,7 +22,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def make_finder(arm: Arm, workspace: Workspace, reach: float = REACH) -> ContactFinder:
     """A finder with the workspace's clearance and a margin of 2.5 mm."""
-    return ContactFinder(arm, Walls.of(workspace), workspace.clearance, 2.5e-3, reach)
+    return ContactFinder(arm, Walls.from_workspace(workspace), workspace.clearance, 2.5e-3, reach)
 
 
 def random_points(seed: int, arm: Arm, bend: float = 5.0) -> FloatArray:

@@ -20,9 +20,10 @@ from ccm_opt.motion.guides.tip_led import TipLed
 from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.portfolio import GuideCandidate, first_candidates
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.settings.step_settings import GoalSettings, StepSettings
 from ccm_opt.motion.spline_path import certified_spline, clamped_spline
-from ccm_opt.motion.step import Pose, Stepper
-from ccm_opt.motion.step_settings import GoalSettings, StepSettings
+from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, round_base
 
 from .scenes import (
@@ -95,7 +96,7 @@ def test_every_candidate_reaches_its_end_in_the_open(turn: float, heading: float
         assert poses[0] is start
         assert arrived, candidate.name
         assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < 0.1
-        assert len(Certificate.of(scene.arm, room).failures(headings_of(poses))) == 0
+        assert len(Certificate(scene.arm, room).failures(headings_of(poses))) == 0
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -329,7 +330,7 @@ def led_motion(seed: int) -> tuple[Scene, FloatArray]:
 def test_the_smooth_path_is_certified_finer_than_it_was_made(seed: int) -> None:
     """The spline runs from the first to the last keyframe; between samples eight times as dense it is certified."""
     scene, keyframes = led_motion(seed)
-    certificate = Certificate.of(scene.arm, scene.workspace)
+    certificate = Certificate(scene.arm, scene.workspace)
     assert len(certificate.failures(keyframes)) == 0
     spline = certified_spline(keyframes, certificate)
     assert isinstance(spline, BSpline)
@@ -345,7 +346,7 @@ def test_few_keyframes_make_a_path_too(count: int) -> None:
     """Any number of keyframes makes a C² spline that starts and ends on them and stays in their hull."""
     scene = open_scene(2)
     keyframes = swept(scene.start, scene.start + 0.3, max(count - 1, 1))[:count]
-    spline = certified_spline(keyframes, Certificate.of(scene.arm, scene.workspace))
+    spline = certified_spline(keyframes, Certificate(scene.arm, scene.workspace))
     assert spline is not None
     u = np.linspace(0.0, 1.0, 101)
     np.testing.assert_allclose(spline(u[[0, -1]]), keyframes[[0, -1]], atol=1e-12)
@@ -367,7 +368,7 @@ def test_a_motion_without_room_has_no_smooth_path() -> None:
     """Keyframes that touch an obstacle cannot be smoothed: there is no path rather than an unsafe one."""
     scene = walled_off()
     keyframes = swept(scene.start, scene.goal, 8)
-    assert certified_spline(keyframes, Certificate.of(scene.arm, scene.workspace)) is None
+    assert certified_spline(keyframes, Certificate(scene.arm, scene.workspace)) is None
 
 
 @given(st.integers(0, 10_000), st.integers(1, 6), st.sampled_from((-1.0, 1.0)))

@@ -15,6 +15,7 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
+from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import LinkSpace
@@ -22,9 +23,9 @@ from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise, travel
 from ccm_opt.motion.passage_widths import fitting_margins
 from ccm_opt.motion.search import find_motion
-from ccm_opt.motion.step_settings import GoalSettings
-from ccm_opt.planners import curve as curve_planner
+from ccm_opt.motion.settings.step_settings import GoalSettings
 from ccm_opt.planners.curve import CurvePlanner
+from ccm_opt.planners.curve_routes import find_routes, route_margin
 from ccm_opt.problem import JointPose, Problem, TipGoal
 
 from .scenes import (
@@ -47,7 +48,7 @@ SCENES = {"clutter 1": clutter(1), "clutter 4": clutter(4), "clutter of 40": clu
 
 def certified(scene: Scene, headings: FloatArray) -> bool:
     """Whether the certificate passes a motion."""
-    return len(Certificate.of(scene.arm, scene.workspace).failures(headings)) == 0
+    return len(Certificate(scene.arm, scene.workspace).failures(headings)) == 0
 
 
 @cache
@@ -282,7 +283,7 @@ def test_margins_leave_the_narrowest_gap_open(gap: float, expected: tuple[float,
 def test_a_gap_hardly_wider_than_the_arm_has_a_route() -> None:
     """Where the usual inflation of the walls closes every way, the least one is used."""
     problem = gap_scene(0.0604)
-    ends = curve_planner.resolve_ends(problem)
-    margin = curve_planner.route_margin(problem, ends)
+    ends = resolve_ends(problem)
+    margin = route_margin(problem, ends)
     assert 0.03 < margin < 0.0302
-    assert curve_planner.find_routes(problem, ends, FreeSpace(problem.workspace, margin))
+    assert find_routes(problem, ends, FreeSpace(problem.workspace, margin))

@@ -11,8 +11,9 @@ from ccm_opt.collision.contacts import WALL, ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion.limits.contact_limit import allowed_shortfall, contact_rows, keeps_clear
-from ccm_opt.motion.step import Pose, Stepper, Term, normal_equations, smoothness_terms
-from ccm_opt.motion.step_settings import StepSettings
+from ccm_opt.motion.pose import Pose, Term
+from ccm_opt.motion.settings.step_settings import StepSettings
+from ccm_opt.motion.step import Stepper, normal_equations, smoothness_terms
 
 from .scenes import MARGIN, Scene, clutter, corridor, make_arm, make_stepper, open_scene, self_gap, wall_gaps
 
@@ -57,7 +58,7 @@ def test_clearance_keeps_its_promised_share(scene: Scene) -> None:
     assert wall_gaps(scene.arm, scene.workspace, points).min() >= SETTINGS.keep_share * MARGIN - 1e-9
     assert self_gap(scene.arm, points) > 0.0
     for pose in poses[::10]:
-        fresh = ContactFinder(scene.arm, Walls.of(scene.workspace), 0.0, MARGIN, 0.04)
+        fresh = ContactFinder(scene.arm, Walls.from_workspace(scene.workspace), 0.0, MARGIN, 0.04)
         assert keeps_clear(fresh.find(pose.points), 1e-9, SETTINGS.keep_share)
         assert not fresh.crosses(pose.points)
 

@@ -17,11 +17,11 @@ from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import CachedItems, MotionTask
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.search_run import SearchRun
-from ccm_opt.motion.step_settings import GoalSettings
+from ccm_opt.motion.settings.step_settings import GoalSettings
+from ccm_opt.motion.settings.tree_settings import DEFAULT_TREES
 from ccm_opt.motion.strategies import TreeStrategy
 from ccm_opt.motion.tree.pose_tree import PoseTree
 from ccm_opt.motion.tree.tree_search import TREES, TreeSearch, TreeTask, search_by_trees
-from ccm_opt.motion.tree.tree_settings import DEFAULT_TREES
 from ccm_opt.problem import JointPose, TipGoal
 
 from .scenes import ROOM, Scene, clutter, later, make_arm, make_stepper, motion_task, open_scene
@@ -53,7 +53,7 @@ def tree_task(task: MotionTask) -> TreeTask:
 
 def is_certified(scene: Scene, headings: FloatArray) -> bool:
     """Whether a motion is proved to touch nothing."""
-    return len(Certificate.of(scene.arm, scene.workspace).failures(headings)) == 0
+    return len(Certificate(scene.arm, scene.workspace).failures(headings)) == 0
 
 
 @pytest.mark.parametrize("seed", [4, 6])

@@ -12,6 +12,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.limits.clearance_rows import motion_rows
 from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.motion_task import JointSlowness, Motion, MotionTask
@@ -21,7 +22,8 @@ from ccm_opt.motion.optimisation.optimise import optimise, thinned
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.nlp.find_configuration import find_configuration
-from ccm_opt.planners import curve as curve_planner
+from ccm_opt.planners.curve_guesses import configuration_task
+from ccm_opt.planners.curve_routes import find_routes, route_margin
 from ccm_opt.problem import TipGoal, Weights
 from tests.scenes import ROOM, Scene, clutter, later, make_arm, motion_task, sweep_gaps, wall_gaps
 
@@ -147,10 +149,10 @@ def over_a_box(weights: Weights) -> tuple[FloatArray, float]:
     scene = Scene(make_arm(), Workspace(ROOM, (box,)), np.full(24, 2.0), np.full(24, 0.0))
     problem = scene.problem(TipGoal(np.array([0.955, 0.0])))
     problem = replace(problem, planner=replace(problem.planner, weights=weights))
-    ends = curve_planner.resolve_ends(problem)
-    room = FreeSpace(problem.workspace, curve_planner.route_margin(problem, ends))
-    route = curve_planner.find_routes(problem, ends, room)[0]
-    curve = find_configuration(curve_planner.configuration_task(problem, ends, room, route))
+    ends = resolve_ends(problem)
+    room = FreeSpace(problem.workspace, route_margin(problem, ends))
+    route = find_routes(problem, ends, room)[0]
+    curve = find_configuration(configuration_task(problem, ends, room, route))
     s = np.linspace(0.0, scene.arm.length, 400)
     points = np.asarray(shapely.points(curve.positions_at(s)))
     return np.minimum(shapely.distance(points, box.core), 0.06), float((curve.curvature_at(s) ** 2).mean())

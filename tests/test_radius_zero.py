@@ -92,7 +92,7 @@ def test_certificate_sees_the_jump_through_a_sheet() -> None:
     assert isinstance(problem.start, JointPose)
     assert isinstance(problem.goal, JointPose)
     ends = np.stack([problem.arm.headings(pose.bends) for pose in (problem.start, problem.goal)])
-    assert len(Certificate.of(problem.arm, problem.workspace).failures(ends)) == 1
+    assert len(Certificate(problem.arm, problem.workspace).failures(ends)) == 1
 
 
 def test_only_tip_paths_that_turn_the_base_as_the_goal_does_remain() -> None:
@@ -122,7 +122,7 @@ def test_width_of_a_channel(width: float, place: float, turn: float) -> None:
     workspace = replace(problem.workspace, boundary=shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles=sheets)
     y = 0.5 * width * place
     path = np.array([[-1.0, y], [0.2, y], [1.0, y]]) @ rotation.T
-    np.testing.assert_allclose(passage_widths(Walls.of(workspace), path, 1.0), width, rtol=1e-9)
+    np.testing.assert_allclose(passage_widths(Walls.from_workspace(workspace), path, 1.0), width, rtol=1e-9)
 
 
 @needs_compiler

@@ -18,7 +18,7 @@ from ccm_opt.motion.limits.user_limit import UserLimit
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.optimisation.keyframes import even_parameters
 from ccm_opt.motion.path_on_equations import moved_onto
-from ccm_opt.motion.search_settings import SmoothPathSettings
+from ccm_opt.motion.settings.search_settings import SmoothPathSettings
 from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Check, JointPath, JointTrajectory, Solution

@@ -3,15 +3,13 @@
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.collision.certificate import TOUCH, Certificate, allowed_contact
+from ccm_opt.collision.certificate import Certificate, allowed_contact
+from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE
 from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
-
-ROUNDING = 1e-9
-"""Depth of contact [m], and bend beyond a joint limit [rad], that counts as rounding."""
 
 
 def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str, reach: float = 0.02) -> float:
@@ -28,14 +26,16 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str
         UnreachableGoal: the pose breaks a joint limit or touches something; names joint or link and obstacle.
     """
     _refuse_sharp_bends(arm, arm.bends(pose[: arm.links]), which)
-    finder = ContactFinder(arm, Walls.of(workspace), workspace.clearance, 0.0, reach * arm.length)
+    finder = ContactFinder(arm, Walls.from_workspace(workspace), workspace.clearance, 0.0, reach * arm.length)
     points = arm.points(pose)
     contacts = finder.find(points)
-    least = -ROUNDING if allowed_contact(arm, workspace) > 0.0 else TOUCH
+    # An axis without width that touched a wall could not be told from one that crosses it.
+    may_touch = allowed_contact(arm, workspace) > 0.0
+    least = -DEFAULT_CERTIFICATE.rounding if may_touch else DEFAULT_CERTIFICATE.touch
     if np.any(contacts.gap < least) or finder.crosses(points):
         raise UnreachableGoal(_touching(which, finder.describe(contacts)))
     # A pose that stands still is a motion too: its certificate sees links inside obstacles, far from any wall.
-    if len(Certificate.of_contact(arm, workspace).failures(np.stack((pose, pose)))):
+    if len(Certificate.allowing_contact(arm, workspace).failures(np.stack((pose, pose)))):
         raise UnreachableGoal(_touching(which, "a link lies inside an obstacle"))
     return float(contacts.gap.min(initial=np.inf))
 
@@ -43,7 +43,7 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str
 def _refuse_sharp_bends(arm: Arm, bends: FloatArray, which: str) -> None:
     over = np.abs(bends) - arm.bend_limits
     joint = int(np.argmax(over))
-    if over[joint] <= ROUNDING:
+    if over[joint] <= DEFAULT_CERTIFICATE.rounding:
         return
     angle = np.rad2deg(bends[joint])
     limit = np.rad2deg(arm.bend_limits[joint])

@@ -15,19 +15,13 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE, CertificateSettings
 from ccm_opt.collision.contacts import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
 
 _Links: TypeAlias = tuple[IntArray, IntArray]  # stretch and link
 _Pairs: TypeAlias = tuple[IntArray, IntArray, IntArray]  # stretch and two links
-
-MAX_DEPTH = 7
-"""Bisections of an interval before the certificate is refused."""
-TOUCH = 1e-9
-"""Gap that even an arm of no width keeps [m]."""
-CONTACT = 5e-7
-"""Depth below contact that motions of an arm with some width may have where they begin or end in contact [m]."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +45,7 @@ class _Spans:
     sag: FloatArray
 
     @classmethod
-    def of(cls, arm: Arm, start: FloatArray, end: FloatArray, owner: IntArray) -> "_Spans":
+    def between(cls, arm: Arm, start: FloatArray, end: FloatArray, owner: IntArray) -> "_Spans":
         # The base runs straight, so only the turning of the links adds to the sag.
         turned = end[:, : arm.links] - start[:, : arm.links]
         sag = np.cumsum(arm.link_length * turned**2, axis=1) / 8.0
@@ -66,21 +60,20 @@ class Certificate:
         arm: the arm.
         workspace: the workspace.
         spare: gap beyond contact that is asked for [m].
+        settings: bisections and rounding.
     """
 
     arm: Arm
     workspace: Workspace
     spare: float = 0.0
+    settings: CertificateSettings = DEFAULT_CERTIFICATE
 
     @classmethod
-    def of(cls, arm: Arm, workspace: Workspace) -> "Certificate":
-        """The certificate of contact alone."""
-        return cls(arm, workspace)
-
-    @classmethod
-    def of_contact(cls, arm: Arm, workspace: Workspace) -> "Certificate":
+    def allowing_contact(
+        cls, arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE
+    ) -> "Certificate":
         """The certificate that lets an arm with some width touch."""
-        return cls(arm, workspace, -allowed_contact(arm, workspace))
+        return cls(arm, workspace, -allowed_contact(arm, workspace, settings), settings)
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
@@ -108,16 +101,16 @@ class Certificate:
 
         Args:
             headings: link headings at the keyframes, shape (K, links) [rad].
-            depth: bisections that are allowed; ``MAX_DEPTH`` when None.
+            depth: bisections that are allowed; as many as the settings say when None.
 
         Returns:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is safe.
         """
-        depth = MAX_DEPTH if depth is None else depth
+        depth = self.settings.depth if depth is None else depth
         start = headings[:-1]
         end = headings[1:]
         owner = np.arange(len(headings) - 1)
-        spans = _Spans.of(self.arm, start, end, owner)
+        spans = _Spans.between(self.arm, start, end, owner)
         links = self._all_links(spans)
         pairs = self._all_pairs(spans)
         failed: list[IntArray] = []
@@ -141,7 +134,7 @@ class Certificate:
         kept, place = np.unique(np.concatenate((links[0], pairs[0])), return_inverse=True)
         start, end = spans.start[kept], spans.end[kept]
         middle = 0.5 * (start + end)
-        halves = _Spans.of(
+        halves = _Spans.between(
             self.arm, np.concatenate((start, middle)), np.concatenate((middle, end)), np.tile(spans.owner[kept], 2)
         )
         on_link, on_pair = place[: len(links[0])], place[len(links[0]) :]
@@ -161,7 +154,7 @@ class Certificate:
         middle = 0.25 * (spans.a[:, :-1] + spans.a[:, 1:] + spans.b[:, :-1] + spans.b[:, 1:])
         x, y = np.ascontiguousarray(middle[..., 0]), np.ascontiguousarray(middle[..., 1])
         moved = 0.5 * np.linalg.norm(spans.b - spans.a, axis=2).max(axis=1) + spans.sag[:, -1]
-        reach = 2.0 * self.arm.radius + self.spare + self.arm.link_length + 2.0 * moved + TOUCH
+        reach = 2.0 * self.arm.radius + self.spare + self.arm.link_length + 2.0 * moved + self.settings.touch
         limit = (reach**2)[:, None]
         found = [(np.zeros(0, int),) * 3]
         for apart in range(self.arm.first_self_pair, self.arm.links):
@@ -203,11 +196,11 @@ class Certificate:
 
     def _near(self, shapes: npt.NDArray[np.object_], distance: FloatArray) -> tuple[IntArray, IntArray]:
         """Pairs (shape, wall) no farther apart than given distances, shape (k,) [m]."""
-        reach = distance + self._rounding.max() + TOUCH
+        reach = distance + self._rounding.max() + self.settings.touch
         shape, wall = self._tree.query(shapes, predicate="dwithin", distance=reach)
         if self._rounding.any():
             gap = shapely.distance(shapes[shape], self._tree.geometries[wall]) - self._rounding[wall]
-            close = gap <= distance[shape] + TOUCH
+            close = gap <= distance[shape] + self.settings.touch
             shape, wall = shape[close], wall[close]
         return shape, wall
 
@@ -233,16 +226,16 @@ class Certificate:
             axis=0,
         )
         before = np.where(i > 0, spans.sag[span, np.maximum(i - 1, 0)], 0.0)
-        least = 2.0 * self.arm.radius + self.spare + TOUCH
+        least = 2.0 * self.arm.radius + self.spare + self.settings.touch
         unsafe: BoolArray = corners <= least + spans.sag[span, j] - before
         touching = unsafe & (distance <= least)
         return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
 
 
-def allowed_contact(arm: Arm, workspace: Workspace) -> float:
+def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
     """Depth below contact that may be [m]: none for axes that would then touch walls or each other."""
     widths = [arm.radius + workspace.clearance, *([arm.radius] if arm.self_collision else [])]
-    return CONTACT if min(widths) > 2.0 * CONTACT else 0.0
+    return settings.contact if min(widths) > 2.0 * settings.contact else 0.0
 
 
 def _edges(core: shapely.Geometry) -> npt.NDArray[np.object_]:

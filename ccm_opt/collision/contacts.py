@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.collision.collision_settings import DEFAULT_CONTACTS, ContactSettings
 from ccm_opt.collision.walls import Walls
 from ccm_opt.jointed.arm import Arm
 
-SLACK = 1.5
-"""Slack of the neighbour list beyond the reach, as a multiple of it."""
 WALL = -1
 """Stands for the second link of a contact with a wall."""
 
@@ -54,7 +53,7 @@ class Contacts:
         return float(np.max(self.margin - self.gap, initial=-np.inf))
 
 
-def join(parts: list[Contacts]) -> Contacts:
+def joined_contacts(parts: list[Contacts]) -> Contacts:
     """All contacts of several lists."""
     return Contacts(*(np.concatenate([getattr(p, name) for p in parts]) for name in Contacts.__dataclass_fields__))
 
@@ -79,11 +78,24 @@ class ContactFinder:
         clearance: gap to keep to walls beyond the radius [m].
         margin: planning margin m on top of it [m].
         reach: pairs with a gap below this are reported [m].
+        settings: of the neighbour list.
     """
 
-    def __init__(self, arm: Arm, walls: Walls, clearance: float, margin: float, reach: float) -> None:
-        self.arm, self.walls, self.margin, self.reach = arm, walls, margin, reach
-        self._slack = SLACK * reach
+    def __init__(
+        self,
+        arm: Arm,
+        walls: Walls,
+        clearance: float,
+        margin: float,
+        reach: float,
+        settings: ContactSettings = DEFAULT_CONTACTS,
+    ) -> None:
+        self.arm = arm
+        self.walls = walls
+        self.margin = margin
+        self.reach = reach
+        self._slack = settings.slack * reach
+        self._renewed_at = settings.moved * self._slack
         self._wall_gap = arm.radius + clearance + walls.rounding
         self._mount_link, self._mount_at = arm.mount_end
         i, j = arm.self_pairs
@@ -107,7 +119,7 @@ class ContactFinder:
             return self._latest[1]
         near = self._neighbours(points)
         parts = [self._link_vertex(points, near), self._joint_edge(points, near), self._link_link(points, near)]
-        contacts = join(parts)
+        contacts = joined_contacts(parts)
         contacts = contacts.take(contacts.gap < self.reach)
         self._latest = (points, contacts)
         return contacts
@@ -141,8 +153,9 @@ class ContactFinder:
 
     def _neighbours(self, points: FloatArray) -> _NeighbourList:
         near = self._near
-        if near is None or float(np.max(np.abs(points - near.points))) > 0.35 * self._slack:
-            near = self._near = self._collect(points)
+        if near is None or float(np.max(np.abs(points - near.points))) > self._renewed_at:
+            near = self._collect(points)
+            self._near = near
         return near
 
     def _collect(self, points: FloatArray) -> _NeighbourList:
@@ -156,7 +169,8 @@ class ContactFinder:
         near_edge = to_edge < reach
         i, e = np.nonzero(near_edge)
         a, v = np.nonzero(to_vertex < reach)
-        i, a = free[i], free[a]
+        i = free[i]
+        a = free[a]
         near_joint = np.zeros((self.arm.links + 1, near_edge.shape[1]), dtype=bool)
         near_joint[free] = near_edge
         near_joint[free + 1] |= near_edge
@@ -167,14 +181,16 @@ class ContactFinder:
 
     def _link_ends(self, points: FloatArray, link: IntArray) -> tuple[FloatArray, FloatArray]:
         """End points of links, the mount cut off."""
-        start, end = points[link], points[link + 1]
+        start = points[link]
+        end = points[link + 1]
         at = np.where(link == self._mount_link, self._mount_at, 0.0)[:, None]
         return start + at * (end - start), end
 
     def _link_vertex(self, points: FloatArray, near: _NeighbourList) -> Contacts:
         link, vertex = near.link_vertex
         target = self.walls.vertices[vertex]
-        start, end = points[link], points[link + 1]
+        start = points[link]
+        end = points[link + 1]
         least = np.where(link == self._mount_link, self._mount_at, 0.0)
         along = np.einsum("ij,ij->i", target - start, end - start) / self.arm.link_length**2
         at = np.clip(along, least, 1.0)
@@ -188,9 +204,11 @@ class ContactFinder:
         place = points[joint]
         mounted = joint == self._mount_link
         if mounted.any():
-            p, q = points[self._mount_link], points[self._mount_link + 1]
+            p = points[self._mount_link]
+            q = points[self._mount_link + 1]
             place = np.where(mounted[:, None], p + self._mount_at * (q - p), place)
-        a, b = self.walls.edges[edge, 0], self.walls.edges[edge, 1]
+        a = self.walls.edges[edge, 0]
+        b = self.walls.edges[edge, 1]
         along = np.einsum("ij,ij->i", place - a, b - a) / np.maximum(np.einsum("ij,ij->i", b - a, b - a), 1e-30)
         keep = (along > 0.0) & (along < 1.0)
         joint, edge, along, place = joint[keep], edge[keep], along[keep], place[keep]
@@ -231,12 +249,17 @@ def closest_on_segments(
     Returns:
         Place on pq, place on rs, and the vector from the point on rs to the point on pq; shapes (m,), (m,), (m, 2).
     """
-    d, e = q - p, s - r
+    d = q - p
+    e = s - r
     dd = np.maximum(np.einsum("ij,ij->i", d, d), 1e-30)
     ee = np.maximum(np.einsum("ij,ij->i", e, e), 1e-30)
     w = p - r
-    dw, ew, de = np.einsum("ij,ij->i", d, w), np.einsum("ij,ij->i", e, w), np.einsum("ij,ij->i", d, e)
-    zero, one = np.zeros_like(dw), np.ones_like(dw)
+    dw = np.einsum("ij,ij->i", d, w)
+    ew = np.einsum("ij,ij->i", e, w)
+    de = np.einsum("ij,ij->i", d, e)
+    zero = np.zeros_like(dw)
+    one = np.ones_like(dw)
+    # An end of one segment is nearest to the other at its projection, clipped; all four ends are tried.
     on_first = np.stack((np.clip(-dw / dd, 0, 1), np.clip((de - dw) / dd, 0, 1), zero, one))
     on_second = np.stack((zero, one, np.clip(ew / ee, 0, 1), np.clip((ew + de) / ee, 0, 1)))
     apart = w + on_first[..., None] * d - on_second[..., None] * e
@@ -248,7 +271,8 @@ def closest_on_segments(
 def _cut(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArray:
     """Whether segments properly cross; the boxes around collinear ones, whose sides are rounding, are apart."""
     opposite = (_side(p, q, r) * _side(p, q, s) < 0.0) & (_side(r, s, p) * _side(r, s, q) < 0.0)
-    low, high = np.maximum(np.minimum(p, q), np.minimum(r, s)), np.minimum(np.maximum(p, q), np.maximum(r, s))
+    low = np.maximum(np.minimum(p, q), np.minimum(r, s))
+    high = np.minimum(np.maximum(p, q), np.maximum(r, s))
     return np.asarray(opposite & np.all(low <= high, axis=1))
 
 

@@ -30,7 +30,7 @@ class Walls:
     rounding: FloatArray
 
     @classmethod
-    def of(cls, workspace: Workspace) -> "Walls":
+    def from_workspace(cls, workspace: Workspace) -> "Walls":
         """Flatten the walls of a workspace."""
         edges, vertices = [], []
         for k, wall in enumerate(workspace.walls):

@@ -16,7 +16,8 @@ from ccm_opt.geometry.polygons import cross
 from ccm_opt.geometry.polyline import leg_lengths
 from ccm_opt.motion.ends import Ends, resolve_ends
 from ccm_opt.nlp.find_configuration import find_configuration
-from ccm_opt.planners.curve import configuration_task, find_routes, route_margin
+from ccm_opt.planners.curve_guesses import configuration_task
+from ccm_opt.planners.curve_routes import find_routes, route_margin
 from ccm_opt.problem import Problem
 
 

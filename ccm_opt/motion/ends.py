@@ -14,20 +14,8 @@ from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.goal import GoalPose
+from ccm_opt.motion.settings.end_settings import DEFAULT_ENDS, EndSettings
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
-
-TOLERANCE_SHARE = 0.5
-"""Share of the goal's tolerances that planning uses where the goal cannot be met exactly."""
-AIM_SHARE = 0.9
-"""Share of the position tolerance by which planning may aim beside a goal that the tip cannot take."""
-STRETCH = 2e-3
-"""Share of its length by which an arm is kept from full stretch where a goal out of reach is aimed at."""
-ROOM_SHARE = 0.05
-"""Share of the tolerance that is left as room beside a wall that is too near to the goal."""
-FLUSH = 1e-5
-"""A mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands flush on it."""
-UPRIGHT = 0.1
-"""Sine of the angle between a flush mount and its wall's normal above which a turn of the base leaves the wall."""
 
 
 @dataclass(frozen=True)
@@ -47,43 +35,51 @@ class Ends:
     clamped: bool = False
 
 
-def resolve_ends(problem: Problem) -> Ends:
+def resolve_ends(problem: Problem, settings: EndSettings = DEFAULT_ENDS) -> Ends:
     """Start and goal of a problem on the links.
+
+    Args:
+        problem: whose ends they are.
+        settings: numbers.
 
     Raises:
         UnreachableGoal: naming link and obstacle with the depth, or joint and angle.
     """
     start = _headings(problem, problem.start)
-    clamped = stands_flush(problem, start)
+    clamped = stands_flush(problem, start, settings)
     arm = clamped_arm(problem.arm) if clamped else problem.arm
-    refuse_bad_pose(arm, problem.workspace, start, "start")
+    refuse_bad_pose(arm, problem.workspace, start, "start", settings.reach)
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
-        near_enough = (TOLERANCE_SHARE * problem.tolerances.position, TOLERANCE_SHARE * problem.tolerances.heading)
-        goal = GoalPose(aim(problem, problem.goal), problem.goal.heading, near_enough=near_enough)
+        share = settings.tolerance_share
+        near_enough = (share * problem.tolerances.position, share * problem.tolerances.heading)
+        goal = GoalPose(aim(problem, problem.goal, settings), problem.goal.heading, near_enough=near_enough)
         return Ends(start, goal, None, clamped)
     headings = _headings(problem, problem.goal)
     # A base that is clamped at the start is so at the goal only if it has not turned.
     at_goal = arm if headings[0] == start[0] else problem.arm
-    refuse_bad_pose(at_goal, problem.workspace, headings, "goal")
+    refuse_bad_pose(at_goal, problem.workspace, headings, "goal", settings.reach)
     tip = arm.joint_positions(headings)[-1]
     return Ends(start, GoalPose(tip, float(headings[-1])), headings, clamped)
 
 
-def aim(problem: Problem, goal: TipGoal) -> FloatArray:
+def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -> FloatArray:
     """Where planning leads the tip, shape (2,) [m]: to the goal, or where that cannot be, to a place near enough.
 
     A goal out of reach is drawn towards the base, one too near to a wall to the nearest place with room.
     """
-    arm, slack = problem.arm, AIM_SHARE * problem.tolerances.position
+    arm = problem.arm
+    slack = settings.aim_share * problem.tolerances.position
     offset = goal.position - arm.base
-    beyond = float(np.hypot(*offset)) - (1.0 - STRETCH) * arm.length
-    if beyond > STRETCH * arm.length:
+    beyond = float(np.hypot(*offset)) - (1.0 - settings.stretch) * arm.length
+    if beyond > settings.stretch * arm.length:
         return np.asarray(goal.position - min(beyond, slack) * offset / np.hypot(*offset))
-    need, place = arm.radius + problem.workspace.clearance, shapely.Point(goal.position)
+
+    need = arm.radius + problem.workspace.clearance
+    place = shapely.Point(goal.position)
     if all(shapely.distance(place, wall.core) - wall.rounding >= need for wall in problem.workspace.walls):
         return goal.position
-    need += ROOM_SHARE * slack
+    need += settings.room_share * slack
     room = problem.workspace.boundary.buffer(-need)
     bodies = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
     free = shapely.difference(room, shapely.union_all(bodies))
@@ -93,17 +89,18 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
     return np.asarray(nearest[1])
 
 
-def stands_flush(problem: Problem, headings: FloatArray) -> bool:
+def stands_flush(problem: Problem, headings: FloatArray, settings: EndSettings = DEFAULT_ENDS) -> bool:
     """Whether the arm leaves a wall so that the end of its mount just clears it, and no turn of the base would."""
     arm = problem.arm
     if arm.mount_length >= arm.link_length:
         return False
-    finder = ContactFinder(arm, Walls.of(problem.workspace), problem.workspace.clearance, 0.0, 0.02 * arm.length)
+    walls = Walls.from_workspace(problem.workspace)
+    finder = ContactFinder(arm, walls, problem.workspace.clearance, 0.0, settings.reach * arm.length)
     contacts = finder.find(arm.joint_positions(headings))
     at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
-    flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= FLUSH * arm.length)
+    flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= settings.flush * arm.length)
     sideways = contacts.normal @ np.array([-np.sin(headings[0]), np.cos(headings[0])])
-    return bool(np.any(flush & (np.abs(sideways) < UPRIGHT)))
+    return bool(np.any(flush & (np.abs(sideways) < settings.upright)))
 
 
 def clamped_arm(arm: Arm) -> Arm:
@@ -119,7 +116,8 @@ def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
     """Refuse a goal at which the tip, or with a heading the last link, is deeper in a wall than tolerances allow."""
-    arm, tolerances = problem.arm, problem.tolerances
+    arm = problem.arm
+    tolerances = problem.tolerances
     play = tolerances.position
     last: shapely.Point | shapely.LineString = shapely.Point(goal.position)
     if goal.heading is not None:

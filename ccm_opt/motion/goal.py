@@ -9,7 +9,7 @@ from ccm_opt.geometry.angles import wrap
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term, pose_in
-from ccm_opt.motion.step_settings import GoalSettings
+from ccm_opt.motion.settings.step_settings import GoalSettings
 
 _SMALLEST = 1e-12
 """Keeps divisions by distances finite [m]."""

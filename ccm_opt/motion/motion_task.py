@@ -19,7 +19,7 @@ from ccm_opt.motion.limits.assembly import assembled_limits
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.motion_certificate import MotionCertificate
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.motion_settings import MotionSettings
+from ccm_opt.motion.settings.motion_settings import MotionSettings
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.problem import OptimiserName, Weights
 
@@ -98,10 +98,10 @@ class MotionTask:
         settings = self.settings.search
         ends = [self.start] if self.goal_headings is None else [self.start, self.goal_headings]
         gaps = [self._end_finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
-        contact = allowed_contact(self.arm, self.workspace)
+        contact = allowed_contact(self.arm, self.workspace, self.settings.certificate)
         most = settings.spare * self.arm.length
         spare = np.clip(settings.spare_at_ends * min(gaps) - contact, -contact, most)
-        return Certificate(self.arm, self.workspace, float(spare))
+        return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
 
     @cached_property
     def certificate(self) -> MotionCertificate:
@@ -116,7 +116,8 @@ class MotionTask:
 
     def finder(self, margin: float, reach: float) -> ContactFinder:
         """A finder of contacts with a planning margin and a reach [m]."""
-        return ContactFinder(self.arm, Walls.of(self.workspace), self.workspace.clearance, margin, reach)
+        walls = Walls.from_workspace(self.workspace)
+        return ContactFinder(self.arm, walls, self.workspace.clearance, margin, reach, self.settings.contacts)
 
     def limits(self, finder: ContactFinder) -> tuple[Limit, ...]:
         """All limits of the motion, contact by a finder's margin and reach."""

@@ -7,9 +7,9 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.walls import Walls
 from ccm_opt.geometry.polygons import cross
 from ccm_opt.geometry.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
-from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import MotionTask
+from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES
 
 
 def nominal_links_asked(task: MotionTask) -> float:
@@ -20,7 +20,7 @@ def nominal_links_asked(task: MotionTask) -> float:
     if not task.tip_paths or task.arm.links <= NOMINAL_LINKS:
         return NOMINAL_LINKS
     settings = task.settings.guides.passages
-    walls = Walls.of(task.workspace)
+    walls = Walls.from_workspace(task.workspace)
     widths = passage_widths(walls, task.tip_paths[0].taut, task.arm.length, settings.samples)
     narrowest = float(widths.min()) / task.arm.length
     if narrowest * NOMINAL_LINKS >= settings.narrow:
@@ -50,7 +50,7 @@ def gap_beside_arm(task: MotionTask) -> float:
     Not positive when there is no tip path, or the paths are too narrow to be told apart from walls.
     """
     arm = task.arm
-    walls = Walls.of(task.workspace)
+    walls = Walls.from_workspace(task.workspace)
     samples = task.settings.guides.passages.samples
     half_widths = [
         0.5 * float(passage_widths(walls, path.taut, arm.length, samples).min())

@@ -14,7 +14,7 @@ from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.user_slopes import slope_norms
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.optimise import path_parameters
-from ccm_opt.motion.search_settings import SmoothPathSettings
+from ccm_opt.motion.settings.search_settings import SmoothPathSettings
 from ccm_opt.motion.spline_path import certified_spline
 
 

@@ -9,13 +9,14 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polyline import leg_headings, path_length, without_repeats
 from ccm_opt.motion.continuation import Guide
-from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES, GuideSettings
 from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
 from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.passage_widths import passage_widths
-from ccm_opt.motion.step import Pose, Stepper
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, GuideSettings
+from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath
 
 

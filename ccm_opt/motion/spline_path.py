@@ -5,7 +5,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
-from ccm_opt.motion.search_settings import SmoothPathSettings
+from ccm_opt.motion.settings.search_settings import SmoothPathSettings
 
 DEGREE = 3
 """Of the spline: the least with a continuous second derivative."""

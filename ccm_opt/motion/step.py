@@ -10,10 +10,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.motion.limits.limit import Limit, LimitRows
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
-from ccm_opt.motion.motion_settings import MotionSettings
 from ccm_opt.motion.pose import Pose, Term, pose_in
-
-__all__ = ["Pose", "Stepper", "Term", "normal_equations", "pose_in", "smoothness_terms"]
+from ccm_opt.motion.settings.motion_settings import MotionSettings
 
 _EQUATION = 5
 """The solver's mark of a row that is an equation."""

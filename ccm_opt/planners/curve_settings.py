@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from ccm_opt.motion.motion_settings import MotionSettings
+from ccm_opt.motion.settings.motion_settings import MotionSettings
+from ccm_opt.nlp.configuration_settings import ConfigurationSettings
 
 
 @dataclass(frozen=True)
@@ -10,7 +11,43 @@ class CurvePlannerSettings:
     """Numbers of the planner, from free space to the smooth path.
 
     Attributes:
+        route_margin: inflation of free space for routes beyond radius and clearance, as a share of the arm's length.
+            Taste.
+        least_margin: share of that inflation that is always kept, so that free space is never empty of width. Taste.
+        corner_distance: distance that taut paths keep from corners where there is room, as a share of the arm's
+            length. Taste.
+        run_in: straight run onto the goal along its heading, in nominal links; the longest that is free. Taste.
+        run_in_samples: places of the run that have to be free. Taste.
+        longest_route: routes longer than this share of the arm's length are not looked at. Taste: the arm needs some
+            length to bend.
+        rounding: allowed when a goal at full stretch is compared with the arm's length, as a share of it. Derived.
+        configurations: routes for which a goal configuration is asked of the NLP. Taste.
+        attempts: of the NLP at one configuration. Derived: its first guess with the spare length on either side.
+        further_attempts: when the search asks for more configurations. Taste.
+        curvature_share: share of the tightest bend (joint limit over link length) that the curve may use. Taste: links
+            on a curve bend a little more than it does.
+        full_curvature_share: the same for another guess when there is none at that share. Taste.
+        planning_share: share of the time limit that the search may use. Taste: timing and checks need the rest.
+        configuration: of the configuration NLP.
         motion: of the search for a motion.
     """
 
+    route_margin: float = 1e-3
+    least_margin: float = 1e-3
+    corner_distance: float = 0.016
+    run_in: tuple[float, ...] = (2.0, 1.0, 0.5, 0.0)
+    run_in_samples: int = 9
+    longest_route: float = 0.985
+    rounding: float = 1e-9
+    configurations: int = 2
+    attempts: int = 2
+    further_attempts: int = 4
+    curvature_share: float = 0.9
+    full_curvature_share: float = 0.995
+    planning_share: float = 0.9
+    configuration: ConfigurationSettings = field(default_factory=ConfigurationSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
+
+
+DEFAULT_CURVE_PLANNER = CurvePlannerSettings()
+"""The numbers that are used unless others are given."""

@@ -33,10 +33,10 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polyline import arc_lengths
-from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES, HairpinSettings
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.step import Pose, Term
+from ccm_opt.motion.pose import Pose, Term
+from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, HairpinSettings
 
 _ROUNDING = 1e-9
 """Vertices of a route that are this little beyond a place are at it [m]."""

@@ -14,10 +14,10 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.angles import vector_headings, wrap
-from ccm_opt.motion.guides.guide_settings import DEFAULT_GUIDES, TipLedSettings
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.step import Pose, Term
+from ccm_opt.motion.pose import Pose, Term
+from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, TipLedSettings
 
 
 @dataclass

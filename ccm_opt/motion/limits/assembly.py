@@ -9,7 +9,7 @@ from ccm_opt.motion.limits.contact_limit import ContactLimit
 from ccm_opt.motion.limits.joint_limit import JointLimit
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.turn_limit import TurnLimit
-from ccm_opt.motion.step_settings import StepSettings
+from ccm_opt.motion.settings.step_settings import StepSettings
 
 
 def assembled_limits(

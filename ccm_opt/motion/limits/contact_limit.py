@@ -18,7 +18,7 @@ from ccm_opt.motion.limits.limit import Limit, LimitRows
 from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
-from ccm_opt.motion.step_settings import StepSettings
+from ccm_opt.motion.settings.step_settings import StepSettings
 
 if TYPE_CHECKING:
     from ccm_opt.motion.swept_motion import Sweep

@@ -9,7 +9,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.limits.limit import KeyframeRows, Limit, LimitRows
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose
-from ccm_opt.motion.step_settings import StepSettings
+from ccm_opt.motion.settings.step_settings import StepSettings
 
 if TYPE_CHECKING:
     from ccm_opt.motion.swept_motion import Sweep

@@ -36,7 +36,7 @@ class WallSegments:
     @classmethod
     def from_workspace(cls, workspace: Workspace) -> "WallSegments":
         """The segments of a workspace's walls."""
-        walls = Walls.of(workspace)
+        walls = Walls.from_workspace(workspace)
         lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
         points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)
         owner = np.concatenate((walls.edge_wall, walls.vertex_wall[lone]))

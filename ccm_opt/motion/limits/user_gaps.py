@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.motion.limits.user_limit_settings import UserLimitSettings
 from ccm_opt.motion.limits.user_slopes import slope_norms
+from ccm_opt.motion.settings.user_limit_settings import UserLimitSettings
 
 if TYPE_CHECKING:
     from ccm_opt.user_terms.row_set import RowSet

@@ -15,10 +15,10 @@ from ccm_opt.motion.limits.limit import KeyframeRows, Limit, LimitRows, MotionCo
 from ccm_opt.motion.limits.user_costs import UserCosts
 from ccm_opt.motion.limits.user_ends import refuse_broken_goal, refuse_broken_start
 from ccm_opt.motion.limits.user_gaps import intervals_with_broken_gaps
-from ccm_opt.motion.limits.user_limit_settings import UserLimitSettings
 from ccm_opt.motion.limits.user_slopes import SMALLEST, slope_norms
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
+from ccm_opt.motion.settings.user_limit_settings import UserLimitSettings
 
 if TYPE_CHECKING:
     from ccm_opt.motion.swept_motion import Sweep

@@ -15,7 +15,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.motion.link_space import KNOTS, NOMINAL_LINKS, LinkSpace
 from ccm_opt.motion.motion_task import JointSlowness
-from ccm_opt.motion.optimisation.optimisation_settings import ObjectiveSettings
+from ccm_opt.motion.settings.optimisation_settings import ObjectiveSettings
 from ccm_opt.problem import Weights
 
 

@@ -11,8 +11,8 @@ from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.interior_point import interior_point
 from ccm_opt.motion.optimisation.keyframes import decimated, even_parameters, subdivided
-from ccm_opt.motion.optimisation.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.optimisation.sequential_convex import MotionProgram, sequential_convex
+from ccm_opt.motion.settings.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.problem import Weights
 

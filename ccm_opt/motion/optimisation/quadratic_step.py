@@ -19,7 +19,7 @@ from ccm_opt.motion.limits.clearance_rows import IntervalRows
 from ccm_opt.motion.limits.limit import KeyframeRows, MotionCost, Quadratic
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.optimisation.objective import Objective
-from ccm_opt.motion.optimisation.optimisation_settings import OptimisationSettings
+from ccm_opt.motion.settings.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.swept_motion import Sweep
 
 _FREE = 1e30

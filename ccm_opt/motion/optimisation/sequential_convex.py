@@ -15,13 +15,13 @@ from ccm_opt.motion.limits.clearance_rows import IntervalRows, joined_rows, repr
 from ccm_opt.motion.limits.limit import Limit, MotionCost
 from ccm_opt.motion.limits.motion_certificate import failures_of
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.motion_settings import MotionSettings
 from ccm_opt.motion.motion_task import JointSlowness
 from ccm_opt.motion.optimisation.nearness import WallNearness
 from ccm_opt.motion.optimisation.objective import Objective
-from ccm_opt.motion.optimisation.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.optimisation.quadratic_step import KeyframeProgram, QuadraticStep, RowCurvature
 from ccm_opt.motion.pose import pose_in
+from ccm_opt.motion.settings.motion_settings import MotionSettings
+from ccm_opt.motion.settings.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.problem import Weights
 

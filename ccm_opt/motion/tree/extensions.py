@@ -15,10 +15,11 @@ from ccm_opt.motion.guides.tip_led import TipLed
 from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.link_space import fit_coordinates
 from ccm_opt.motion.portfolio import pulled_over
-from ccm_opt.motion.step import Pose, Stepper
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.settings.tree_settings import ExtensionSettings
+from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath, taut_round_base
 from ccm_opt.motion.tree.pose_tree import PoseTree
-from ccm_opt.motion.tree.tree_settings import ExtensionSettings
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.motion.step import Pose
-from ccm_opt.motion.tree.tree_settings import DEFAULT_TREES
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.settings.tree_settings import DEFAULT_TREES
 
 
 @dataclass

@@ -17,11 +17,12 @@ from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.step import Pose, Stepper, Term
+from ccm_opt.motion.pose import Pose, Term
+from ccm_opt.motion.settings.tree_settings import TreeSettings
+from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.motion.tree.extensions import ExtensionSampler
 from ccm_opt.motion.tree.pose_tree import PoseTree
-from ccm_opt.motion.tree.tree_settings import TreeSettings
 
 TREES = "trees"
 """Name of what is found, among the names of candidates."""

@@ -171,7 +171,7 @@ def _certificate(problem: Problem, ends: Ends, settings: BaselineSettings) -> Ce
     standing_still = np.stack((ends.start, ends.start))
     if len(with_gap.failures(standing_still)) == 0:
         return with_gap
-    return Certificate.of(problem.arm, problem.workspace)
+    return Certificate(problem.arm, problem.workspace)
 
 
 def _with_few_segments(configuration: Configuration, tolerance: float) -> Configuration:

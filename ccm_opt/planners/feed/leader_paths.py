@@ -23,7 +23,7 @@ from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
-from ccm_opt.planners.curve import CORNER_DISTANCE
+from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.following.elastic_band import ElasticBand
 from ccm_opt.planners.following.leader import LeaderPath
@@ -108,7 +108,7 @@ class LeaderPaths:
         arm = self.problem.arm
         settings = self.settings.leaders
         band = ElasticBand(
-            walls=Walls.of(self.problem.workspace),
+            walls=Walls.from_workspace(self.problem.workspace),
             least=arm.radius + self.problem.workspace.clearance + margin * arm.link_length,
             chord=arm.link_length,
             curvature_limit=self._curvature_limit,
@@ -166,7 +166,7 @@ class LeaderPaths:
 
     def _routes(self, free_space: FreeSpace, begin: FloatArray, end: FloatArray, longest: float) -> tuple[Route, ...]:
         """Routes between two points whose paths are not longer than ``longest`` [m]."""
-        corner_distance = CORNER_DISTANCE * self.problem.arm.length
+        corner_distance = DEFAULT_CURVE_PLANNER.corner_distance * self.problem.arm.length
         routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=corner_distance)
         if routes:
             before = float(np.hypot(*(begin - self.problem.arm.base)))

@@ -10,7 +10,7 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate, allowed_contact
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.search_settings import SearchSettings
+from ccm_opt.motion.settings.search_settings import SearchSettings
 from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.gating import straight_while_held

@@ -2,17 +2,19 @@
 
 from dataclasses import dataclass, field
 
-from ccm_opt.motion.guides.guide_settings import GuideSettings
-from ccm_opt.motion.lifting_settings import LiftingSettings
-from ccm_opt.motion.limits.user_limit_settings import UserLimitSettings
-from ccm_opt.motion.optimisation.optimisation_settings import (
+from ccm_opt.collision.collision_settings import CertificateSettings, ContactSettings
+from ccm_opt.motion.settings.end_settings import EndSettings
+from ccm_opt.motion.settings.guide_settings import GuideSettings
+from ccm_opt.motion.settings.lifting_settings import LiftingSettings
+from ccm_opt.motion.settings.optimisation_settings import (
     InteriorPointSettings,
     ObjectiveSettings,
     OptimisationSettings,
 )
-from ccm_opt.motion.search_settings import SearchSettings, SmoothPathSettings
-from ccm_opt.motion.step_settings import ContinuationSettings, GoalSettings, StepSettings, TrackingSettings
-from ccm_opt.motion.tree.tree_settings import TreeSettings
+from ccm_opt.motion.settings.search_settings import SearchSettings, SmoothPathSettings
+from ccm_opt.motion.settings.step_settings import ContinuationSettings, GoalSettings, StepSettings, TrackingSettings
+from ccm_opt.motion.settings.tree_settings import TreeSettings
+from ccm_opt.motion.settings.user_limit_settings import UserLimitSettings
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,9 @@ class MotionSettings:
     """Numbers of the search for a motion.
 
     Attributes:
+        ends: of resolving start and goal.
+        contacts: of near pairs.
+        certificate: of the certificate of contact.
         step: of a single step.
         continuation: of following a guide and settling on the goal.
         goal: of putting the tip onto the goal.
@@ -35,6 +40,9 @@ class MotionSettings:
         smooth_path: of the path through joint space.
     """
 
+    ends: EndSettings = field(default_factory=EndSettings)
+    contacts: ContactSettings = field(default_factory=ContactSettings)
+    certificate: CertificateSettings = field(default_factory=CertificateSettings)
     step: StepSettings = field(default_factory=StepSettings)
     continuation: ContinuationSettings = field(default_factory=ContinuationSettings)
     goal: GoalSettings = field(default_factory=GoalSettings)

@@ -1,0 +1,42 @@
+"""Settings of distances and of the certificate between keyframes."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class CertificateSettings:
+    """Numbers of the certificate.
+
+    Attributes:
+        depth: bisections of an interval before its certificate is refused. Taste: the sag falls four-fold at each.
+        touch: gap that even an arm of no width keeps [m]. Derived: rounding of positions in a room of some metres.
+        rounding: depth of contact [m], and bend beyond a joint limit [rad], that counts as none at an end of a motion.
+            Derived: likewise.
+        contact: depth below contact that motions of an arm with some width may have where they begin or end in
+            contact [m]. Derived: half of what the verifier allows.
+    """
+
+    depth: int = 7
+    touch: float = 1e-9
+    rounding: float = 1e-9
+    contact: float = 5e-7
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """Numbers of the search for near pairs.
+
+    Attributes:
+        slack: of the neighbour list beyond the reach, as a multiple of it. Taste: a longer list is renewed less often.
+        moved: share of that slack by which a coordinate of a joint may have moved before the list is renewed. Derived:
+            below 1/√8, so that two joints together move by less than the slack.
+    """
+
+    slack: float = 1.5
+    moved: float = 0.35
+
+
+DEFAULT_CERTIFICATE = CertificateSettings()
+"""The numbers that are used unless others are given."""
+DEFAULT_CONTACTS = ContactSettings()
+"""Likewise."""
