@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
-from ccm_opt.driver.assembly import assembled
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.planner_choice import default_planner
+from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import timed_and_verified, verified_plan
 from ccm_opt.dynamics.runtime.compiled_library import prepare

@@ -7,9 +7,9 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt import retiming
-from ccm_opt.driver.assembly import assembled
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.pipeline import compiled_terms, solve
+from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states

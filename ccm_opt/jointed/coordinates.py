@@ -77,7 +77,7 @@ class Coordinates:
     def travel(self, change: FloatArray, link_length: float) -> FloatArray:
         """Bound on how far any point of the arm moves when its coordinates change, shape (...) [m].
 
-        A link that turns by Δφ moves what is beyond it by at most l |Δφ|, and Δφ is the sum of the bends up to it.
+        A link that turns moves what is beyond it by at most its length times its turn, the sum of the bends up to it.
 
         Args:
             change: of the coordinates, shape (..., c) [rad, m].

@@ -20,7 +20,7 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "joint_accelerations": solution.joints.accelerations,
         "joint_torques": solution.joints.torques,
         "joint_positions": solution.joint_positions,
-        "keyframes": solution.path.keyframes[:, : solution.problem.arm.links],
+        "keyframes": solution.path.keyframes[:, solution.trajectory.coordinates.bends],
         **_curve_arrays(solution.path.curves),
         "simulated_angles": solution.simulation.angles,
         "simulated_torques": solution.simulation.torques,

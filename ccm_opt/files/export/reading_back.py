@@ -119,7 +119,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     path = folder / ARRAYS
     arrays = _read_arrays(path)
     arrays.setdefault("stops", np.zeros(0, dtype=np.int64))  # folders of earlier versions have none
-    of_base = {} if arm.feed is None else FEED_SHAPES
+    of_base = {name: shape for _ in arm.base_axes for name, shape in FEED_SHAPES.items()}
     shapes = {**SHAPES, **of_base}
     _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())

@@ -1,0 +1,95 @@
+"""Limits on what the arm's drives do, and on how its points move."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.jointed.coordinates import Coordinates
+
+
+@dataclass(frozen=True)
+class PointLimit:
+    """Bounds on how a point of the arm moves in the plane.
+
+    Attributes:
+        at: arc length along the arm from its base [m]; None for the tip.
+        velocity: greatest speed [m/s], inf where it is not limited.
+        acceleration: greatest acceleration, in any direction [m/s²], inf where it is not limited.
+    """
+
+    at: float | None = None
+    velocity: float = np.inf
+    acceleration: float = np.inf
+
+    @property
+    def name(self) -> str:
+        """What the point is called in messages."""
+        return "tip" if self.at is None else f"point at {self.at:g} m"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds on every revolute joint; each array has shape (3 * links,), the three revolutes of a ball in a row.
+
+    Attributes:
+        velocity: [rad/s].
+        acceleration: [rad/s²].
+        torque: [N m], or None when torque is not limited.
+        feed_velocity: of the feed axis [m/s], or None when there is none.
+        feed_acceleration: of the feed axis [m/s²], or None when there is none.
+        feed_force: of the feed axis [N], or None when it is not limited.
+        jerk: [rad/s³], or None when jerk is not limited.
+        feed_jerk: of the feed axis [m/s³], or None when it is not limited.
+        points: of points of the arm, such as its tip, in the plane.
+    """
+
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray | None = None
+    feed_velocity: float | None = None
+    feed_acceleration: float | None = None
+    feed_force: float | None = None
+    jerk: FloatArray | None = None
+    feed_jerk: float | None = None
+    points: tuple[PointLimit, ...] = ()
+
+    def of_drives(self, coordinates: Coordinates) -> "DriveLimits":
+        """The limits of every drive of an arm, drive by drive."""
+        axes = len(coordinates.base_names)
+
+        def both(of_revolutes: FloatArray | None, of_axes: float | None) -> FloatArray:
+            joints = np.full(coordinates.revolutes, np.inf) if of_revolutes is None else of_revolutes
+            return np.append(joints, np.full(axes, np.inf if of_axes is None else of_axes))
+
+        return DriveLimits(
+            velocity=both(self.velocity, self.feed_velocity),
+            acceleration=both(self.acceleration, self.feed_acceleration),
+            jerk=both(self.jerk, self.feed_jerk),
+            effort=both(self.torque, self.feed_force),
+        )
+
+    def of_coordinates(self, coordinates: Coordinates) -> "DriveLimits":
+        """The limits of the drives that move an arm's coordinates, one for each coordinate."""
+        return self.of_drives(coordinates).of(coordinates.drive_numbers)
+
+
+@dataclass(frozen=True)
+class DriveLimits:
+    """The limits of some drives in a row, ∞ where there is none; units of a revolute, and of an axis of the base.
+
+    Attributes:
+        velocity: shape (n,) [rad/s, m/s].
+        acceleration: shape (n,) [rad/s², m/s²].
+        jerk: shape (n,) [rad/s³, m/s³].
+        effort: shape (n,) [N m, N].
+    """
+
+    velocity: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+    effort: FloatArray
+
+    def of(self, drives: IntArray) -> "DriveLimits":
+        """The limits of drives of given numbers."""
+        return DriveLimits(self.velocity[drives], self.acceleration[drives], self.jerk[drives], self.effort[drives])
