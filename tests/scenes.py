@@ -26,7 +26,7 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.limits.assembly import assembled_limits
+from ccm_opt.motion.limits.limit_stack import assembled_limits
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import MotionTask
 from ccm_opt.motion.pose import Pose

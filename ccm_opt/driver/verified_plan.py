@@ -154,8 +154,8 @@ def timed_leg(
             checks = verification.verify(leg.problem, trajectory, joints, settings.verification)
             of_terms = results_of_terms(terms, arm, leg.path, trajectory, settings.user_terms)
 
-        broken_terms = failures_of(of_terms.checks)
-        failures = [*failures_of(checks), *broken_terms]
+        broken_terms = failed_checks(of_terms.checks)
+        failures = [*failed_checks(checks), *broken_terms]
         if not failures:
             return VerifiedPlan(leg.path, trajectory, joints, checks, of_terms)
         # No planner of an arm whose base moves knows the user's constraints: that they fail is no defect of it.
@@ -196,12 +196,12 @@ def verified(
         VerificationError: naming those that do not.
     """
     checks = verification.verify(problem, trajectory, joints, settings)
-    if failures := failures_of(checks):
+    if failures := failed_checks(checks):
         raise VerificationError(failures)
     return checks
 
 
-def failures_of(checks: Sequence[Check]) -> list[str]:
+def failed_checks(checks: Sequence[Check]) -> list[str]:
     """What the checks that do not hold say."""
     return [f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed]
 

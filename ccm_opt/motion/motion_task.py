@@ -15,8 +15,8 @@ from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose
-from ccm_opt.motion.limits.assembly import assembled_limits
 from ccm_opt.motion.limits.limit import Limit
+from ccm_opt.motion.limits.limit_stack import assembled_limits
 from ccm_opt.motion.limits.motion_certificate import MotionCertificate
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.settings.motion_settings import MotionSettings

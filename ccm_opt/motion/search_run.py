@@ -129,7 +129,7 @@ class SearchRun:
         return [*poses, self.stepper.pose(self.goal.coordinates)]
 
     def _certified(self, poses: list[Pose]) -> bool:
-        return len(self.task.certificate.failures(headings_of(poses))) == 0
+        return len(self.task.certificate.failures(pose_headings(poses))) == 0
 
     def tree_task(self, steppers: tuple[Stepper, ...]) -> TreeTask:
         """What trees of poses are to join, grown with several margins."""
@@ -157,7 +157,7 @@ class SearchRun:
 
     def motion(self, name: str, poses: list[Pose]) -> Motion:
         """The poses as a motion found by a candidate."""
-        return Motion(self.stepper.space, np.array([p.v for p in poses]), headings_of(poses), name)
+        return Motion(self.stepper.space, np.array([p.v for p in poses]), pose_headings(poses), name)
 
     def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
         """A motion bent to the limits; None when that fails."""
@@ -196,7 +196,7 @@ class SearchRun:
         return float(np.linalg.norm(apart, axis=1).max())
 
 
-def headings_of(poses: list[Pose]) -> FloatArray:
+def pose_headings(poses: list[Pose]) -> FloatArray:
     """Link headings of a motion, shape (K, links) [rad]."""
     return np.array([pose.headings for pose in poses])
 

@@ -52,10 +52,10 @@ class MotionCertificate:
         Returns:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is certified.
         """
-        return failures_of(self.limits, headings, depth)
+        return failed_intervals(self.limits, headings, depth)
 
 
-def failures_of(limits: tuple[Limit, ...], headings: FloatArray, depth: int | None = None) -> IntArray:
+def failed_intervals(limits: tuple[Limit, ...], headings: FloatArray, depth: int | None = None) -> IntArray:
     """Intervals in which some limit cannot be certified, sorted; arguments as for ``MotionCertificate.failures``."""
     failing = np.zeros(0, dtype=np.intp)
     for limit in limits:

@@ -13,7 +13,7 @@ from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.limits.clearance_rows import IntervalRows, joined_rows, representatives
 from ccm_opt.motion.limits.limit import Limit, MotionCost
-from ccm_opt.motion.limits.motion_certificate import failures_of
+from ccm_opt.motion.limits.motion_certificate import failed_intervals
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import JointSlowness
 from ccm_opt.motion.optimisation.nearness import WallNearness
@@ -110,7 +110,7 @@ class MotionProgram:
 
     def failures(self, headings: FloatArray) -> IntArray:
         """Intervals of a motion, link headings of shape (K + 1, links) [rad], that are not certified."""
-        return failures_of(self.limits, headings)
+        return failed_intervals(self.limits, headings)
 
 
 @dataclass(frozen=True)

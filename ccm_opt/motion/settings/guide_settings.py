@@ -91,7 +91,7 @@ class HairpinSettings:
 
 
 @dataclass(frozen=True)
-class PassageSettings:
+class PassageWidthSettings:
     """Numbers of how passages are measured, and what follows from their width.
 
     Attributes:
@@ -131,7 +131,7 @@ class GuideSettings:
     interpolation: InterpolationSettings = field(default_factory=InterpolationSettings)
     tip_led: TipLedSettings = field(default_factory=TipLedSettings)
     hairpin: HairpinSettings = field(default_factory=HairpinSettings)
-    passages: PassageSettings = field(default_factory=PassageSettings)
+    passages: PassageWidthSettings = field(default_factory=PassageWidthSettings)
 
 
 DEFAULT_GUIDES = GuideSettings()

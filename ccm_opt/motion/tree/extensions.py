@@ -44,7 +44,7 @@ class ExtensionSampler:
         free_space: of the tip, punctured at the base.
         routes: from the base to where the tip should get to, each of shape (k, 2) [m].
         shrink: distance kept from corners where there is room [m].
-        rng: source of all chance.
+        rng: source of every random choice.
     """
 
     stepper: Stepper

@@ -47,7 +47,7 @@ class TreeTask:
         tip_paths: classes of tip motions, at least one.
         certificate: that every edge must pass.
         deadline: when to stop.
-        seed: of all chance.
+        seed: of every random choice.
     """
 
     steppers: tuple[Stepper, ...]
@@ -119,7 +119,7 @@ class TreeSearch:
 
     Attributes:
         task: what they are grown for.
-        rng: source of all chance.
+        rng: source of every random choice.
         trees: from the start, and from poses at the goal.
         samplers: of their extensions.
         rejected: extensions since the last that added a node.

@@ -56,7 +56,7 @@ class HillClimbingPlanner:
             follower = Follower.from_problem(problem, self.settings)
         with self.stages("motion"):
             name, steps = first_plan(follower)
-            return joint_path(follower, name, steps)
+            return followed_joint_path(follower, name, steps)
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
     return np.array(nearest.coords[1])
 
 
-def joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, ...]) -> JointPath:
+def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, ...]) -> JointPath:
     """The smooth, certified path through the steps of a plan.
 
     Raises:

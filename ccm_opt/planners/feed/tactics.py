@@ -11,7 +11,7 @@ from ccm_opt.motion.continuation import Deadline
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.reshaping import Reshaping
 from ccm_opt.planners.following.leader import LeaderPath
-from ccm_opt.planners.following.slide import joined, pose_on, slide
+from ccm_opt.planners.following.slide import joined_keyframes, pose_on, slide
 from ccm_opt.problem import JointPose, TipGoal
 
 
@@ -49,7 +49,7 @@ class ProposedMotion:
         if goal is not None:
             pieces.append(goal.keyframes[::-1])
             straightens = straightens or len(goal.keyframes) > 1
-        keyframes = joined(*pieces)
+        keyframes = joined_keyframes(*pieces)
         if straightens:
             return ProposedMotion(keyframes, (), f"straighten, {self.name}")
         return ProposedMotion(keyframes, self.leaders, self.name)
@@ -82,7 +82,7 @@ def following(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         out = slide(arm, start_path, start.feed, back, settings)
         in_again = slide(arm, path, back, end, settings)
         name = f"draw back, then follow the leader, {path.name}"
-        yield ProposedMotion(_pinned(query, joined(out, in_again)), (start_path.points, path.points), name)
+        yield ProposedMotion(_pinned(query, joined_keyframes(out, in_again)), (start_path.points, path.points), name)
 
 
 def straightened(query: FeedQuery, end: JointPose, path: LeaderPath | None) -> Iterator[StraightenedEnd]:
@@ -155,7 +155,7 @@ def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         changed = _reshaper(query).keyframes(before, pose_on(arm, path, feed), outside)
         if changed is not None:
             onward = slide(arm, path, feed, end, query.settings.following)
-            keyframes = joined(there, changed, onward)
+            keyframes = joined_keyframes(there, changed, onward)
             yield ProposedMotion(_pinned(query, keyframes), (), f"change shape at a feed of {feed:.3f} m, {path.name}")
 
 

@@ -46,7 +46,7 @@ def feed_step(arm: Arm, settings: FollowingSettings = DEFAULT_FOLLOWING) -> floa
     return max(settings.feed_step * arm.link_length, settings.least_feed_step * arm.length)
 
 
-def joined(*pieces: FloatArray) -> FloatArray:
+def joined_keyframes(*pieces: FloatArray) -> FloatArray:
     """Keyframes of several pieces in a row, each beginning where the one before ends."""
     first, *others = [piece for piece in pieces if len(piece)]
     beginnings_dropped = [piece[1:] for piece in others]
