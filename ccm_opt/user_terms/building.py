@@ -32,7 +32,7 @@ def _expression(term: Constraint | Cost, kind: str, quantities: Quantities) -> A
     if column.numel() == 0:
         raise ProblemError(f"{kind} '{term.name}': the expression is empty, expected at least one entry")
     # Without allow_free CasADi would refuse the foreign symbols too, but with an error that does not name the term.
-    free = ca.Function("check", list(quantities.symbols), [column], {"allow_free": True}).get_free()
+    free = ca.Function("check", list(quantities.timed_symbols), [column], {"allow_free": True}).get_free()
     if free:
         names = ", ".join(str(symbol) for symbol in free[:4])
         raise ProblemError(
@@ -84,6 +84,11 @@ def compiled_cost(cost: Cost, quantities: Quantities) -> CompiledCost:
     expression = _expression(cost, "cost", quantities)
     if expression.numel() != 1:
         raise ProblemError(f"cost '{cost.name}': expected a scalar, got {expression.numel()} entries; sum them up")
+    if quantities.is_timed(expression):
+        raise ProblemError(
+            f"cost '{cost.name}': a cost shapes the path, which has no speed yet; weigh planner.weights.duration, or "
+            "limit speeds by limits.tip_velocity and limits.points"
+        )
     return CompiledCost(cost, expression, quantities)
 
 

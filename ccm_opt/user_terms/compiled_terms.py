@@ -15,6 +15,7 @@ from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost, as_co
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.row_set import RowSet
 from ccm_opt.user_terms.terms import Constraint, Cost, Interval, Where
+from ccm_opt.user_terms.timed_constraints import TimedConstraint
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +26,13 @@ class UserTerms:
         quantities: the symbols of the arm.
         constraints: hard and soft ones.
         costs: those that the user wrote.
+        timed: hard constraints on speeds, which planning knows nothing of.
     """
 
     quantities: Quantities
     constraints: tuple[CompiledConstraint, ...]
     costs: tuple[CompiledCost, ...]
+    timed: tuple[TimedConstraint, ...] = ()
 
     @property
     def hard(self) -> tuple[CompiledConstraint, ...]:
@@ -59,7 +62,7 @@ class UserTerms:
 
     @cached_property
     def parametric(self) -> bool:
-        """Whether anything depends on the path parameter, so that keyframes must know theirs."""
+        """Whether anything that shapes the path depends on the path parameter, so that keyframes must know theirs."""
         path_parameter = self.quantities.path_parameter
         expressions = [c.expression for c in self.constraints] + [c.expression for c in self.costs]
         return any(isinstance(where, Interval) for where in self._places) or any(
@@ -95,10 +98,13 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
         _refuse_other_kind(cost, Cost)
     refuse_double_names([*constraints, *costs])
     quantities = Quantities.from_arm(arm)
+    compiled = [compiled_constraint(constraint, quantities) for constraint in constraints]
+    timed = [constraint for constraint in compiled if quantities.is_timed(constraint.expression)]
     return UserTerms(
         quantities,
-        tuple(compiled_constraint(c, quantities) for c in constraints),
+        tuple(constraint for constraint in compiled if constraint not in timed),
         tuple(compiled_cost(c, quantities) for c in costs),
+        tuple(TimedConstraint(constraint) for constraint in timed),
     )
 
 

@@ -49,7 +49,10 @@ class CompiledConstraint:
             u: path parameter, shape (N,).
             feed: shape (N,) or scalar [m].
         """
-        values = evaluated(self.function, headings, u, feed)
+        return self.violations(evaluated(self.function, headings, u, feed))
+
+    def violations(self, values: FloatArray) -> FloatArray:
+        """The same for values of the expression, shape (N, m)."""
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)
         below = self.lower - values

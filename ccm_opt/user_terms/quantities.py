@@ -26,22 +26,48 @@ class Quantities:
         link_headings: φ, shape (links, 1) [rad].
         base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
         path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
+        heading_rates: of the links, shape (links, 1) [rad/s]; known on the finished motion only, for a path has no
+            speed.
+        feed_rate: of the base on its feed axis, a scalar [m/s]; likewise.
     """
 
     arm: Arm
     link_headings: Any
     base_feed: Any
     path_parameter: Any
+    heading_rates: Any
+    feed_rate: Any
 
     @classmethod
     def from_arm(cls, arm: Arm) -> "Quantities":
         """Fresh symbols for an arm."""
-        return cls(arm, ca.SX.sym("heading", arm.links), ca.SX.sym("feed"), ca.SX.sym("path_parameter"))
+        return cls(
+            arm,
+            ca.SX.sym("heading", arm.links),
+            ca.SX.sym("feed"),
+            ca.SX.sym("path_parameter"),
+            ca.SX.sym("heading_rate", arm.links),
+            ca.SX.sym("feed_rate"),
+        )
 
     @property
     def symbols(self) -> tuple[Any, Any, Any]:
-        """Link headings, feed and path parameter, the symbols that an expression may hold."""
+        """Link headings, feed and path parameter, the symbols that the expression of a path may hold."""
         return self.link_headings, self.base_feed, self.path_parameter
+
+    @property
+    def rates(self) -> tuple[Any, Any]:
+        """Rates of the link headings and of the feed."""
+        return self.heading_rates, self.feed_rate
+
+    @property
+    def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
+        """The symbols that the expression of a timed motion may hold: those of a path, and the rates."""
+        return *self.symbols, *self.rates
+
+    def is_timed(self, expression: Any) -> bool:
+        """Whether an expression holds speeds."""
+        return bool(ca.depends_on(expression, ca.vertcat(*self.rates)))
 
     @cached_property
     def joint_angles(self) -> Any:
@@ -75,6 +101,20 @@ class Quantities:
         link, fraction = self._link_at(s)
         points = self.joint_positions
         return (1.0 - fraction) * points[:, link] + fraction * points[:, link + 1]
+
+    @property
+    def tip_velocity(self) -> Any:
+        """Velocity of the tip, shape (2, 1) [m/s]; on the finished motion only."""
+        return self._in_time(self.tip)
+
+    def point_velocity(self, s: float) -> Any:
+        """Velocity of the point at arc length ``s`` from the base, shape (2, 1) [m/s]; on the finished motion only."""
+        return self._in_time(self.point_at(s))
+
+    def _in_time(self, point: Any) -> Any:
+        """Derivative of a point by time."""
+        places = ca.vertcat(self.link_headings, self.base_feed)
+        return ca.jtimes(point, places, ca.vertcat(*self.rates))
 
     def heading_at(self, s: float) -> Any:
         """Heading at arc length ``s`` from the base [rad]."""

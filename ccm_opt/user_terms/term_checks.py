@@ -14,6 +14,7 @@ from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.functions import CompiledConstraint
 from ccm_opt.user_terms.path_parameters import nearest_path_parameters
 from ccm_opt.user_terms.terms import Where, applies_at
+from ccm_opt.user_terms.timed_constraints import MotionStates, TimedConstraint
 
 
 @dataclass(frozen=True)
@@ -25,17 +26,33 @@ class CheckedPoses:
         headings: shape (N, links) [rad].
         u: path parameter, shape (N,).
         feed: shape (N,), zeros without a feed axis [m].
+        heading_rates: shape (N, links) [rad/s]; NaN where time is unknown.
+        feed_rate: shape (N,) [m/s]; NaN where time is unknown.
     """
 
     time: FloatArray
     headings: FloatArray
     u: FloatArray
     feed: FloatArray
+    heading_rates: FloatArray
+    feed_rate: FloatArray
+
+    @property
+    def states(self) -> MotionStates:
+        """The same for constraints on speeds."""
+        return MotionStates(self.headings, self.feed, self.u, self.heading_rates, self.feed_rate)
 
     def where(self, where: Where) -> "CheckedPoses":
         """Those at which a term applies."""
         chosen = applies_at(where, self.u)
-        return CheckedPoses(self.time[chosen], self.headings[chosen], self.u[chosen], self.feed[chosen])
+        return CheckedPoses(
+            self.time[chosen],
+            self.headings[chosen],
+            self.u[chosen],
+            self.feed[chosen],
+            self.heading_rates[chosen],
+            self.feed_rate[chosen],
+        )
 
 
 def checks_of_terms(
@@ -60,6 +77,7 @@ def checks_of_terms(
     for compiled in terms.constraints:
         poses = keyframes if compiled.constraint.where == "keyframes" else every
         checks.append(_check(compiled, poses, settings.tolerance))
+    checks += [_check_in_time(timed, every, settings.tolerance) for timed in terms.timed]
     return tuple(checks)
 
 
@@ -76,6 +94,9 @@ def metrics_of_terms(
     for constraint in terms.constraints:
         residual, _ = _worst(constraint, every)
         figures[f"residual_{_key(constraint.constraint.name)}"] = residual
+    for timed in terms.timed:
+        residual, _ = _worst_in_time(timed, every)
+        figures[f"residual_{_key(timed.compiled.constraint.name)}"] = residual
     for cost in terms.costs:
         poses = every.where(cost.cost.where)
         figures[f"cost_{_key(cost.cost.name)}"] = float(np.mean(cost.values(poses.headings, poses.u, poses.feed)))
@@ -88,12 +109,16 @@ def poses_at_rate(
     """The written samples and those at 1 kHz between them."""
     time = _times_at_rate(trajectory.time, settings.rate)
     known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    positions = _hermite(trajectory.time, *known, time)
+    motion = _hermite(trajectory.time, *known)
+    positions: FloatArray = motion(time)
+    rates: FloatArray = motion.derivative()(time)
     bends = positions[:, arm.coordinates.bends]
     feed = arm.coordinates.advance(positions)
     # Path parameters cost a search along the path, so they are found only where a term depends on them.
-    u = nearest_path_parameters(path, bends, settings) if terms.parametric else np.linspace(0.0, 1.0, len(time))
-    return CheckedPoses(time, arm.headings(bends), u, feed)
+    parametric = terms.parametric or any(timed.parametric for timed in terms.timed)
+    u = nearest_path_parameters(path, bends, settings) if parametric else np.linspace(0.0, 1.0, len(time))
+    heading_rates = np.cumsum(rates[:, arm.coordinates.bends], axis=1)
+    return CheckedPoses(time, arm.headings(bends), u, feed, heading_rates, arm.coordinates.advance(rates))
 
 
 def poses_at_keyframes(arm: Arm, path: JointPath, settings: TermCheckSettings = TERM_CHECKS) -> CheckedPoses:
@@ -101,7 +126,8 @@ def poses_at_keyframes(arm: Arm, path: JointPath, settings: TermCheckSettings = 
     bends = path.keyframes[:, arm.coordinates.bends]
     feed = arm.coordinates.advance(path.keyframes)
     unknown = np.full(len(bends), np.nan)
-    return CheckedPoses(unknown, arm.headings(bends), nearest_path_parameters(path, bends, settings), feed)
+    u = nearest_path_parameters(path, bends, settings)
+    return CheckedPoses(unknown, arm.headings(bends), u, feed, np.full_like(bends, np.nan), unknown)
 
 
 def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
@@ -114,10 +140,21 @@ def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
     return times
 
 
-def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray, at: FloatArray) -> FloatArray:
+def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> BPoly:
     """Quintic Hermite interpolation: the motion that the samples' positions, velocities and accelerations define."""
-    values: FloatArray = BPoly.from_derivatives(time, np.stack((x, v, a), axis=1))(at)
-    return values
+    return BPoly.from_derivatives(time, np.stack((x, v, a), axis=1))
+
+
+def _check_in_time(timed: TimedConstraint, poses: CheckedPoses, tolerance: float) -> Check:
+    worst, where = _worst_in_time(timed, poses)
+    name = f"constraint {timed.compiled.constraint.name}"
+    return Check(name, worst, tolerance, "", where, passed=bool(worst <= tolerance))
+
+
+def _worst_in_time(timed: TimedConstraint, poses: CheckedPoses) -> tuple[float, str]:
+    """As ``_worst`` for a constraint on speeds."""
+    chosen = poses.where(timed.compiled.constraint.where)
+    return _largest(timed.residuals(chosen.states), chosen) if len(chosen.u) else (0.0, "at no sample")
 
 
 def _check(compiled: CompiledConstraint, poses: CheckedPoses, tolerance: float) -> Check:
@@ -134,7 +171,11 @@ def _worst(compiled: CompiledConstraint, poses: CheckedPoses) -> tuple[float, st
     chosen = poses.where(compiled.constraint.where)
     if not len(chosen.u):
         return 0.0, "at no sample"
-    residuals = compiled.residuals(chosen.headings, chosen.u, chosen.feed)
+    return _largest(compiled.residuals(chosen.headings, chosen.u, chosen.feed), chosen)
+
+
+def _largest(residuals: FloatArray, chosen: CheckedPoses) -> tuple[float, str]:
+    """The largest residual, NaN before all others, and its place in words."""
     k = int(np.argmax(np.where(np.isnan(residuals), np.inf, residuals)))
     where = f"u = {chosen.u[k]:.4f}"
     if np.isfinite(chosen.time[k]):

@@ -1,0 +1,79 @@
+"""Constraints on speeds, which a path does not have: they are held against the finished, timed motion only."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.arrays import FloatArray
+from ccm_opt.errors import ProblemError
+from ccm_opt.user_terms.functions import CompiledConstraint
+from ccm_opt.user_terms.terms import Interval
+
+
+@dataclass(frozen=True)
+class MotionStates:
+    """Places and rates of a motion at which constraints on speeds are checked.
+
+    Attributes:
+        headings: of the links, shape (N, links) [rad].
+        feed: shape (N,) [m].
+        u: path parameter, shape (N,).
+        heading_rates: shape (N, links) [rad/s].
+        feed_rate: shape (N,) [m/s].
+    """
+
+    headings: FloatArray
+    feed: FloatArray
+    u: FloatArray
+    heading_rates: FloatArray
+    feed_rate: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class TimedConstraint:
+    """A hard constraint whose expression holds speeds.
+
+    Attributes:
+        compiled: its expression and bounds.
+    """
+
+    compiled: CompiledConstraint
+
+    def __post_init__(self) -> None:
+        constraint = self.compiled.constraint
+        if constraint.soft:
+            raise ProblemError(
+                f"constraint '{constraint.name}': a soft constraint shapes the path, which has no speed yet; limit "
+                "speeds by limits.tip_velocity or limits.points, or make the constraint hard"
+            )
+        if constraint.where == "keyframes":
+            raise ProblemError(
+                f"constraint '{constraint.name}': keyframes have no speed; use where='motion', 'goal' or an Interval"
+            )
+
+    @property
+    def parametric(self) -> bool:
+        """Whether it depends on the path parameter, by its expression or by where it applies."""
+        of_path = ca.depends_on(self.compiled.expression, self.compiled.quantities.path_parameter)
+        return isinstance(self.compiled.constraint.where, Interval) or bool(of_path)
+
+    @cached_property
+    def _function(self) -> Any:
+        symbols = list(self.compiled.quantities.timed_symbols)
+        return ca.Function("timed_constraint", symbols, [self.compiled.expression])
+
+    def residuals(self, states: MotionStates) -> FloatArray:
+        """By how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite."""
+        count = len(states.u)
+        arguments = (
+            ca.DM(states.headings.T),
+            ca.DM(states.feed).T,
+            ca.DM(states.u).T,
+            ca.DM(states.heading_rates.T),
+            ca.DM(states.feed_rate).T,
+        )
+        values = np.asarray(self._function(*arguments), dtype=np.float64).reshape(-1, count).T
+        return self.compiled.violations(values)
