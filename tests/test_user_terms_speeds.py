@@ -38,7 +38,7 @@ def test_velocities_are_those_of_the_arm(small_problem: Problem) -> None:
 
 
 def test_a_motion_that_is_too_fast_is_refused_and_a_limited_one_is_not(small_problem: Problem) -> None:
-    """The constraint refuses the fastest motion, names what it breaks, and accepts the motion that a limit slows down."""
+    """The constraint refuses the fastest motion, and says so by name; it accepts one that a limit slows down."""
     with pytest.raises(VerificationError, match="constraint slow tip"):
         ccm_opt.solve(small_problem, constraints=[slow_tip(0.1)], explain=False)
     limited = replace(small_problem, limits=replace(small_problem.limits, points=(PointLimit(None, 0.1),)))
