@@ -7,9 +7,6 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal, Tolerances
 
-ROUNDING = 1e-9
-"""Lengths [m] and angles [rad] below this are rounding."""
-
 
 @dataclass(frozen=True)
 class WholePose:

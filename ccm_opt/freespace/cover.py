@@ -10,9 +10,9 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
-from ccm_opt.freespace.regions import TOUCHING
 from ccm_opt.freespace.taut_stations import TautString
 from ccm_opt.geometry.polygons import after_each, chords, intersection, nearest_on_segments, signed_area
+from ccm_opt.geometry.rounding import ROUNDING
 
 UNUSABLE = -1.0
 """Marks a pair of regions whose overlap is away from the string: taken where nothing else leads on."""
@@ -47,8 +47,8 @@ class RegionSpan:
             taut: the string.
             slack: how far outside the string may run and still count as covered, except at its ends [m].
         """
-        slacks = np.full(len(taut.stations), max(slack, TOUCHING))
-        slacks[[0, -1]] = TOUCHING
+        slacks = np.full(len(taut.stations), max(slack, ROUNDING))
+        slacks[[0, -1]] = ROUNDING
         outside = taut.stations[np.max(taut.points @ region.normals.T - region.offsets, axis=1) > slacks]
 
         # The covered part reaches from the station after the last one outside before the known span to the station
@@ -183,7 +183,7 @@ def link_between(
     # full only where they pass the string by no more than is allowed.
     places = _trial_places(taut, first, last, settings.portal_trials)
     points = [_nearest_within(overlap, normals, offsets, taut.at(place)) for place in places]
-    near = [k for k, place in enumerate(places) if np.linalg.norm(points[k] - taut.at(place)) <= beside + TOUCHING]
+    near = [k for k, place in enumerate(places) if np.linalg.norm(points[k] - taut.at(place)) <= beside + ROUNDING]
     trials = [
         (places[k], points[k], direction, squareness)
         for k in near or range(len(places))
@@ -229,7 +229,7 @@ def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
 
 def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArray, point: FloatArray) -> FloatArray:
     """The point (2,) if the half-planes hold it or the polygon (m, 2) is empty, else the nearest of the polygon."""
-    if len(polygon) == 0 or bool(np.all(normals @ point <= offsets + TOUCHING)):
+    if len(polygon) == 0 or bool(np.all(normals @ point <= offsets + ROUNDING)):
         return point
     feet = nearest_on_segments(point, np.stack((polygon, after_each(polygon)), axis=1))
     nearest: FloatArray = feet[np.argmin(np.linalg.norm(feet - point, axis=1))]

@@ -19,9 +19,7 @@ from ccm_opt.freespace.routes import shortest_routes
 from ccm_opt.freespace.triangulation import Triangulation, triangulate
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.geometry.polyline import path_length
-
-MOVED = 1e-9
-"""Rounding: an end farther than this from its nearest free point is kept beside it [m]."""
+from ccm_opt.geometry.rounding import ROUNDING
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ class FreeSpace:
         """Overlapping convex regions along a route, from its first free point to its last."""
         free = self.snapped(route.taut[[0, -1]])
         # Ends that are not free are no part of the corridor.
-        moved = np.linalg.norm(free - route.taut[[0, -1]], axis=1) > MOVED
+        moved = np.linalg.norm(free - route.taut[[0, -1]], axis=1) > ROUNDING
         path = route.taut[int(moved[0]) : len(route.taut) - int(moved[1])]
         return self.corridor_maker.corridor_along(route, path if len(path) > 1 else np.repeat(path, 2, axis=0))
 
@@ -162,6 +160,6 @@ class FreeSpace:
 
 def _with_ends(path: FloatArray, ends: FloatArray) -> FloatArray:
     """A path (k, 2) between free points, led on to the ends (2, 2) that they stand for."""
-    first = ends[:1] if np.linalg.norm(ends[0] - path[0]) > MOVED else ends[:0]
-    last = ends[1:] if np.linalg.norm(ends[1] - path[-1]) > MOVED else ends[:0]
+    first = ends[:1] if np.linalg.norm(ends[0] - path[0]) > ROUNDING else ends[:0]
+    last = ends[1:] if np.linalg.norm(ends[1] - path[-1]) > ROUNDING else ends[:0]
     return np.concatenate((first, path, last))

@@ -18,18 +18,15 @@ from ccm_opt.geometry.polygons import (
     signed_area,
     without_short_edges,
 )
+from ccm_opt.geometry.rounding import ROUNDING
 
-TOUCHING = 1e-9
-"""Rounding: sets nearer than this touch [m]."""
 NEAR = 1e-6
 """Rounding: a wall nearer than this is shut out by an edge line; its nearest point gives no sharp direction [m]."""
-SHORTEST_EDGE = 1e-9
-"""Rounding: shorter edges of a region are dropped [m]."""
 
 
 def region_of(vertices: FloatArray) -> ConvexRegion:
     """A convex polygon, counter-clockwise vertices of shape (m, 2) [m], with its half-planes."""
-    vertices = without_short_edges(vertices, SHORTEST_EDGE)
+    vertices = without_short_edges(vertices, ROUNDING)
     return ConvexRegion(vertices, *half_planes(vertices))
 
 
@@ -49,8 +46,8 @@ def grow(
     """
     near = _nearest_first(cell, walls)[: settings.walls_first]
     region = _shut_out(cell, walls[near], room)
-    normals, offsets = half_planes(without_short_edges(region, SHORTEST_EDGE))
-    left_over = ~np.any(np.all(walls @ normals.T >= offsets - TOUCHING, axis=1), axis=1)
+    normals, offsets = half_planes(without_short_edges(region, ROUNDING))
+    left_over = ~np.any(np.all(walls @ normals.T >= offsets - ROUNDING, axis=1), axis=1)
     return region_of(_shut_out(cell, walls[left_over], region) if np.any(left_over) else region)
 
 
@@ -75,7 +72,7 @@ def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatA
             normal, offset = _touching_half_plane(cell, walls[wall], region)
         region = clip(region, normal, offset)
         # Walls that this half-plane shuts out as well need none of their own.
-        inside &= np.any(walls @ normal < offset - TOUCHING, axis=1)
+        inside &= np.any(walls @ normal < offset - ROUNDING, axis=1)
         inside[wall] = False
     return region
 
@@ -115,9 +112,9 @@ def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray)
     overlap = np.maximum(
         np.max(normals @ cell.T - offsets[:, None], axis=1), np.max(offsets[:, None] - normals @ wall.T, axis=1)
     )
-    valid = np.flatnonzero(overlap <= max(TOUCHING, 1.01 * float(overlap.min())))
+    valid = np.flatnonzero(overlap <= max(ROUNDING, 1.01 * float(overlap.min())))
     room_left = [_area(clip(region, normals[i], float(offsets[i]))) for i in valid]
-    one_sided = [bool(np.all(cell @ normals[i] >= offsets[i] - TOUCHING)) for i in valid]
+    one_sided = [bool(np.all(cell @ normals[i] >= offsets[i] - ROUNDING)) for i in valid]
     best = valid[max(range(len(valid)), key=lambda k: (not one_sided[k], room_left[k]))]
     return normals[best], float(offsets[best])
 
@@ -135,6 +132,6 @@ def _area(vertices: FloatArray) -> float:
     return signed_area(vertices) if len(vertices) > 2 else 0.0
 
 
-def contains(region: ConvexRegion, points: FloatArray, tolerance: float = TOUCHING) -> BoolArray:
+def contains(region: ConvexRegion, points: FloatArray, tolerance: float = ROUNDING) -> BoolArray:
     """Which points (..., 2) lie in the region, within ``tolerance`` [m]; shape (...)."""
     return np.asarray(np.all(points @ region.normals.T <= region.offsets + tolerance, axis=-1), dtype=np.bool_)

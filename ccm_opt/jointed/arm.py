@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
 
 Axes = Literal["zyx", "zyz"]
@@ -217,7 +218,7 @@ class Arm:
     @property
     def feed_direction(self) -> FloatArray:
         """Unit vector of the base heading, along which a feed axis runs, shape (2,)."""
-        return np.array([np.cos(self.base_heading), np.sin(self.base_heading)])
+        return unit_vector(self.base_heading)
 
     def held(self, feed: FloatArray | float) -> BoolArray:
         """Which joints a guide of the base still holds straight, shape (..., links), boolean; none without one.

@@ -6,11 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING
 from ccm_opt.solution import JointTrajectory
-
-SAME_PLACE = 1e-9
-"""Difference [rad, m] between the end of a leg and the start of the next that counts as rounding."""
 
 
 def joined(
@@ -86,7 +84,7 @@ def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> N
     gap = np.inf
     if first.coordinates == leg.coordinates:
         gap = float(np.max(np.abs(leg.positions[0] - first.positions[-1])))
-    if gap <= SAME_PLACE:
+    if gap <= ROUNDING:
         return
     raise RetimingError(
         Diagnosis(

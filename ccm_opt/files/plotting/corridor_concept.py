@@ -22,6 +22,7 @@ from ccm_opt.files.plotting.concept_panels import (
 from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 from ccm_opt.freespace.corridor import Corridor, Route
 from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.geometry.angles import unit_vector
 
 HEIGHT = 6.0
 BESIDE_ROUTE = 0.05
@@ -85,7 +86,7 @@ def _draw_room(axes: Axes, scene: CorridorScene) -> None:
     draw_obstacles(axes, workspace)
     axes.add_patch(polygon_patch(workspace.boundary, facecolor="none", edgecolor=style.BOUNDARY, linewidth=1.6))
     axes.plot(*scene.base, marker="s", markersize=5, color=style.BOUNDARY, zorder=9)
-    ahead = 0.09 * np.array([np.cos(scene.heading), np.sin(scene.heading)])
+    ahead = 0.09 * unit_vector(scene.heading)
     axes.plot(*scene.goal, marker="o", markersize=6, markerfacecolor="white", markeredgecolor=style.GOAL_MARK, zorder=9)
     arrow(axes, scene.goal, scene.goal + ahead, style.GOAL_MARK, width=1.6)
 

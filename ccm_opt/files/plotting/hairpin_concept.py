@@ -14,6 +14,7 @@ from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.concept_panels import draw_obstacles, look_at, panels, picture, title
 from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.geometry.polyline import leg_lengths
 
 HEIGHT = 5.0
 LETTERS = "abcdefgh"
@@ -40,7 +41,7 @@ class HairpinMoment:
     @property
     def middles(self) -> FloatArray:
         """Arc length of the links' middles, shape (links,) [m]."""
-        lengths = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        lengths = leg_lengths(self.points)
         return np.asarray(np.cumsum(lengths) - 0.5 * lengths, dtype=np.float64)
 
 

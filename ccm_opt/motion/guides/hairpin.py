@@ -33,13 +33,11 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polyline import arc_lengths
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, HairpinSettings
-
-_ROUNDING = 1e-9
-"""Vertices of a route that are this little beyond a place are at it [m]."""
 
 
 @dataclass
@@ -195,7 +193,7 @@ def _rest_of(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
     """
     line = shapely.LineString(route)
     joined = line.project(shapely.Point(place)) + lead
-    rest = route[arc_lengths(route) > joined + _ROUNDING]
+    rest = route[arc_lengths(route) > joined + ROUNDING]
     if len(rest) == 0:
         return route[-1:]
     return np.vstack((line.interpolate(joined).coords[0], rest))

@@ -7,9 +7,7 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.angles import whole_turns
 from ccm_opt.geometry.polyline import arc_lengths, leg_headings, nearest_place, points_at, without_repeats
-
-_SHORTEST_LEG = 1e-9
-"""Points nearer than this to the one before are the same [m]; a leg without length has no heading."""
+from ccm_opt.geometry.rounding import ROUNDING
 
 
 @dataclass(frozen=True)
@@ -40,10 +38,10 @@ class TipTrack:
             first_heading: the winding of the first tangent is chosen nearest to it [rad].
             samples: of the smoothed heading to a window; between them it is linear.
         """
-        points = without_repeats(points, _SHORTEST_LEG)
+        points = without_repeats(points, ROUNDING)
         if len(points) < 2:
             # A tip that is at its goal already; any heading will do.
-            points = np.vstack((points, points[-1] + [_SHORTEST_LEG, 0.0]))
+            points = np.vstack((points, points[-1] + [ROUNDING, 0.0]))
 
         arcs = arc_lengths(points)
         headings = leg_headings(points)

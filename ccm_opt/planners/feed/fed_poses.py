@@ -5,13 +5,11 @@ import shapely
 
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.ends import refuse_blocked_tip
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
-
-_ROUNDING = 1e-9
-"""Bend in the guide, or beyond a joint limit, that is rounding [rad]."""
 
 
 def fed_pose(
@@ -26,7 +24,7 @@ def fed_pose(
     held = arm.held(pose.feed)
     if isinstance(pose, JointPose):
         bends = np.array(pose.bends, dtype=np.float64)
-        tolerance = _ROUNDING
+        tolerance = ROUNDING
     else:
         bends = arm.bends(map_curve(arm, pose.configuration, problem.planner.mapping))
         # A bend moves the tip by no more than itself times the arm's length.

@@ -8,15 +8,13 @@ import shapely
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
-
-_ROUNDING = 1e-9
-"""Distance before the hole at which a joint counts as beyond it [m], as the guide's own test has some too."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class Reshaping:
     def _first_joint(self, start: JointPose, outside: float) -> int:
         """The first joint that is beyond an arc length [m]."""
         joints = start.feed + self.problem.arm.link_length * np.arange(self.problem.arm.links)
-        return int(np.searchsorted(joints, outside - _ROUNDING))
+        return int(np.searchsorted(joints, outside - ROUNDING))
 
     def _part(self, start: JointPose, goal: FloatArray | TipGoal, first: int) -> Problem:
         """The problem of the arm from a joint on, what is before it an obstacle."""
