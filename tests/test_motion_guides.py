@@ -1,5 +1,6 @@
 """Guides, the continuation that follows them, settling and polish, and the smooth path through the keyframes."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +15,13 @@ from ccm_opt.collision.certificate import Certificate
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose, polish
-from ccm_opt.motion.guides.hairpin import fold_track
+from ccm_opt.motion.guides.guide_settings import (
+    GuideSettings,
+    HairpinSettings,
+    InterpolationSettings,
+    TipLedSettings,
+)
+from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
 from ccm_opt.motion.guides.tip_track import TipTrack
@@ -262,6 +269,32 @@ def test_a_tracks_heading_is_its_tangent_unwrapped(seed: int, first: float) -> N
     np.testing.assert_allclose(np.diff(headings), np.diff(turns), atol=1e-9)
     assert np.cos(headings[0] - turns[0]) == pytest.approx(1.0)
     assert abs(headings[0] - first) <= np.pi + 1e-9
+
+
+def test_settings_reach_every_guide() -> None:
+    """A stepper's settings decide which hairpins are tried, and every guide advances and pulls by its own part."""
+    guides = GuideSettings(
+        interpolation=InterpolationSettings(advance=0.03),
+        tip_led=TipLedSettings(advance=0.2),
+        hairpin=HairpinSettings(lengths=(6.0,), advance=0.1, leash=100.0),
+    )
+    scene = Scene(make_arm(), Workspace(ROOM), np.zeros(24), 1.5 + np.linspace(0.0, 1.0, 24))
+    stepper, start = make_stepper(scene)
+    stepper = replace(stepper, settings=replace(stepper.settings, guides=guides))
+    paths = motion_task(scene.problem()).tip_paths[:1]
+    tried = list(first_candidates(stepper, start, (goal_coordinates(stepper, scene.goal),), paths))
+    made = [candidate.make_guide() for candidate in tried]
+    assert sum(candidate.name.startswith("hairpin of 6,") for candidate in tried) == 1
+    for guide in made:
+        assert isinstance(guide, Interpolation | TipLed | Hairpin)
+        expected = {Interpolation: guides.interpolation, TipLed: guides.tip_led, Hairpin: guides.hairpin}
+        assert guide.settings is expected[type(guide)]
+    assert {type(guide) for guide in made} == {Interpolation, TipLed, Hairpin}
+
+    fold = next(guide for guide in made if isinstance(guide, Hairpin))
+    before = fold.fold_at
+    assert fold.progress(start)
+    assert before - fold.fold_at == pytest.approx(0.1 * stepper.space.nominal_length)
 
 
 def swept_angle(path: FloatArray, centre: FloatArray) -> float:
