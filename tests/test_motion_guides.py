@@ -15,12 +15,6 @@ from ccm_opt.collision.certificate import Certificate
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose, polish
-from ccm_opt.motion.guides.guide_settings import (
-    GuideSettings,
-    HairpinSettings,
-    InterpolationSettings,
-    TipLedSettings,
-)
 from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
@@ -28,6 +22,12 @@ from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.portfolio import GuideCandidate, first_candidates
 from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.settings.guide_settings import (
+    GuideSettings,
+    HairpinSettings,
+    InterpolationSettings,
+    TipLedSettings,
+)
 from ccm_opt.motion.settings.step_settings import GoalSettings, StepSettings
 from ccm_opt.motion.spline_path import certified_spline, clamped_spline
 from ccm_opt.motion.step import Stepper
