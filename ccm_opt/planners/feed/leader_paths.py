@@ -23,7 +23,6 @@ from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
-from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.following.elastic_band import ElasticBand
 from ccm_opt.planners.following.leader import LeaderPath
@@ -166,7 +165,7 @@ class LeaderPaths:
 
     def _routes(self, free_space: FreeSpace, begin: FloatArray, end: FloatArray, longest: float) -> tuple[Route, ...]:
         """Routes between two points whose paths are not longer than ``longest`` [m]."""
-        corner_distance = DEFAULT_CURVE_PLANNER.corner_distance * self.problem.arm.length
+        corner_distance = self.settings.curve.corner_distance * self.problem.arm.length
         routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=corner_distance)
         if routes:
             before = float(np.hypot(*(begin - self.problem.arm.base)))
@@ -200,6 +199,7 @@ class LeaderPaths:
             goal=end,
             goal_heading=self.goal.heading,
             corridor=free_space.corridor(Route(route.sleeve, taut, path_length(taut))),
+            settings=self.settings.curve.configuration,
         )
         try:
             return find_configuration(task, self.settings.leaders.curve_attempts)

@@ -54,7 +54,7 @@ class Reshaping:
         clamped = (links - first) % 2 == 1
         part = self._part(start, goal, first - int(clamped))
         try:
-            ends = resolve_ends(part)
+            ends = resolve_ends(part, self.settings.curve.motion.ends)
             # Clamped ends keep the first link still, which holds the extra link straight.
             ends = replace(ends, clamped=clamped or ends.clamped)
             _, motion = CurvePlanner(settings=self.settings.curve).motion_between(part, ends, self.deadline)

@@ -10,7 +10,6 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate, allowed_contact
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.settings.search_settings import SearchSettings
 from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.gating import straight_while_held
@@ -40,9 +39,8 @@ class FeedMotions:
         """The certificate that motions must pass."""
         # Ends that touch may be left by motions that touch no deeper; else a little more than contact is asked for.
         contact = allowed_contact(self.arm, self.workspace)
-        spare = np.clip(
-            self.settings.end_gap_share * self.gap - contact, -contact, SearchSettings().spare * self.arm.length
-        )
+        wanted = self.settings.spare_at_ends * self.gap - contact
+        spare = np.clip(wanted, -contact, self.settings.spare * self.arm.length)
         return Certificate(self.arm, self.workspace, float(spare))
 
     def within_limits(self, keyframes: FloatArray) -> bool:
@@ -64,11 +62,11 @@ class FeedMotions:
         """
         if not self.within_limits(keyframes):
             return None
-        spline = certified_spline(self.arm.poses(keyframes), self.certificate)
+        spline = certified_spline(self.arm.poses(keyframes), self.certificate, self.settings.smooth_path)
         if spline is None:
             return None
         # Bends and feed are linear in the poses, so the control points can be turned into them one by one.
         path = BSpline(spline.t, self.arm.configurations(np.asarray(spline.c)), spline.k)
         if not straight_while_held(self.arm, path, self.travel, self.settings):
             return None
-        return path, spare_kept(spline, self.certificate)
+        return path, spare_kept(spline, self.certificate, self.settings.smooth_path)

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from ccm_opt.motion.settings.search_settings import SmoothPathSettings
+
 
 @dataclass(frozen=True)
 class ElasticBandSettings:
@@ -49,9 +51,12 @@ class FollowingSettings:
         links_per_sample: part of a link that the base passes at most between two samples. Taste; it holds back feeds
             that no arm needs.
         samples_per_span: places of every span of a path at which the feed is read off to see where it turns. Taste.
-        end_gap_share: share of the narrower end's gap that the certificate asks for along the motion. Taste.
+        spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste, as in the search
+            for motions of a fixed base.
+        spare_at_ends: share of the narrower end's gap that the certificate may ask for along the motion. Taste.
         contact_reach: contacts of a pose nearer than this are listed, as a share of the arm's length. Taste.
         band: of elastic bands.
+        smooth_path: of the smooth path through the keyframes.
     """
 
     samples_per_link: int = 32
@@ -61,9 +66,11 @@ class FollowingSettings:
     sample_period: float = 5e-3
     links_per_sample: float = 0.25
     samples_per_span: int = 12
-    end_gap_share: float = 0.5
+    spare: float = 1e-4
+    spare_at_ends: float = 0.5
     contact_reach: float = 0.02
     band: ElasticBandSettings = field(default_factory=ElasticBandSettings)
+    smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)
 
 
 @dataclass(frozen=True)
