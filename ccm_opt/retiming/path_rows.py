@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.retiming.motion_limits import MotionLimit
-from ccm_opt.retiming.motion_limits.motion_limit import LimitRows
+from ccm_opt.retiming.motion_limits.motion_limit import SpeedRows
 
 _NO_FRICTION = 1e-12
 """Half the friction below this share of a limit counts as none: the tangent's slope is a quotient by it."""
@@ -82,7 +82,7 @@ def path_rows(limits: Sequence[MotionLimit], spline: BSpline, s: FloatArray) -> 
     return whole
 
 
-def _friction(stacked: Sequence[LimitRows]) -> FloatArray | None:
+def _friction(stacked: Sequence[SpeedRows]) -> FloatArray | None:
     if all(rows.d is None for rows in stacked):
         return None
     return np.concatenate([np.zeros_like(rows.a) if rows.d is None else rows.d for rows in stacked], axis=1)

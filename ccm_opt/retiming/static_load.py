@@ -28,7 +28,10 @@ def too_weak(number: int, share: float, place: float, limits: Limits, coordinate
         limits: of the problem.
         coordinates: of the arm.
     """
-    kind, unit, part = ("torque", "N m", "joint") if number < coordinates.revolutes else ("force", "N", "axis")
+    turning = number < coordinates.revolutes
+    kind = "torque" if turning else "force"
+    unit = "N m" if turning else "N"
+    part = "joint" if turning else "axis"
     limit = float(limits.of_drives(coordinates).effort[number])
     load = share * limit
     return RetimingError(

@@ -67,7 +67,8 @@ class Legs:
         """Places, velocities and accelerations at given times, each of shape (N, n)."""
         via, turning = self.piece(time)
         since = (time - self.passed[via])[:, None]
-        before, after = self.speeds[via], self.speeds[via + 1]
+        before = self.speeds[via]
+        after = self.speeds[via + 1]
         tau = self.halves[via][:, None]
         h = np.clip((since + tau) / (2.0 * tau), 0.0, 1.0)
         start = -before * tau  # Paul's ΔB

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.retiming.motion_limits.motion_limit import LimitRows, MotionLimit
+from ccm_opt.retiming.motion_limits.motion_limit import SpeedRows, MotionLimit
 from ccm_opt.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import ProfileSettings
@@ -30,11 +30,11 @@ class CoordinateAcceleration(MotionLimit):
         del settings
         yield cls(path.bounds.acceleration)
 
-    def rows(self, spline: BSpline, s: FloatArray) -> LimitRows:
+    def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
         """A row a coordinate."""
         a = spline(s, 1) / self._limit
         b = spline(s, 2) / self._limit
-        return LimitRows(a, b, np.zeros_like(a))
+        return SpeedRows(a, b, np.zeros_like(a))
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
         """By the accelerations, the differences of velocities and the second differences of places."""

@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.retiming.efforts import Efforts
-from ccm_opt.retiming.motion_limits.motion_limit import LimitRows, MotionLimit
+from ccm_opt.retiming.motion_limits.motion_limit import SpeedRows, MotionLimit
 from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.slowing import slowings
 from ccm_opt.retiming.static_load import too_weak
@@ -42,7 +42,7 @@ class DriveEffort(MotionLimit):
         if limit._efforts.limited:
             yield limit
 
-    def rows(self, spline: BSpline, s: FloatArray) -> LimitRows:
+    def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
         """A row a drive that does anything.
 
         Raises:
@@ -58,7 +58,7 @@ class DriveEffort(MotionLimit):
         self._check_static_load(s, c)
 
         kept = np.flatnonzero(np.max([np.max(np.abs(row), axis=0) for row in (a, b, c, d)], axis=0) > _NO_ROW)
-        return LimitRows(a[:, kept], b[:, kept], c[:, kept], d[:, kept] if efforts.damped else None)
+        return SpeedRows(a[:, kept], b[:, kept], c[:, kept], d[:, kept] if efforts.damped else None)
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
         """By the efforts at the samples."""
@@ -71,5 +71,5 @@ class DriveEffort(MotionLimit):
         load = np.abs(static)
         point, drive = np.unravel_index(np.argmax(load), load.shape)
         if load[point, drive] >= 1.0:
-            limits, coordinates = self._path.limits, self._path.coordinates
-            raise too_weak(int(drive), float(load[point, drive]), float(s[point]), limits, coordinates)
+            share = float(load[point, drive])
+            raise too_weak(int(drive), share, float(s[point]), self._path.limits, self._path.coordinates)

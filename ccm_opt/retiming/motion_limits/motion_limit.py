@@ -20,7 +20,7 @@ from ccm_opt.retiming.timing_settings import ProfileSettings
 
 
 @dataclass(frozen=True)
-class LimitRows:
+class SpeedRows:
     """A limit at P points of the path as R rows a s̈ + b ṡ² + d ṡ + c within ±1.
 
     Attributes:
@@ -52,7 +52,7 @@ class MotionLimit(ABC):
         del spline
         return np.zeros(len(s))
 
-    def rows(self, spline: BSpline, s: FloatArray) -> LimitRows | None:
+    def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows | None:
         """The limit as rows at given points of the path.
 
         Raises:

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.point_on_arm import PointOnArm
-from ccm_opt.retiming.motion_limits.motion_limit import LimitRows, MotionLimit
+from ccm_opt.retiming.motion_limits.motion_limit import SpeedRows, MotionLimit
 from ccm_opt.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import ProfileSettings
@@ -49,7 +49,7 @@ class PointSpeed(MotionLimit):
             point = PointOnArm.from_arc_length(path.arm, limit.at)
             yield cls(point, limit.velocity, limit.acceleration, settings.directions)
 
-    def rows(self, spline: BSpline, s: FloatArray) -> LimitRows:
+    def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
         """A row for the speed, and one for each pair of opposite sides of the polygon around the disc.
 
         A row in ṡ², unlike a bound on ṡ, is tightened only where it is passed between grid points: points of the arm
@@ -64,7 +64,7 @@ class PointSpeed(MotionLimit):
             gains.append(tangent @ self._normals / self._acceleration)
             squares.append(bend @ self._normals / self._acceleration)
         a = np.concatenate(gains, axis=1)
-        return LimitRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
+        return SpeedRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
         """By the motion at the samples, by differences of it, and by the motion that is linear between them."""
