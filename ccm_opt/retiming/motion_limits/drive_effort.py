@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.retiming.efforts import Efforts
-from ccm_opt.retiming.motion_limits.motion_limit import SpeedRows, MotionLimit
+from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
 from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.slowing import slowings
 from ccm_opt.retiming.static_load import too_weak

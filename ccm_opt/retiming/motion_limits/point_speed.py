@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.point_on_arm import PointOnArm
-from ccm_opt.retiming.motion_limits.motion_limit import SpeedRows, MotionLimit
+from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
 from ccm_opt.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import ProfileSettings
