@@ -128,16 +128,19 @@ class Certificate:
     def _halved(self, spans: _Spans, links: _Links, pairs: _Pairs, failed: IntArray) -> tuple[_Spans, _Links, _Pairs]:
         """Both halves of every stretch with something unsafe, and what is to be tested on them again."""
         alive = ~np.isin(spans.owner, failed)
-        keep_link, keep_pair = alive[links[0]], alive[pairs[0]]
+        keep_link = alive[links[0]]
+        keep_pair = alive[pairs[0]]
         links = (links[0][keep_link], links[1][keep_link])
         pairs = (pairs[0][keep_pair], pairs[1][keep_pair], pairs[2][keep_pair])
         kept, place = np.unique(np.concatenate((links[0], pairs[0])), return_inverse=True)
-        start, end = spans.start[kept], spans.end[kept]
+        start = spans.start[kept]
+        end = spans.end[kept]
         middle = 0.5 * (start + end)
         halves = _Spans.between(
             self.arm, np.concatenate((start, middle)), np.concatenate((middle, end)), np.tile(spans.owner[kept], 2)
         )
-        on_link, on_pair = place[: len(links[0])], place[len(links[0]) :]
+        on_link = place[: len(links[0])]
+        on_pair = place[len(links[0]) :]
         twice_links = (np.concatenate((on_link, on_link + len(kept))), np.tile(links[1], 2))
         twice_pairs = (np.concatenate((on_pair, on_pair + len(kept))), np.tile(pairs[1], 2), np.tile(pairs[2], 2))
         return halves, twice_links, twice_pairs
@@ -152,13 +155,15 @@ class Certificate:
         if not self.arm.self_collision:
             return (np.zeros(0, int),) * 3
         middle = 0.25 * (spans.a[:, :-1] + spans.a[:, 1:] + spans.b[:, :-1] + spans.b[:, 1:])
-        x, y = np.ascontiguousarray(middle[..., 0]), np.ascontiguousarray(middle[..., 1])
+        x = np.ascontiguousarray(middle[..., 0])
+        y = np.ascontiguousarray(middle[..., 1])
         moved = 0.5 * np.linalg.norm(spans.b - spans.a, axis=2).max(axis=1) + spans.sag[:, -1]
         reach = 2.0 * self.arm.radius + self.spare + self.arm.link_length + 2.0 * moved + self.settings.touch
         limit = (reach**2)[:, None]
         found = [(np.zeros(0, int),) * 3]
         for apart in range(self.arm.first_self_pair, self.arm.links):
-            dx, dy = x[:, apart:] - x[:, :-apart], y[:, apart:] - y[:, :-apart]
+            dx = x[:, apart:] - x[:, :-apart]
+            dy = y[:, apart:] - y[:, :-apart]
             span, i = np.nonzero(dx * dx + dy * dy < limit)
             found.append((span, i, i + apart))
         span, i, j = (np.concatenate(column) for column in zip(*found, strict=True))
@@ -201,7 +206,8 @@ class Certificate:
         if self._rounding.any():
             gap = shapely.distance(shapes[shape], self._tree.geometries[wall]) - self._rounding[wall]
             close = gap <= distance[shape] + self.settings.touch
-            shape, wall = shape[close], wall[close]
+            shape = shape[close]
+            wall = wall[close]
         return shape, wall
 
     def _unsafe_pairs(self, spans: _Spans, span: IntArray, i: IntArray, j: IntArray) -> tuple[_Pairs, IntArray]:

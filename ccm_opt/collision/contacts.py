@@ -195,7 +195,10 @@ class ContactFinder:
         along = np.einsum("ij,ij->i", target - start, end - start) / self.arm.link_length**2
         at = np.clip(along, least, 1.0)
         keep = (along < 1.0) | (link == self.arm.links - 1)  # else the next link reports the shared joint
-        link, vertex, at, target = link[keep], vertex[keep], at[keep], target[keep]
+        link = link[keep]
+        vertex = vertex[keep]
+        at = at[keep]
+        target = target[keep]
         apart = points[link] + at[:, None] * (points[link + 1] - points[link]) - target
         return self._wall_contacts(link, at, apart, self.walls.vertex_wall[vertex])
 
@@ -211,7 +214,10 @@ class ContactFinder:
         b = self.walls.edges[edge, 1]
         along = np.einsum("ij,ij->i", place - a, b - a) / np.maximum(np.einsum("ij,ij->i", b - a, b - a), 1e-30)
         keep = (along > 0.0) & (along < 1.0)
-        joint, edge, along, place = joint[keep], edge[keep], along[keep], place[keep]
+        joint = joint[keep]
+        edge = edge[keep]
+        along = along[keep]
+        place = place[keep]
         apart = place - (a[keep] + along[:, None] * (b - a)[keep])
         link = np.minimum(joint, self.arm.links - 1)
         at = np.where(joint == self.arm.links, 1.0, np.where(joint == self._mount_link, self._mount_at, 0.0))

@@ -32,7 +32,8 @@ class Walls:
     @classmethod
     def from_workspace(cls, workspace: Workspace) -> "Walls":
         """Flatten the walls of a workspace."""
-        edges, vertices = [], []
+        edges = []
+        vertices = []
         for k, wall in enumerate(workspace.walls):
             for path in _paths(wall):
                 edges.append((k, np.stack((path[:-1], path[1:]), axis=1)))

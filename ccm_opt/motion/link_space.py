@@ -161,7 +161,8 @@ class LinkSpace:
             headings: shape (..., links) [rad].
             forces: f on the joint at the base of each link, shape (..., ≥ links, 2); one on the tip balances them.
         """
-        l, links = self.arm.link_length, headings.shape[-1]
+        l = self.arm.link_length
+        links = headings.shape[-1]
         carried = np.cumsum(forces[..., :links, :], axis=-2)
         curvature: FloatArray = -l * (np.cos(headings) * carried[..., 0] + np.sin(headings) * carried[..., 1])
         return curvature

@@ -187,7 +187,11 @@ def self_rows(sweep: Sweep, reach: float, margin: float) -> IntervalRows:
     _, _, apart = closest_on_segments(p[m, i], p[m, i + 1], p[m, j], p[m, j + 1])
     distance = np.hypot(apart[:, 0], apart[:, 1])
     close = distance < reach + 2.0 * arm.radius
-    interval, i, j, apart, distance = interval[close], i[close], j[close], apart[close], distance[close]
+    interval = interval[close]
+    i = i[close]
+    j = j[close]
+    apart = apart[close]
+    distance = distance[close]
     normal = apart / np.maximum(distance, 1e-12)[:, None]
     need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
     return joined_rows(

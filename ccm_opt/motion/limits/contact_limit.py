@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ccm_opt.motion.swept_motion import Sweep
 
 _UNBOUNDED = 1e30
+"""What the QP takes for no bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,8 @@ class ContactLimit(Limit):
     def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
         """A row for each near pair: its gap may close by a share of what it has beyond the margin, no more."""
         del turn
-        finder, settings = self.finder, self.settings
+        finder = self.finder
+        settings = self.settings
         contacts = finder.find(pose.points)
         rows = contact_rows(contacts, jacobians)
         lower = np.minimum(-settings.closing_share * (contacts.gap - contacts.margin), 0.0)

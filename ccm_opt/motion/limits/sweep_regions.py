@@ -119,7 +119,8 @@ def _directions(
     """
     lines: Any = shapely.shortest_line(hulls[q], walls.tree.geometries[wall])
     touching = shapely.length(lines) < _TOUCHING
-    at, of = interval[q[touching]], link[q[touching]]
+    at = interval[q[touching]]
+    of = link[q[touching]]
     halfway = shapely.linestrings(np.stack((sweep.middles[at, of], sweep.middles[at, of + 1]), axis=1))
     lines[touching] = shapely.shortest_line(halfway, walls.tree.geometries[wall[touching]])
     ends = shapely.get_coordinates(lines).reshape(-1, 2, 2)

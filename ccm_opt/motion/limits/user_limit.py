@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ccm_opt.user_terms.row_set import RowSet, RowValues
 
 _UNBOUNDED = 1e30
+"""What the QPs take for no bound."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -111,7 +111,8 @@ def _row_values(ca: Any, rows: IntervalRows, points: tuple[Any, Any], headings: 
     """Values of the rows, as ``IntervalRows.values``."""
     height = points[0].shape[0]
     at = height * (rows.interval + rows.side)
-    plus, minus = (at + rows.plus).tolist(), (at + rows.minus).tolist()
+    plus = (at + rows.plus).tolist()
+    minus = (at + rows.minus).tolist()
     turns = headings[:, 1:] - headings[:, :-1]
     sag = ca.vertcat(ca.DM.zeros(1, turns.shape[1]), ca.cumsum(0.125 * link_length * turns**2))
     high = (sag.shape[0] * rows.interval + rows.high).tolist()

@@ -23,6 +23,7 @@ from ccm_opt.motion.settings.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.swept_motion import Sweep
 
 _FREE = 1e30
+"""What the QP takes for no bound."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +189,8 @@ class KeyframeProgram:
 
     def end_rows(self) -> Any:
         """Rows that hold the last keyframe, or its tip position and heading."""
-        p, links = self.width - 1, self.sweep.space.arm.links
+        p = self.width - 1
+        links = self.sweep.space.arm.links
         rows = np.zeros(
             (p if self.end_fixed else 2 + (self.goal.heading is not None), len(self.sweep.turns) * self.width)
         )
@@ -228,7 +230,8 @@ class KeyframeProgram:
 
     def _row_entries(self) -> tuple[FloatArray, IntArray, IntArray]:
         """Entries of the linearised rows as (data, row, column); the first keyframe is fixed and has no columns."""
-        p, k = self.width - 1, self.rows.interval
+        p = self.width - 1
+        k = self.rows.interval
         start, end = self.rows.slopes(self.sweep)
         data = np.column_stack((start / self.nominal_length, end / self.nominal_length, np.full(len(k), -1.0)))
         data[k == 0, :p] = 0.0
