@@ -25,24 +25,20 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         TimeLimitReached: the deadline passed first.
     """
     failures: list[Failure] = []
-    for strategy in strategies:
-        motion = _found_by(strategy, task, failures) if strategy.applies(task) else None
-        if motion is not None:
-            return motion
-    raise nothing_found(task, failures)
-
-
-def _found_by(strategy: SearchStrategy, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """The optimised motion that a strategy finds at few links, lifted, or else on the task's own links."""
     nominal_links = nominal_links_asked(task)
-    if _planned_coarsely(task, nominal_links):
-        coarse = coarsened(task, task.settings.search.design_links)
-        found = strategy.find(coarse, failures, NOMINAL_LINKS)
-        lifted = _lifted(found, coarse, task) if found is not None else None
-        if lifted is not None:
-            return lifted
-    motion = strategy.find(task, failures, nominal_links)
-    return optimise(motion, task) if motion is not None else None
+    coarse = coarsened(task, task.settings.search.design_links) if _planned_coarsely(task, nominal_links) else None
+    for strategy in strategies:
+        if not strategy.applies(task):
+            continue
+        if coarse is not None:
+            found = strategy.find(coarse, failures, NOMINAL_LINKS)
+            lifted = _lifted(found, coarse, task) if found is not None else None
+            if lifted is not None:
+                return lifted
+        motion = strategy.find(task, failures, nominal_links)
+        if motion is not None:
+            return optimise(motion, task)
+    raise nothing_found(task, failures)
 
 
 def _planned_coarsely(task: MotionTask, nominal_links: float) -> bool:

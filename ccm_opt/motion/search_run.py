@@ -82,17 +82,14 @@ class SearchRun:
         """The finished motion of the first candidate that arrives and is certified, or None."""
         for candidate in tried:
             try:
-                return self.motion(candidate.name, self._arriving(candidate))
+                poses = self._led(candidate)
+                arriving = self._arrive(poses[-1])[1:]
+                return self.motion(candidate.name, self.certified_without_pauses(poses + arriving))
             except Stalled as stalled:
                 failures.append(self.failure(candidate.name, stalled))
             if self.task.deadline.passed():
                 return None
         return None
-
-    def _arriving(self, candidate: GuideCandidate) -> list[Pose]:
-        """The certified poses from the start to the goal."""
-        poses = self._led(candidate)
-        return self.certified_without_pauses(poses + self._arrive(poses[-1])[1:])
 
     def certified_without_pauses(self, poses: list[Pose]) -> list[Pose]:
         """The motion without pauses, certified.
@@ -121,6 +118,7 @@ class SearchRun:
         return poses + follow(self.stepper, rest, poses[-1], self.task.deadline)[1:]
 
     def _arrive(self, pose: Pose) -> list[Pose]:
+        """Poses from near the goal onto it: settled, or for a whole-arm goal led straight into its coordinates."""
         if self.goal.coordinates is None:
             return settle(self.stepper, self.goal, pose, self.task.deadline)
         settings = self.stepper.settings.guides.interpolation

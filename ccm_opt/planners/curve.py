@@ -61,16 +61,16 @@ class CurvePlanner:
             for limit in self.user_limits:
                 limit.refuse_ends(ends.start, ends.goal_headings)
 
-        # Routes, guesses of goal poses, and the certified motion of the links.
-        task, motion = self.motion_between(problem, ends, deadline)
+        # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
+        task = self.motion_task(problem, ends, deadline)
         with self.stages("motion"):
-            return joint_path(problem, task, motion)
+            return joint_path(problem, task, find_motion(task))
 
-    def motion_between(self, problem: Problem, ends: Ends, deadline: Deadline) -> tuple[MotionTask, Motion]:
-        """The certified motion between ends that are already resolved, and what was asked of the search for it.
+    def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
+        """What the search for a motion between ends that are already resolved is asked.
 
         Raises:
-            NoPlanFound: with the reason and what would help.
+            NoPlanFound: there is no route that the arm is long enough for.
         """
         settings = self.settings
         with self.stages("free space"):
@@ -79,26 +79,24 @@ class CurvePlanner:
             tip_paths = tip_paths_along(problem, ends, routes, settings)
         guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes, settings)))
         further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes, settings)))
-        with self.stages("motion"):
-            task = MotionTask(
-                clamped_arm(problem.arm) if ends.clamped else problem.arm,
-                problem.workspace,
-                ends.start,
-                ends.goal,
-                ends.goal_headings,
-                guesses,
-                tip_paths,
-                deadline,
-                clamped=ends.clamped,
-                further_guesses=further,
-                optimiser=problem.planner.optimiser,
-                seed=problem.planner.seed,
-                weights=problem.planner.weights,
-                slowness=slowness(problem),
-                user_limits=self.user_limits,
-                settings=settings.motion,
-            )
-            return task, find_motion(task)
+        return MotionTask(
+            clamped_arm(problem.arm) if ends.clamped else problem.arm,
+            problem.workspace,
+            ends.start,
+            ends.goal,
+            ends.goal_headings,
+            guesses,
+            tip_paths,
+            deadline,
+            clamped=ends.clamped,
+            further_guesses=further,
+            optimiser=problem.planner.optimiser,
+            seed=problem.planner.seed,
+            weights=problem.planner.weights,
+            slowness=slowness(problem),
+            user_limits=self.user_limits,
+            settings=settings.motion,
+        )
 
     def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
         """Configurations, each made in the stage of that name when it is asked for."""

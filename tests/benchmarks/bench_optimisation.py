@@ -23,6 +23,7 @@ from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.optimise import optimise
+from ccm_opt.motion.search import find_motion
 from ccm_opt.planners.curve import CurvePlanner, joint_path
 from ccm_opt.problem import OptimiserName, Problem
 from ccm_opt.retiming import retime
@@ -44,8 +45,8 @@ def found(problem: Problem) -> tuple[MotionTask, Motion]:
     """The task and the motion that is found, not optimised."""
     wanted = problem.planner.optimiser
     plain = replace(problem, planner=replace(problem.planner, optimiser="none"))
-    task, motion = CurvePlanner().motion_between(plain, resolve_ends(plain), later(problem.planner.time_limit))
-    return replace(task, optimiser=wanted), motion
+    task = CurvePlanner().motion_task(plain, resolve_ends(plain), later(problem.planner.time_limit))
+    return replace(task, optimiser=wanted), find_motion(task)
 
 
 def duration(problem: Problem, task: MotionTask, motion: Motion) -> float:

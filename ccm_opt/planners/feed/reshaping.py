@@ -12,6 +12,7 @@ from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.motion.search import find_motion
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
@@ -57,7 +58,7 @@ class Reshaping:
             ends = resolve_ends(part, self.settings.curve.motion.ends)
             # Clamped ends keep the first link still, which holds the extra link straight.
             ends = replace(ends, clamped=clamped or ends.clamped)
-            _, motion = CurvePlanner(settings=self.settings.curve).motion_between(part, ends, self.deadline)
+            motion = find_motion(CurvePlanner(settings=self.settings.curve).motion_task(part, ends, self.deadline))
         except NoPlanFound:
             return None
         return self._whole(start, part.arm.bends(motion.headings), clamped=clamped)
