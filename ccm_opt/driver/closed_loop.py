@@ -71,6 +71,7 @@ def simulated_checks(
     angles = simulated.angles
     if len(angles) < 2 or max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > OUT_OF_PLANE:
         return ()
+    # The simulated motion is checked by the code that checks planned ones.
     positions = np.column_stack((bends_from_revolutes(angles), simulated.base_positions))
     motion = ChainMotion(problem.arm, trajectory.time, positions)
     walls = check_walls(motion, problem.workspace, settings)

@@ -36,6 +36,7 @@ def metrics(
         if problem.goal.heading is not None:
             turn = wrap(headings[-1, -1] - problem.goal.heading)
             figures["heading_error_rad"] = abs(float(turn))
+    # An arm that followed no leader has no deviation from one.
     if path.leaders:
         figures.update(leader_figures(deviation(arm, trajectory.positions, path.leaders)))
     figures.update(

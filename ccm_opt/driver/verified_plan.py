@@ -112,6 +112,7 @@ def _put_together(
         joints = joint_states(problem.arm, trajectory, inverse_dynamics)
     with stages("verification"):
         checks = verified(problem, trajectory, joints, settings.verification)
+    # A leg's constraints hold for the leg by itself: its path parameter runs from 0 to 1.
     of_terms = _worst_of_legs([leg.of_terms for leg in timed])
     return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
 
@@ -144,6 +145,7 @@ def timed_leg(
     arm = leg.problem.arm
     timings = timings_of(leg, inverse_dynamics, retimer, settings)
     failures: list[str] = []
+    # Paul's transitions leave the path, so the first timings may be refused for walls; TOPP-RA's only one is not.
     while True:
         with stages("retiming"):
             trajectory = next(timings, None)

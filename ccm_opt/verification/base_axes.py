@@ -61,6 +61,7 @@ def _range(motion: _AxisMotion, settings: VerificationSettings) -> Check:
     beyond = np.maximum(low - motion.positions, motion.positions - high)
     k = int(np.argmax(beyond))
     worst = float(motion.positions[k])
+    # The end of the range that is nearer is the one to name.
     bound = high if worst > 0.5 * (low + high) else low
     passed = bool(beyond[k] <= settings.range_tolerance)
     return Check(f"{motion.name} range", worst, bound, "m", f"t = {motion.time[k]:.4f} s", passed=passed)

@@ -109,9 +109,11 @@ def prove_apart(
         nearest = _nearer(motion, nodes, pairs, gap, nearest)
         if nearest.gap < least:
             return Verdict(proved=False, nearest=nearest)
+        # A pair that does not come near enough within its travel is done with, for this stretch and all parts of it.
         undecided = gap - travel < least
         if np.any(undecided & (travel < settings.resolution)):
             return Verdict(proved=False, nearest=nearest, remark="touches within the resolution of the proof")
+        # Halving doubles the pairs; a motion that would need more memory than that is refused, never waved through.
         if 2 * np.count_nonzero(undecided) > settings.most_pairs:
             return Verdict(proved=False, nearest=nearest, remark="so close for so long that the proof was given up")
 
@@ -133,6 +135,7 @@ def _nearer(motion: ChainMotion, nodes: Nodes, pairs: Pairs, gap: FloatArray, kn
 
 
 def _halve(nodes: Nodes, pairs: Pairs) -> tuple[Nodes, Pairs]:
+    # Stretches without an undecided pair are dropped, so pairs are numbered anew among those that are left.
     kept, renumbered = np.unique(pairs.node, return_inverse=True)
     first = 2 * renumbered
     children = Pairs(np.concatenate((first, first + 1)), np.tile(pairs.link, 2), np.tile(pairs.other, 2))

@@ -30,6 +30,7 @@ def _velocities(problem: Problem, trajectory: JointTrajectory) -> Check:
     bends = trajectory.bend_angles
     speed = trajectory.bend_velocities
     gap = np.abs(np.diff(bends, axis=0) / step - 0.5 * (speed[1:] + speed[:-1]))
+    # Differences of angles as long as 1 rad lose their last digits, and a short step makes much of them.
     rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(bends))) / step
     allowed = 0.25 * step * problem.limits.acceleration[1::3] + rounding
 
@@ -55,6 +56,7 @@ def _accelerations(problem: Problem, trajectory: JointTrajectory, settings: Veri
     value = trajectory.bend_accelerations
     speed = trajectory.bend_velocities
     gained = np.diff(speed, axis=0)
+    # What a step gains beyond its larger, or short of its smaller acceleration, its samples do not explain.
     above = gained - step * np.maximum(value[1:], value[:-1])
     below = step * np.minimum(value[1:], value[:-1]) - gained
     outside = np.sum(np.maximum(np.maximum(above, below), 0.0), axis=0)

@@ -35,6 +35,7 @@ def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) ->
     count = np.size(trajectory.time)
     if np.ndim(trajectory.time) != 1 or count < 2:
         return f"time has shape {np.shape(trajectory.time)}, expected at least two samples"
+    # Every further check reads columns by the arm's layout, so another layout ends the verification here.
     layout = arm.coordinates
     if trajectory.coordinates != layout:
         return f"the motion is of {len(trajectory.coordinates)} coordinates, not of the arm's {len(layout)}"
@@ -56,6 +57,7 @@ def _stop_defect(problem: Problem, trajectory: JointTrajectory) -> str:
     stops = np.asarray(trajectory.stops, dtype=np.intp)
     if len(stops) != len(problem.stops):
         return f"{len(stops)} stops for {len(problem.stops)} goals on the way"
+    # Neither the first sample nor the last is a stop: the start is no goal, and the end is the last goal.
     inside = np.concatenate(([-1], stops, [len(trajectory.time) - 1]))
     return "" if np.all(np.diff(inside) > 0) else f"stops {stops.tolist()} are not increasing samples of the motion"
 

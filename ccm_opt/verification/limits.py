@@ -68,6 +68,7 @@ def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> l
     """Reported accelerations, what velocities gain in a step, and what mean velocities gain from step to step."""
     time = trajectory.time
     step = np.diff(time)[:, None]
+    # Revolutes are differenced here and bends below, so that false reports of either are seen.
     gained = np.diff(joints.velocities, axis=0) / step
     sources: list[_Source] = [
         (joints.accelerations, time, joints.names),
@@ -84,6 +85,7 @@ def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Sou
     """Differences of accelerations, reported and mean, and those at the ends, before and after which the arm rests."""
     time = trajectory.time
     step = np.diff(time)[:, None]
+    # Before the first sample and after the last the arm rests, for as long as the step beside it.
     around = np.concatenate((step[:1], step, step[-1:]))
     sources: list[_Source] = []
     for values in (joints.accelerations, _revolutes(trajectory.bend_accelerations)):
@@ -124,5 +126,6 @@ def _worst(name: str, unit: str, limit: FloatArray, sources: list[_Source], tole
         k, j = np.unravel_index(np.argmax(share), share.shape)
         where = f"joint {j // 3 + 1} ({names[j]}) at t = {time[k]:.4f} s"
         found.append((float(share[k, j]), float(np.abs(values[k, j])), float(limit[j]), where))
+    # Shares are compared, for the revolutes need not have the same limits.
     share_worst, worst, bound, where = max(found)
     return Check(name, worst, bound, unit, where, passed=share_worst <= 1.0 + tolerance)

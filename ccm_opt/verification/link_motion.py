@@ -104,6 +104,7 @@ class ChainMotion:
 
         The first entry, and with it all, holds how far the base is carried, in link lengths; 0 when it is fixed.
         """
+        # In link lengths the base adds to the sum like one more link that turns.
         turned = _running_sum(np.abs(self._heading_steps))
         return turned + np.abs(np.diff(self._carried))[:, None] / self.arm.link_length
 

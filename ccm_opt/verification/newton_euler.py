@@ -80,9 +80,11 @@ def _forces(
     along, across = _directions(headings)
     rate = np.cumsum(velocities[:, : arm.links], axis=1)
     growth = np.cumsum(accelerations[:, : arm.links], axis=1)
+    # Along a link the acceleration grows by l (φ̈ across − φ̇² along); it is summed from the base, which may be carried.
     step = arm.link_length * (growth[..., None] * across - (rate**2)[..., None] * along)
     base = advance(arm, accelerations)[:, None, None] * _axis(arm)
     ends = np.cumsum(step, axis=1) + base
+    # A link's mass stands at its middle; it needs what moves it so, beside what gravity gives.
     needed = arm.masses[:, None] * (ends - 0.5 * step - gravity)
     return needed, np.asarray(arm.payload * (ends[:, -1:] - gravity))
 
@@ -95,6 +97,7 @@ def _joint_moments(
     N_i = N_{i+1} + l e_i × F_{i+1} + ½ l e_i × f_i + dL_i/dt, with f_i the force that link i's mass needs.
     """
     l = arm.link_length
+    # What joint i passes on is the force of all links beyond link i; its own acts at half its length.
     beyond = _sum_from_tip(needed) - needed + carried
     spin = -(arm.inertia_transverse * growth)[..., None] * _OUT
     return _sum_from_tip(np.cross(l * along, beyond + 0.5 * needed) + spin)

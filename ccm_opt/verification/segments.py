@@ -35,6 +35,7 @@ def _chunk_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray)
     np.minimum(least, _end_to_segment(b, c, d), out=least)
     np.minimum(least, _end_to_segment(c, a, b), out=least)
     np.minimum(least, _end_to_segment(d, a, b), out=least)
+    # Segments that cross have ends that may all be far away, so crossing is asked for apart.
     return np.where(_cross(a, b, c, d), 0.0, np.sqrt(least))
 
 

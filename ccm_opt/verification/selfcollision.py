@@ -64,6 +64,7 @@ def _relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.nd
     turned = motion.turned[k, j + 1] - motion.turned[k, i]
     bent = motion.bent[k, j + 1] - motion.bent[k, i + 1]
     weighted = motion.bent_weighted[k, j + 1] - motion.bent_weighted[k, i + 1]
+    # Running sums lose digits when they are subtracted; what they can have lost is added to the bound.
     rounding = 1e-12 * (1.0 + motion.bent_weighted[k, -1])
     return np.asarray(motion.arm.link_length * (np.minimum(turned, (j + 2) * bent - weighted) + rounding))
 
@@ -78,7 +79,9 @@ def _candidates(motion: ChainMotion, poses: FloatArray, look: float) -> Pairs:
     for apart in range(first_distant(arm), arm.links):
         dx = x[:, apart:] - x[:, :-apart]
         dy = y[:, apart:] - y[:, :-apart]
+        # To the ends of an interval, half of it away, the links between the two turn by half of what they turn in all.
         travel = 0.5 * arm.link_length * (motion.turned[:, apart + 1 :] - motion.turned[:, : -apart - 1])
+        # Middles of links are at most half a link each from the places where the links are nearest.
         reach = arm.link_length * (1.0 + 1e-9) + look + travel
         node, first = np.nonzero(dx * dx + dy * dy <= reach * reach)
         found.append((node, first, first + apart))

@@ -67,6 +67,7 @@ def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationS
     places = [0, *trajectory.stops, len(trajectory.time) - 1]
     limits = problem.limits
     speeds = np.abs(trajectory.bend_velocities[places])
+    # Shares are compared, for the joints need not have the same limits.
     share = speeds / limits.velocity[1::3]
     k, j = np.unravel_index(np.argmax(share), share.shape)
     where = f"joint {j + 1} at t = {trajectory.time[places[k]]:.4f} s"
@@ -144,6 +145,7 @@ def _on_curve(
     curve = pose.configuration
     # The curve is given as it lies while the base is not carried along.
     points = chain_points(arm, link_headings(arm, bends), np.zeros(()))
+    # Forty places a link stand for the curve: the distance to them is too great by at most some l / 80 at a joint.
     arc = np.linspace(0.0, curve.length, 40 * arm.links + 1)
     trace = curve.positions_at(arc)
     off = np.array([np.min(np.linalg.norm(trace - point, axis=1)) for point in points])

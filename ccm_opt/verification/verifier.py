@@ -41,6 +41,7 @@ def verify(
     """
     form = check_form(problem, trajectory, joints, settings)
     names = _check_names(problem, joints)
+    # What is malformed would make every further check fail in a way that explains nothing.
     if not (form.passed and names.passed):
         return form, names
     motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)

@@ -64,7 +64,7 @@ def _edges_of(part: shapely.Geometry) -> FloatArray:
     if isinstance(part, shapely.Polygon):
         return np.concatenate([_edges_of(ring) for ring in (part.exterior, *part.interiors)])
     points = shapely.get_coordinates(part)
-    if len(points) == 1:
+    if len(points) == 1:  # the centre of a circle
         return np.repeat(points[None], 2, axis=1)
     return np.stack((points[:-1], points[1:]), axis=1)
 
@@ -115,6 +115,7 @@ def _prove(
     def evaluate(nodes: Nodes, pairs: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         start, end = _axis(poses, pairs.node, pairs.link, exposed)
         distance = segment_distances(start, end, edges.start[pairs.other], edges.end[pairs.other])
+        # A point moves with all links up to its own, so their turns add up; the first entry is what carries the base.
         travel = nodes.half[pairs.node] * arm.link_length * motion.turned[nodes.interval[pairs.node], pairs.link + 1]
         return distance - edges.rounding[pairs.other] - arm.radius, travel
 
@@ -155,6 +156,7 @@ def _probe(
     node = np.repeat(chosen, len(links))
     link = np.tile(links, len(chosen))
     start, end = _axis(poses, node, link, exposed)
+    # Roundings differ from wall to wall, so the nearest edge need not be the nearest wall: a bound is all it gives.
     (found, other), distance = edges.lines.query_nearest(
         shapely.linestrings(np.stack((start, end), axis=1)), return_distance=True, all_matches=False
     )
