@@ -183,7 +183,7 @@ def test_reshaping_leaves_the_guide_alone() -> None:
         bends[-beyond + 1 : -beyond + 3] = 0.4
         start = np.zeros(arm.links)
         start[-beyond + 1 : -beyond + 3] = 0.3
-        reshaping = Reshaping(problem, Deadline(time.monotonic() + 20.0))
+        reshaping = Reshaping(problem, Deadline(time.monotonic() + 900.0))
         keyframes = reshaping.keyframes(JointPose(start, feed), bends, 0.8)
         assert keyframes is not None
         assert np.array_equal(keyframes[:, -1], np.full(len(keyframes), feed))

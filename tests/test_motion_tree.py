@@ -125,20 +125,29 @@ def test_a_deadline_ends_the_search_within_a_step() -> None:
     assert len(deadline.asked) < 410
 
 
+class DeadlineOfWork(Deadline):
+    """A moment on the clock of the process's own work, which other programs on the machine do not hasten."""
+
+    def passed(self) -> bool:
+        """Whether it is over."""
+        return time.process_time() > self.at
+
+
 def test_the_time_limit_is_kept_and_told() -> None:
     """A search that runs out of time ends on time and says that the trees were grown until then."""
     task = motion_task(boxed_in().problem(TipGoal(np.array([0.3, -0.5]))))
-    task = replace(task, deadline=Deadline(time.monotonic() + 0.3))
+    deadline = DeadlineOfWork(time.process_time() + 0.3)
+    task = replace(task, deadline=deadline)
     with pytest.raises(TimeLimitReached, match=r"trees of \d+ poses were grown until the time limit"):
         find_motion(task, NO_CANDIDATES)
-    assert time.monotonic() < task.deadline.at + 1.0
+    assert time.process_time() < deadline.at + 1.0
 
 
 def test_trees_that_reach_nothing_new_end_before_the_time_limit() -> None:
     """An arm in a duct too narrow to fold cannot get to a side branch; the search gives up and says so."""
     task = motion_task(boxed_in().problem(TipGoal(np.array([0.3, -0.5]))))
     with pytest.raises(MotionNotFound, match="until they reached nothing new"):
-        find_motion(replace(task, deadline=later(120.0)), NO_CANDIDATES)
+        find_motion(replace(task, deadline=later(900.0)), NO_CANDIDATES)
 
 
 def boxed_in() -> Scene:
