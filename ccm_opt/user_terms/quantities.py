@@ -62,7 +62,7 @@ class Quantities:
 
     @property
     def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
-        """The symbols that the expression of a timed motion may hold: those of a path, and the rates."""
+        """The symbols that the expression of a timed motion may hold, those of a path, and the rates."""
         return *self.symbols, *self.rates
 
     def is_timed(self, expression: Any) -> bool:
