@@ -8,8 +8,8 @@ class GridSettings:
     """Where along the path the limits are written down.
 
     Attributes:
-        intervals: wanted number of grid intervals. Taste: what is lost between grid points is within the shares below;
-            ``tests/benchmarks/bench_retiming.py`` reports CPU time and the use of every limit with it.
+        intervals: wanted number of grid intervals. Measured by ``tests/benchmarks/bench_retiming.py``: against 800 the
+            motion takes 1.9 % longer in the median.
         most_intervals: most grid intervals, whatever the number of knots. Taste; it bounds the time.
         even_share: share of the intervals that is spread evenly over the spans, for those where the path turns rather
             than moves; the others go by length. Taste.
