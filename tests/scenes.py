@@ -33,7 +33,7 @@ from ccm_opt.motion.pose import Pose
 from ccm_opt.motion.settings.step_settings import StepSettings
 from ccm_opt.motion.step import Stepper
 from ccm_opt.planners.curve_guesses import find_guesses
-from ccm_opt.planners.curve_routes import find_routes, route_margin, tip_paths_along
+from ccm_opt.planners.curve_routes import find_routes, route_inflation, tip_paths_along
 from ccm_opt.problem import Problem
 
 MARGIN = 2.5e-3
@@ -130,7 +130,7 @@ def later(seconds: float = 60.0) -> Deadline:
 def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = False) -> MotionTask:
     """What the planner asks of the search for a problem, with or without guesses of goal poses."""
     ends = resolve_ends(problem)
-    room = FreeSpace(problem.workspace, route_margin(problem, ends))
+    room = FreeSpace(problem.workspace, route_inflation(problem, ends))
     routes = () if ends.goal_headings is not None else find_routes(problem, ends, room)
     return MotionTask(
         arm=problem.arm,

@@ -18,7 +18,7 @@ def _check(space: FreeSpace, corridor: Corridor) -> None:
     regions = [shapely.Polygon(region.vertices) for region in corridor.regions]
     string = shapely.LineString(corridor.route.taut)
     assert all(shapely.difference(region, free).area < 1e-9 for region in regions)
-    assert shapely.difference(string, shapely.buffer(shapely.union_all(regions), space.margin)).length < 1e-6
+    assert shapely.difference(string, shapely.buffer(shapely.union_all(regions), space.inflation)).length < 1e-6
     for region, end in ((corridor.regions[0], string.coords[0]), (corridor.regions[-1], string.coords[-1])):
         assert np.all(region.normals @ np.array(end) <= region.offsets + 1e-9)
     assert corridor.portals.shape == (len(regions) - 1, 2, 2)
@@ -29,7 +29,7 @@ def _check(space: FreeSpace, corridor: Corridor) -> None:
         overlap = shapely.intersection(before, after)
         assert overlap.area > 1e-6 * narrowest**2
         assert shapely.covers(shapely.buffer(overlap, 1e-8), shapely.LineString(portal))
-        assert shapely.distance(shapely.LineString(portal), string) < space.margin + 1e-9
+        assert shapely.distance(shapely.LineString(portal), string) < space.inflation + 1e-9
         assert (
             np.linalg.norm(portal[0] - portal[1]) > 1e-3 * narrowest
         )  # an edge may be long where a corner opposite leaves little room

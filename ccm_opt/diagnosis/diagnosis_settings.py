@@ -8,9 +8,9 @@ class PassageProofSettings:
     """How finely passages are measured, and which obstacles are taken away.
 
     Attributes:
-        fineness: relative accuracy of the widest margin. Taste.
-        beyond: margin at which the narrowest place of the widest way is closed, as a multiple of the margin that just
-            passes. Taste; ten times the fineness.
+        fineness: relative accuracy of the widest inflation. Taste.
+        beyond: inflation at which the narrowest place of the widest way is closed, as a multiple of the inflation that
+            just passes. Taste; ten times the fineness.
         most_removed: obstacles that are taken away one at a time, nearest to the narrow place first. Taste.
         detour: a way longer than the straight line by less than this share of it is reported by the check of reach
             alone. Taste.

@@ -52,29 +52,29 @@ class PassageSearch:
     @cached_property
     def space(self) -> WideSpace:
         """Free space for the arm as it is."""
-        return self.at(self.margin)
+        return self.at(self.inflation)
 
     @property
-    def margin(self) -> float:
+    def inflation(self) -> float:
         """Distance of the axis from walls [m]."""
         return self.problem.arm.radius + self.problem.workspace.clearance
 
-    def at(self, margin: float, workspace: Workspace | None = None) -> WideSpace:
-        """Free space with another margin, or in another workspace."""
-        return wide_space(self.problem, self.goal, self.tolerance, margin, workspace, self.settings.arc_sides)
+    def at(self, inflation: float, workspace: Workspace | None = None) -> WideSpace:
+        """Free space with another inflation, or in another workspace."""
+        return wide_space(self.problem, self.goal, self.tolerance, inflation, workspace, self.settings.arc_sides)
 
     @cached_property
     def widest(self) -> float:
-        """The largest margin with any way [m]; 0 when there is none for an arm of no width."""
-        return _largest(self.margin, lambda margin: self.at(margin).connected, self.settings.fineness)
+        """The largest inflation with any way [m]; 0 when there is none for an arm of no width."""
+        return _largest(self.inflation, lambda inflation: self.at(inflation).connected, self.settings.fineness)
 
     @cached_property
     def widest_within_length(self) -> float:
-        """The largest margin with a way no longer than the arm [m]; 0 when there is none."""
-        return _largest(min(self.margin, self.widest or self.margin), self._short_enough, self.settings.fineness)
+        """The largest inflation with a way no longer than the arm [m]; 0 when there is none."""
+        return _largest(min(self.inflation, self.widest or self.inflation), self._short_enough, self.settings.fineness)
 
-    def _short_enough(self, margin: float) -> bool:
-        return self.at(margin).shortest <= self.problem.arm.length
+    def _short_enough(self, inflation: float) -> bool:
+        return self.at(inflation).shortest <= self.problem.arm.length
 
     def opened_without(self, near: FloatArray) -> tuple[str, ...]:
         """Obstacles without which there is a way wide and short enough, nearest to a place (2,) first."""
@@ -85,7 +85,7 @@ class PassageSearch:
         return tuple(
             obstacles[k].name
             for k in order
-            if self.at(self.margin, without(self.problem.workspace, obstacles[k].name)).shortest <= length
+            if self.at(self.inflation, without(self.problem.workspace, obstacles[k].name)).shortest <= length
         )
 
 
@@ -95,7 +95,7 @@ def without(workspace: Workspace, name: str) -> Workspace:
 
 
 def _largest(high: float, holds: Callable[[float], bool], fineness: float) -> float:
-    """The largest margin up to ``high`` that satisfies a monotone condition, by bisection; 0 when none does."""
+    """The largest inflation up to ``high`` that satisfies a monotone condition, by bisection; 0 when none does."""
     if holds(high):
         return high
     if not holds(THIN):
@@ -120,9 +120,9 @@ def _too_long(search: PassageSearch, key: str) -> Finding:
     corner = taut[len(taut) // 2] if len(taut) > 2 else taut.mean(axis=0)
     round_what = _walls_round(search, taut[1:-1])
     bounds = {"arm.link_length": need / arm.links}
-    margin = search.widest_within_length - search.problem.workspace.clearance
-    if margin > 0.0:
-        bounds["arm.radius"] = margin
+    inflation = search.widest_within_length - search.problem.workspace.clearance
+    if inflation > 0.0:
+        bounds["arm.radius"] = inflation
     detour = f" round {listed(round_what)}" if round_what else ""
     return Finding(
         "too short",
@@ -189,18 +189,18 @@ def _blocking(
     """The finding of a closed way, with the radius and the clearance that would open it where they can."""
     clearance = search.problem.workspace.clearance
     bounds = {}
-    margin = search.widest_within_length if search.widest else 0.0
-    if margin > clearance:
-        bounds["arm.radius"] = margin - clearance
-    if margin > search.problem.arm.radius and clearance > 0.0:
-        bounds["workspace.clearance"] = margin - search.problem.arm.radius
+    inflation = search.widest_within_length if search.widest else 0.0
+    if inflation > clearance:
+        bounds["arm.radius"] = inflation - clearance
+    if inflation > search.problem.arm.radius and clearance > 0.0:
+        bounds["workspace.clearance"] = inflation - search.problem.arm.radius
     return Finding(
         kind,
         reason,
         key=key,
         place=point(place),
         measured=gap,
-        allowed=2.0 * search.margin,
+        allowed=2.0 * search.inflation,
         obstacles=tuple(dict.fromkeys((*search.opened_without(place), *walls))),
         bounds=bounds,
     )

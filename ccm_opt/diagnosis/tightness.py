@@ -17,7 +17,7 @@ from ccm_opt.geometry.polyline import leg_lengths
 from ccm_opt.motion.ends import Ends, resolve_ends
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.curve_guesses import configuration_task
-from ccm_opt.planners.curve_routes import find_routes, route_margin
+from ccm_opt.planners.curve_routes import find_routes, route_inflation
 from ccm_opt.problem import Problem
 
 
@@ -27,7 +27,7 @@ def tight_places(problem: Problem, settings: TightnessSettings = DEFAULT_DIAGNOS
         return ()
     try:
         ends = resolve_ends(problem)
-        room = FreeSpace(problem.workspace, route_margin(problem, ends))
+        room = FreeSpace(problem.workspace, route_inflation(problem, ends))
         routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
     except NoPlanFound:
         return ()
@@ -54,7 +54,7 @@ def _narrow(
 ) -> Iterator[Finding]:
     """The narrowest gap on a route against the diameter."""
     narrow = narrowest_passage(problem.workspace, room.triangulation, route.sleeve)
-    gap = narrow.width + 2.0 * room.margin
+    gap = narrow.width + 2.0 * room.inflation
     need = 2.0 * (problem.arm.radius + problem.workspace.clearance)
     if gap <= settings.narrow * need:
         yield Finding(
@@ -98,7 +98,7 @@ def _stiff(
     arm = problem.arm
     # Limits near half a turn are cut off, where tangent and cosine run away.
     tightest = 0.5 * arm.link_length / np.tan(0.5 * min(arm.joint_limit, 0.99 * np.pi))
-    for corner, turn, outwards in _turns(route.taut, 2.0 * room.margin, settings.least_turn):
+    for corner, turn, outwards in _turns(route.taut, 2.0 * room.inflation, settings.least_turn):
         half = np.cos(0.5 * min(abs(turn), 0.95 * np.pi))
         radius = _depth(room, corner, outwards, arm.length) * half / (1.0 - half)
         if radius <= settings.stiff * tightest:

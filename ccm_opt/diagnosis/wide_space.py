@@ -13,7 +13,7 @@ from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.problem import Problem
 
 THIN = 1e-6
-"""Rounding: the margin that stands for an arm of no width [m]."""
+"""Rounding: the inflation that stands for an arm of no width [m]."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,10 @@ class WideSpace(FreeSpace):
         """Free space as polygons; the exact free set is a subset of it."""
         # Inscribed arcs make obstacles a little smaller than they are; discs around the ends are circumscribed.
         arc = self.arc_sides
-        room = shapely.buffer(self.workspace.boundary, -self.margin, quad_segs=arc)
+        room = shapely.buffer(self.workspace.boundary, -self.inflation, quad_segs=arc)
         grown = [
-            shapely.buffer(wall.core, wall.rounding + self.margin, quad_segs=arc) for wall in self.workspace.obstacles
+            shapely.buffer(wall.core, wall.rounding + self.inflation, quad_segs=arc)
+            for wall in self.workspace.obstacles
         ]
         free = shapely.difference(room, shapely.union_all(grown))
         # The mount may stand in a wall, and the tip anywhere within its tolerance.
@@ -87,7 +88,7 @@ def wide_space(
     problem: Problem,
     goal: FloatArray,
     tolerance: float,
-    margin: float | None = None,
+    inflation: float | None = None,
     workspace: Workspace | None = None,
     arc_sides: int = DEFAULT_DIAGNOSIS.passages.arc_sides,
 ) -> WideSpace:
@@ -97,12 +98,12 @@ def wide_space(
         problem: what was asked.
         goal: of the tip, shape (2,) [m].
         tolerance: of the goal's position [m].
-        margin: distance of the axis from walls [m]; radius and clearance when None.
+        inflation: distance of the axis from walls [m]; radius and clearance when None.
         workspace: another workspace, or the problem's when None.
         arc_sides: sides of a quarter of a circle.
     """
     arm = problem.arm
     workspace = workspace or problem.workspace
-    if margin is None:
-        margin = arm.radius + workspace.clearance
-    return WideSpace(workspace, max(margin, THIN), arm.base, arm.mount_length, goal, tolerance, arc_sides)
+    if inflation is None:
+        inflation = arm.radius + workspace.clearance
+    return WideSpace(workspace, max(inflation, THIN), arm.base, arm.mount_length, goal, tolerance, arc_sides)

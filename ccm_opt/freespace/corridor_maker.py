@@ -26,7 +26,7 @@ class CorridorMaker:
 
     Attributes:
         triangulation: of free space.
-        slack: how far beside the regions the taut string may cut a corner [m]; must be less than the margin by which
+        slack: how far beside the regions the taut string may cut a corner [m]; must be less than the inflation by which
             the obstacles were grown, so that no obstacle fits in between.
         settings: numbers of the choice of regions.
     """

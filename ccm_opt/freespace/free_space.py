@@ -24,33 +24,33 @@ from ccm_opt.geometry.rounding import ROUNDING
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """The places of the arm's axis farther than a margin from all walls; parts are made when first needed.
+    """The places of the arm's axis farther than its inflation from all walls; parts are made when first needed.
 
     Points a little outside, for example a base that stands on a wall, count as the nearest free points.
 
     Attributes:
         workspace: the room and its obstacles.
-        margin: the arm's radius plus clearance [m], positive; a tiny number, as 1e-6, for an arm of no width.
+        inflation: the arm's radius plus clearance [m], positive; a tiny number, as 1e-6, for an arm of no width.
         settings: numbers of the method.
 
     Raises:
-        ValueError: when the margin is not positive.
+        ValueError: when the inflation is not positive.
     """
 
     workspace: Workspace
-    margin: float
+    inflation: float
     settings: FreeSpaceSettings = field(default=DEFAULT_FREE_SPACE, kw_only=True)
 
     def __post_init__(self) -> None:
-        if not self.margin > 0.0:
+        if not self.inflation > 0.0:
             raise ValueError(
-                f"got margin = {self.margin} m, expected a positive length: for an arm of no width pass 1e-6"
+                f"got inflation = {self.inflation} m, expected a positive length: for an arm of no width pass 1e-6"
             )
 
     @cached_property
     def polygons(self) -> shapely.MultiPolygon:
         """Free space as polygons; a subset of the exact free set."""
-        polygons = free_set(self.workspace, self.margin, self.settings)
+        polygons = free_set(self.workspace, self.inflation, self.settings)
         shapely.prepare(polygons)
         return polygons
 
@@ -62,7 +62,7 @@ class FreeSpace:
     @cached_property
     def corridor_maker(self) -> CorridorMaker:
         """Convex cells and the regions grown from them."""
-        return CorridorMaker(self.triangulation, self.settings.corner_slack * self.margin, self.settings)
+        return CorridorMaker(self.triangulation, self.settings.corner_slack * self.inflation, self.settings)
 
     @cached_property
     def _metric(self) -> EdgeMetric:

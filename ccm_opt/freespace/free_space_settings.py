@@ -8,11 +8,11 @@ class FreeSpaceSettings:
     """How finely free space is drawn, how many classes of paths are looked at, and how regions are chosen.
 
     Attributes:
-        mitre_limit: distance of a grown corner's tangent, as a multiple of the margin. Derived: with 1.02, turns below
-            22° need one vertex only, and nothing is given away but 2 % of the margin.
+        mitre_limit: distance of a grown corner's tangent, as a multiple of the inflation. Derived: with 1.02, turns
+            below 22° need one vertex only, and nothing is given away but 2 % of the inflation.
         circle_quad_segs: sides of the polygon around a quarter of a circle; with 3, a circle becomes a 12-gon, 3.5 %
             wider at its vertices. Taste.
-        dent: depth up to which dents of free space are filled, as a share of the margin. Taste.
+        dent: depth up to which dents of free space are filled, as a share of the inflation. Taste.
         route_surplus: classes that are drawn taut for each route wanted, at most. Taste.
         least_classes: but so many in any case: in near-empty rooms the sampled length is at its coarsest. Taste.
         sampled_excess: the sampled length of a class is at most this multiple of its taut length; mostly 1.01 in
@@ -22,7 +22,7 @@ class FreeSpaceSettings:
         bisections: times that a straight piece which meets a wall is halved before the shortest walk is taken. Taste.
         walls_first: walls that are shut out of a growing region before the others are looked at; these usually hide
             all others, so the number moves the time only. Taste.
-        corner_slack: share of the margin by which a taut string may leave a corridor where it bends round a corner.
+        corner_slack: share of the inflation by which a taut string may leave a corridor where it bends round a corner.
             Derived: less than 1, so that no obstacle fits in between.
         portal_width: width that a portal should have, as a share of the route's narrowest edge. Taste.
         portal_trials: crossings of the string at which a portal is tried, at most. Taste.

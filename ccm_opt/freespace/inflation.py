@@ -1,7 +1,7 @@
-"""The free set of the arm's axis: the room shrunk and the obstacles grown by a margin, with few vertices.
+"""The free set of the arm's axis: the room shrunk and the obstacles grown by an inflation, with few vertices.
 
 Everything here errs to the safe side: the polygons made are subsets of the true free set (the points farther than the
-margin from all walls). Sides are offset exactly; a convex corner's arc is replaced by at most two tangents, a circle
+inflation from all walls). Sides are offset exactly; a convex corner's arc is replaced by at most two tangents, a circle
 by the tangents of a 12-gon.
 """
 
@@ -21,39 +21,39 @@ SMALLEST_AREA = 1e-12
 
 
 def free_set(
-    workspace: Workspace, margin: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+    workspace: Workspace, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 ) -> shapely.MultiPolygon:
-    """All places of the arm's axis farther than ``margin`` from every wall, less a little at rounded corners.
+    """All places of the arm's axis farther than ``inflation`` from every wall, less a little at rounded corners.
 
     Args:
         workspace: the room and its obstacles.
-        margin: the arm's radius plus clearance [m], positive; for an arm of no width a tiny number.
+        inflation: the arm's radius plus clearance [m], positive; for an arm of no width a tiny number.
         settings: how finely corners and circles are drawn.
 
     Returns:
         The free set; empty when nothing is free. Components may be several.
 
     Raises:
-        ValueError: when ``margin`` is not positive.
+        ValueError: when ``inflation`` is not positive.
     """
-    if margin <= 0.0:
-        raise ValueError(f"got margin = {margin} m, expected a positive length: for an arm of no width pass 1e-6")
-    room = shapely.buffer(workspace.boundary, -margin, join_style="mitre", mitre_limit=settings.mitre_limit)
-    grown = shapely.union_all([grown_outline(obstacle, margin, settings) for obstacle in workspace.obstacles])
+    if inflation <= 0.0:
+        raise ValueError(f"got inflation = {inflation} m, expected a positive length: for an arm of no width pass 1e-6")
+    room = shapely.buffer(workspace.boundary, -inflation, join_style="mitre", mitre_limit=settings.mitre_limit)
+    grown = shapely.union_all([grown_outline(obstacle, inflation, settings) for obstacle in workspace.obstacles])
     pieces = shapely.get_parts(shapely.difference(room, grown))
-    dent = settings.dent * margin
+    dent = settings.dent * inflation
     polygons = [_without_dents(piece, dent) for piece in pieces if shapely.area(piece) > SMALLEST_AREA]
     return shapely.MultiPolygon([polygon for polygon in polygons if isinstance(polygon, shapely.Polygon)])
 
 
 def grown_outline(
-    obstacle: Obstacle, margin: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+    obstacle: Obstacle, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 ) -> shapely.Geometry:
-    """A polygon of few vertices that contains all points within ``margin`` [m] of the obstacle."""
-    radius = obstacle.rounding + margin
+    """A polygon of few vertices that contains all points within ``inflation`` [m] of the obstacle."""
+    radius = obstacle.rounding + inflation
     core = obstacle.core
     if isinstance(core, shapely.Point):
-        return obstacle.outline(margin, settings.circle_quad_segs)
+        return obstacle.outline(inflation, settings.circle_quad_segs)
     if isinstance(core, shapely.LineString):
         points = shapely.get_coordinates(core)
         return shapely.union_all([_capsule(a, b, radius) for a, b in itertools.pairwise(points)])

@@ -98,7 +98,7 @@ class Triangulation:
         """
         if len(self) == 0:
             raise ValueError(
-                "free space is empty: the margin leaves the arm no room, try a smaller radius or clearance"
+                "free space is empty: its inflation leaves the arm no room, try a smaller radius or clearance"
             )
         triangles = self.locate(points)
         free = np.array(points, dtype=np.float64)

@@ -52,7 +52,7 @@ class TipPath:
 
 
 def find_tip_paths(
-    workspace: Workspace, points: FloatArray, routes: tuple[FloatArray, ...], margin: float, shrink: float
+    workspace: Workspace, points: FloatArray, routes: tuple[FloatArray, ...], inflation: float, shrink: float
 ) -> tuple[TipPath, ...]:
     """Both sides of every route, shortest tip path first.
 
@@ -60,12 +60,12 @@ def find_tip_paths(
         workspace: walls and boundary.
         points: joints and tip at the start, shape (links + 1, 2) [m].
         routes: from the base to the goal, each of shape (k, 2) [m].
-        margin: inflation of the walls [m].
+        inflation: inflation of the walls [m].
         shrink: distance kept from corners where there is room [m].
     """
     puncture = Obstacle("base", shapely.Point(points[0]))
     punctured = replace(workspace, obstacles=(*workspace.obstacles, puncture))
-    return tip_paths_in(FreeSpace(punctured, margin), points, routes, shrink)
+    return tip_paths_in(FreeSpace(punctured, inflation), points, routes, shrink)
 
 
 def tip_paths_in(
@@ -114,7 +114,7 @@ def taut_round_base(
 def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
     """The taut path along a route; the puncture at its own base is no obstacle to it, so the first bit stays."""
     span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route strays
-    outside = _beyond(route, min(free_space.margin + 2.0 * shrink, 0.5 * span))
+    outside = _beyond(route, min(free_space.inflation + 2.0 * shrink, 0.5 * span))
     inside = route[: len(route) - len(outside) + 1]
     path = np.vstack((inside, free_space.taut_path(outside, shrink=shrink)))
     return shapely.get_coordinates(shapely.LineString(path).simplify(_STRAIGHT))

@@ -22,7 +22,7 @@ from ccm_opt.motion.motion_task import CachedItems, JointSlowness, Motion, Motio
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.smooth_path import smooth_path
 from ccm_opt.planners.curve_guesses import find_guesses, further_guesses
-from ccm_opt.planners.curve_routes import find_routes, route_margin, tip_paths_along
+from ccm_opt.planners.curve_routes import find_routes, route_inflation, tip_paths_along
 from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
@@ -74,7 +74,7 @@ class CurvePlanner:
         """
         settings = self.settings
         with self.stages("free space"):
-            room = FreeSpace(problem.workspace, route_margin(problem, ends, settings))
+            room = FreeSpace(problem.workspace, route_inflation(problem, ends, settings))
             routes = find_routes(problem, ends, room, settings) if ends.goal_headings is None else ()
             tip_paths = tip_paths_along(problem, ends, routes, settings)
         guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes, settings)))

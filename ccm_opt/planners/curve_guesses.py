@@ -125,7 +125,7 @@ def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
         sides = shapely.linestrings(np.stack((region.vertices, np.roll(region.vertices, -1, axis=0)), axis=1))
         nearest = shapely.get_point(shapely.shortest_line(sides, route), 0)
         least = (shapely.distance(np.asarray(nearest)[:, None], cores) - rounding).min(axis=1)
-        gaps.append(np.maximum(least - room.margin, 0.0))
+        gaps.append(np.maximum(least - room.inflation, 0.0))
     return tuple(gaps)
 
 

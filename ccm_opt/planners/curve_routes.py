@@ -16,7 +16,7 @@ from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerS
 from ccm_opt.problem import Problem
 
 
-def route_margin(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> float:
+def route_inflation(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> float:
     """Inflation of the walls for routes [m]: a little more than the arm needs, but no more than the goal has.
 
     Where that closes every way from the base to the goal it is hardly more than the arm needs.
@@ -24,7 +24,7 @@ def route_margin(problem: Problem, ends: Ends, settings: CurvePlannerSettings = 
     least = problem.arm.radius + problem.workspace.clearance
     goal = shapely.Point(ends.goal.position)
     room = min(shapely.distance(goal, wall.core) - wall.rounding for wall in problem.workspace.walls)
-    inflation = settings.route_margin * problem.arm.length
+    inflation = settings.route_inflation * problem.arm.length
     kept = settings.least_margin * inflation
     wide = least + float(np.clip(room - least - kept, kept, inflation))
     if ends.goal_headings is not None or _connected(problem, ends, wide):
@@ -32,9 +32,9 @@ def route_margin(problem: Problem, ends: Ends, settings: CurvePlannerSettings = 
     return least + kept
 
 
-def _connected(problem: Problem, ends: Ends, margin: float) -> bool:
+def _connected(problem: Problem, ends: Ends, inflation: float) -> bool:
     """Whether the free places nearest to the base and to the goal are in one piece."""
-    pieces = shapely.get_parts(FreeSpace(problem.workspace, margin).polygons)
+    pieces = shapely.get_parts(FreeSpace(problem.workspace, inflation).polygons)
     if len(pieces) < 2:
         return len(pieces) == 1
     nearest = [np.argmin(shapely.distance(pieces, shapely.Point(p))) for p in (problem.arm.base, ends.goal.position)]
@@ -115,8 +115,8 @@ def tip_paths_along(
         ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_headings),)
     else:
         ways = tuple(route.taut for route in routes)
-    margin = route_margin(problem, ends, settings)
-    paths = find_tip_paths(problem.workspace, points, ways, margin, settings.corner_distance * arm.length)
+    inflation = route_inflation(problem, ends, settings)
+    paths = find_tip_paths(problem.workspace, points, ways, inflation, settings.corner_distance * arm.length)
     if ends.goal_headings is None:
         return paths
     return turning_by(paths, points, float(ends.goal_headings[0] - ends.start[0]))

@@ -11,7 +11,7 @@ class CurvePlannerSettings:
     """Numbers of the planner, from free space to the smooth path.
 
     Attributes:
-        route_margin: inflation of free space for routes beyond radius and clearance, as a share of the arm's length.
+        route_inflation: inflation of free space for routes beyond radius and clearance, as a share of the arm's length.
             Taste.
         least_margin: share of that inflation that is always kept, so that free space is never empty of width. Taste.
         corner_distance: distance that taut paths keep from corners where there is room, as a share of the arm's
@@ -32,7 +32,7 @@ class CurvePlannerSettings:
         motion: of the search for a motion.
     """
 
-    route_margin: float = 1e-3
+    route_inflation: float = 1e-3
     least_margin: float = 1e-3
     corner_distance: float = 0.016
     run_in: tuple[float, ...] = (2.0, 1.0, 0.5, 0.0)

@@ -20,7 +20,7 @@ class BaselineSettings:
             fewer than the certificate's own pay. Taste.
         merging_tolerance: how far headings may move when segments of the start are merged [rad]; the follower's
             offset makes up for it exactly. Taste.
-        route_margin: inflation of the walls for routes beyond radius and clearance, as a share of the arm's length.
+        route_inflation: inflation of the walls for routes beyond radius and clearance, as a share of the arm's length.
             Taste.
         types_tried: segment types that are tried, best first. The paper has five; the last is seldom any good. Taste.
         climbing: of the climbs, the schemas, and the plans made of them.
@@ -32,7 +32,7 @@ class BaselineSettings:
     certified_gap: float = 1e-4
     bisections: int = 3
     merging_tolerance: float = 0.02
-    route_margin: float = 1e-3
+    route_inflation: float = 1e-3
     types_tried: int = 4
     climbing: ClimbingSettings = field(default_factory=ClimbingSettings)
 

@@ -121,7 +121,7 @@ class Follower:
         """Free space of the arm's axis."""
         arm = self.problem.arm
         need = arm.radius + self.problem.workspace.clearance
-        return FreeSpace(self.problem.workspace, need + self.settings.route_margin * arm.length)
+        return FreeSpace(self.problem.workspace, need + self.settings.route_inflation * arm.length)
 
     @property
     def hurried_world(self) -> World:
