@@ -53,7 +53,7 @@ def curve_points(configuration: Configuration, links: int) -> FloatArray:
 def shape_error(arm: Arm, configuration: Configuration, headings: FloatArray) -> float:
     """Greatest distance of a joint from its own point of the curve, max |P_j - p(s_j)| [m].
 
-    For curvature κ the even-joint mapping gives 0.077 κ l² with the elbow on the bulge side (DESIGN section 6).
+    For curvature κ the even-joint mapping gives 0.077 κ l² with the elbow on the bulge side.
     """
     joints = arm.joint_positions(headings) - arm.base + configuration.base
     return float(np.linalg.norm(joints - curve_points(configuration, arm.links), axis=1).max())
