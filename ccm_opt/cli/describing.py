@@ -51,7 +51,7 @@ def arm_lines(problem: Problem) -> list[str]:
         f"mass {np.sum(arm.masses):.6g} kg, payload {arm.payload:g} kg; gravity {gravity.tolist()} m/s²",
     ]
     lines += [
-        f"feed axis from {axis.low:g} to {axis.high:g} m along the base heading, guide ends at {axis.hole:g}"
+        f"feed axis from {axis.low:g} to {axis.high:g} m along the base heading, guide tube ends at {axis.hole:g}"
         for axis in arm.base_axes
     ]
     return lines

@@ -19,12 +19,12 @@ HELD_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Feed:
-    """A linear axis along the base heading that carries the base through a guide; distances from ``Arm.base`` [m].
+    """A linear axis along the base heading that carries the base through a guide tube; distances from ``Arm.base`` [m].
 
     Attributes:
         low: least position of the base on the axis.
         high: greatest position.
-        hole: where the guide ends; joints that have not passed it are held straight.
+        hole: where the guide tube ends; joints that have not passed it are held straight.
     """
 
     low: float
@@ -221,7 +221,7 @@ class Arm:
         return unit_vector(self.base_heading)
 
     def held(self, feed: FloatArray | float) -> BoolArray:
-        """Which joints a guide of the base still holds straight, shape (..., links), boolean; none without one.
+        """Which joints a guide tube of the base still holds straight, shape (..., links), boolean; none without one.
 
         Args:
             feed: position of the base on its feed axis, shape (...) [m].
@@ -232,5 +232,5 @@ class Arm:
 
     @property
     def hole(self) -> float:
-        """Distance from ``base`` at which the last guide of the base ends [m]; −∞ when there is none."""
+        """Distance from ``base`` at which the last guide tube of the base ends [m]; −∞ when there is none."""
         return max((axis.hole for axis in self.base_axes), default=-np.inf)

@@ -22,7 +22,7 @@ def find_configuration(task: ConfigurationTask, most_attempts: int | None = None
     """A configuration that reaches the goal inside the corridor within the curvature limit.
 
     Tries one segment a region first, then more; for each the nearest winding of the tip heading, then its
-    neighbours, and the spare length to either side. Every answer is polished and densely checked.
+    neighbours, and the surplus length to either side. Every answer is polished and densely checked.
 
     Args:
         task: poses, length, limits and corridor.
@@ -54,7 +54,7 @@ def attempt(
         task: what is to be found.
         regions: region of each segment.
         profile: headings along the path, with their whole turns.
-        bulge: side of the spare length.
+        bulge: side of the surplus length.
     """
     tip_heading = None if task.goal_heading is None else profile.tip_heading
     nlp = build_configuration_nlp(task, regions, tip_heading)
@@ -67,7 +67,7 @@ def attempt(
 
 
 def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathProfile, int]]:
-    """Regions of the segments, path headings and side of the spare length, most promising first."""
+    """Regions of the segments, path headings and side of the surplus length, most promising first."""
     profiles = winding_profiles(task)
     first, *others = segment_regions(task, profiles[0])
     # Most tasks need the first guess only; more segments cost more than another side or winding.

@@ -1,9 +1,9 @@
-"""A first curve for the NLP: along the taut path, with the spare length as a meander where there is room.
+"""A first curve for the NLP: along the taut path, with the surplus length as a meander where there is room.
 
 The guess is a heading profile θ(s). Over region r, where the taut path has the length ℓ and the curve gets Λ ≥ ℓ, the
 heading swings about the path's by a sin 2πmu, u in [0, 1]: such a curve advances by Λ J₀(a), so J₀(a) = ℓ/Λ takes up
-the spare length (Bessel's integral; the modal curves of Chirikjian and Burdick use the same identity). Its m bumps rise
-Λ/(2m) H₀(a) from the path, H₀ Struve's function; m is the least that fits the region.
+the surplus length (Bessel's integral; the modal curves of Chirikjian and Burdick use the same identity). Its m bumps
+rise Λ/(2m) H₀(a) from the path, H₀ Struve's function; m is the least that fits the region.
 """
 
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
     Args:
         nlp: the NLP to start.
         profile: the path's headings.
-        bulge: +1 swings the spare length to the roomier side of each region, -1 to the other.
+        bulge: +1 swings the surplus length to the roomier side of each region, -1 to the other.
     """
     meander = spread_length(nlp, profile, bulge)
     s = np.linspace(0.0, 1.0, nlp.task.settings.guess_samples)
@@ -71,7 +71,7 @@ def spread_length(nlp: ConfigurationNLP, profile: PathProfile, bulge: int) -> Me
     lengths = curve_shares(task, profile)
     taut = np.diff(crossings)
 
-    # The swing that takes up each region's spare length, to the side with more room in the middle of its stretch.
+    # The swing that takes up each region's surplus length, to the side with more room in the middle of its stretch.
     swings = [end_angle(SegmentType.LEFT_RIGHT, min(1.0, t / length)) for t, length in zip(taut, lengths, strict=True)]
     amplitudes = np.array(swings)
     middle = crossings[:-1] + 0.5 * taut
@@ -92,7 +92,7 @@ def spread_length(nlp: ConfigurationNLP, profile: PathProfile, bulge: int) -> Me
 
 
 def curve_shares(task: ConfigurationTask, profile: PathProfile) -> FloatArray:
-    """Share of the arm's length that each region gets, shape (regions,): its taut stretch, spare length by area²."""
+    """Share of the arm's length that each region gets, shape (regions,): its taut stretch, surplus length by area²."""
     regions = task.corridor.regions
     taut = np.diff(region_crossings(profile, task))
     areas = np.array([shapely.Polygon(region.vertices).area for region in regions])

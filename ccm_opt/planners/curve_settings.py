@@ -22,7 +22,7 @@ class CurvePlannerSettings:
             length to bend.
         rounding: allowed when a goal at full stretch is compared with the arm's length, as a share of it. Derived.
         configurations: routes for which a goal configuration is asked of the NLP. Taste.
-        attempts: of the NLP at one configuration. Derived: its first guess with the spare length on either side.
+        attempts: of the NLP at one configuration. Derived: its first guess with the surplus length on either side.
         further_attempts: when the search asks for more configurations. Taste.
         curvature_share: share of the tightest bend (joint limit over link length) that the curve may use. Taste: links
             on a curve bend a little more than it does.

@@ -1,4 +1,4 @@
-"""The axes that carry the base: their ranges and limits, the joints a guide holds, and that figures tell one story."""
+"""The axes that carry the base: ranges and limits, the joints that a guide tube holds, and that figures agree."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +13,7 @@ from ccm_opt.verification.newton_euler import base_forces
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _INSIDE = 1e-8
-"""A joint is held when it is farther than this inside the guide [m]."""
+"""A joint is held when it is farther than this inside the guide tube [m]."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def _range(motion: _AxisMotion, settings: VerificationSettings) -> Check:
 
 
 def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
-    """What the guide holds is straight; within an interval, too, up to the moment the joint passes the hole.
+    """What the guide tube holds is straight; within an interval, too, up to the moment the joint passes the hole.
 
     Feed and bend are linear between samples, so the bend a joint has when it passes is found by proportion.
     """

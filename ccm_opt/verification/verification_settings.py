@@ -23,7 +23,7 @@ class VerificationSettings:
         effort_floor: difference of efforts beside that share [N m, N].
         range_tolerance: position of the base beyond its range [m], and bend of a held joint [rad], that are rounding.
         passing_tolerance: bend that a joint may have, by linear interpolation between two samples, when it passes the
-            hole of a guide [rad]. Taste.
+            hole of a guide tube [rad]. Taste.
         start_tolerance: largest error of a joint at the start [rad]. Taste.
         rest_share: share of the velocity limit that counts as rest. Taste.
         curve_tip_tolerance: distance of the arm's tip from the tip of the curve that it starts on [m]. Taste.

@@ -140,7 +140,7 @@ def _masses(table: ArmTable) -> FloatArray:
 
 
 def _feed(table: FeedTable) -> Feed:
-    """The feed axis; its guide ends where the base stands at full feed unless the file says otherwise."""
+    """The feed axis; its guide tube ends where the base stands at full feed unless the file says otherwise."""
     low, high = table.range
     return Feed(low, high, high if table.hole is None else table.hole)
 

@@ -165,7 +165,7 @@ def _poses(draft: _Draft) -> list[tuple[KeyPath, StartTable | GoalTable]]:
 
 
 def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issues: Issues) -> None:
-    """A pose lies within the range of the feed axis, and the guide holds its joints straight."""
+    """A pose lies within the range of the feed axis, and the guide tube holds its joints straight."""
     if arm.feed is None or not _lists_fit(arm):
         return
     built = build_arm(arm)
@@ -177,7 +177,9 @@ def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issu
     held = built.held(at)
     for k in range(min(len(bends), arm.links)):  # a list of the wrong length is reported elsewhere
         if held[k] and abs(bends[k]) > READING.angle_tolerance:
-            issues.add((*path, "joints_deg", k), "this joint is still inside the guide of the feed axis; expected 0")
+            issues.add(
+                (*path, "joints_deg", k), "this joint is still inside the guide tube of the feed axis; expected 0"
+            )
 
 
 def _check_foldable(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issues: Issues) -> None:

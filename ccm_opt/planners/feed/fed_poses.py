@@ -15,10 +15,10 @@ from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 def fed_pose(
     problem: Problem, pose: JointPose | CurvePose, which: str, settings: FeedPlannerSettings = DEFAULT_FEED
 ) -> JointPose:
-    """A pose of a problem, its bends exactly 0 where the guide holds a joint; ``which`` names it in messages.
+    """A pose of a problem, its bends exactly 0 where the guide tube holds a joint; ``which`` names it in messages.
 
     Raises:
-        UnreachableGoal: a joint that the guide holds is bent.
+        UnreachableGoal: a joint that the guide tube holds is bent.
     """
     arm = problem.arm
     held = arm.held(pose.feed)
@@ -33,8 +33,8 @@ def fed_pose(
     bent = held & (np.abs(bends) > tolerance)
     if bent.any():
         joint = int(np.argmax(bent))
-        reason = f"the {which} bends joint {joint + 1} by {np.rad2deg(bends[joint]):.3g}° inside the guide"
-        advice = (f"straighten the {which} inside the guide", f"raise {which}.feed")
+        reason = f"the {which} bends joint {joint + 1} by {np.rad2deg(bends[joint]):.3g}° inside the guide tube"
+        advice = (f"straighten the {which} inside the guide tube", f"raise {which}.feed")
         raise UnreachableGoal(Diagnosis(reason, which, advice))
     return JointPose(np.where(held, 0.0, bends), pose.feed)
 

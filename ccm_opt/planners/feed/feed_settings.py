@@ -52,7 +52,7 @@ class FeedPlannerSettings:
         paths_reshaped_to: leaders' paths to which a change of shape is tried. Taste.
         least_links_reshaped: shapes of fewer links beyond the hole are not changed. Derived: a single link has no
             shape.
-        straightening: distance that the tip may move when what the mapping of a curve bends inside the guide is
+        straightening: distance that the tip may move when what the mapping of a curve bends inside the guide tube is
             straightened [m]. Taste.
         same_pose: bends that differ by less are the same [rad]. Taste; far above the rounding of chords, far below
             anything that shows.

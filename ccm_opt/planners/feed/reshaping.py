@@ -51,7 +51,7 @@ class Reshaping:
         if too_few or start_bent or goal_bent:
             return None
 
-        # An arm has an even number of links: an odd part gets one link more, which the guide keeps straight.
+        # An arm has an even number of links: an odd part gets one link more, which the guide tube keeps straight.
         clamped = (links - first) % 2 == 1
         part = self._part(start, goal, first - int(clamped))
         try:
@@ -85,16 +85,16 @@ class Reshaping:
         )
 
     def _with_held_links(self, start: JointPose, first: int) -> Workspace:
-        """The workspace with those links in the guide that the arm from a joint on might meet."""
+        """The workspace with those links in the guide tube that the arm from a joint on might meet."""
         problem = self.problem
         arm = problem.arm
         held = first + 1 - arm.first_self_pair
         if held < 1 or not arm.self_collision:
             return problem.workspace
-        # Self-contact is measured between distant links only, so the last links in the guide are left out.
+        # Self-contact is measured between distant links only, so the last links in the guide tube are left out.
         ends = arm.base + np.outer([start.feed, start.feed + held * arm.link_length], arm.feed_direction)
         rounding = max(arm.radius - problem.workspace.clearance, 0.0)
-        body = Obstacle("the arm in its guide", shapely.LineString(ends), rounding)
+        body = Obstacle("the arm in its guide tube", shapely.LineString(ends), rounding)
         return replace(problem.workspace, obstacles=(*problem.workspace.obstacles, body))
 
     def _whole(self, start: JointPose, bends: FloatArray, *, clamped: bool) -> FloatArray:

@@ -52,12 +52,12 @@ def deviation(
     joints = arm.joint_positions_at(poses)
     feeds = arm.coordinates.advance(poses)
 
-    # Places on the links, shape (poses, links, places, 2), of which those in the guide follow no leader.
+    # Places on the links, shape (poses, links, places, 2), of which those in the guide tube follow no leader.
     shares = (np.arange(settings.places_per_link) + 0.5) / settings.places_per_link
     places = joints[:, :-1, None] + shares[:, None] * (joints[:, 1:, None] - joints[:, :-1, None])
     pose, link, place = np.nonzero(_beyond_hole(arm, feeds, shares))
     if len(pose) == 0:
-        return Deviation(0.0, 0.0, "the arm stays in its guide", 0.0, 0.0)
+        return Deviation(0.0, 0.0, "the arm stays in its guide tube", 0.0, 0.0)
 
     points = np.asarray(shapely.points(places[pose, link, place]))
     distance, straight = _nearest_leader(points, leaders, arm.link_length, settings.straight_turn)

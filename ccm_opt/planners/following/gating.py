@@ -1,4 +1,4 @@
-"""Whether joints are straight for as long as the guide holds them."""
+"""Whether joints are straight for as long as the guide tube holds them."""
 
 from dataclasses import replace
 
@@ -19,8 +19,8 @@ def travel_between_samples(arm: Arm, limits: Limits, settings: FollowingSettings
 def feed_limits(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> Limits:
     """Limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
 
-    Joints may bend only once they are out of the guide by what the base can travel from one sample to the next, so a
-    base that is allowed to be very fast is held back rather than its joints.
+    Joints may bend only once they are out of the guide tube by what the base can travel from one sample to the next, so
+    a base that is allowed to be very fast is held back rather than its joints.
     """
     if limits.feed_velocity is None:
         return limits
@@ -39,7 +39,7 @@ def straight_while_held(
     Args:
         arm: with a feed axis.
         spline: of bends and feed, over [0, 1].
-        travel: of the base, around a joint's bending, in which the joint must be outside the guide too [m].
+        travel: of the base, around a joint's bending, in which the joint must be outside the guide tube too [m].
         settings: of following.
     """
     per_span = settings.samples_per_span

@@ -11,7 +11,7 @@ from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, Fol
 from ccm_opt.planners.following.leader import LeaderPath
 
 _NO_BEND = 1e-10
-"""Bends below this are rounding of straight chords [rad]; the guide asks for exactly straight joints."""
+"""Bends below this are rounding of straight chords [rad]; the guide tube asks for exactly straight joints."""
 _WHOLE_STEPS = 1e-9
 """A distance that is this part of a step more than whole steps is taken as whole: rounding."""
 
@@ -23,7 +23,7 @@ def slide(
     feeds = feeds_between(arm, start, end, settings)
     joints = path.joints(feeds, arm.links, arm.link_length)
     bends = arm.bends(path.link_headings(joints))
-    # The guide takes exactly straight joints only.
+    # The guide tube takes exactly straight joints only.
     bends = np.where(np.abs(bends) < _NO_BEND, 0.0, bends)
     return np.column_stack((bends, feeds))
 
