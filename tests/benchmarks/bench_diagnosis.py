@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("--seeds", nargs=2, type=int, default=(0, 10), metavar=("FIRST", "END"))
     parser.add_argument("--families", nargs="+", default=FAMILIES, choices=FAMILIES)
     parser.add_argument("--time-limit", type=float, default=60.0, help="of every problem [s]")
-    parser.add_argument("--tell", action="store_true", help="print every reason")
+    parser.add_argument("--list", action="store_true", help="print every reason")
     arguments = parser.parse_args()
     everything: list[Outcome] = []
     print(f"{'family':12s} {'named':>8s} {'within 5 %':>11s} {'error':>22s} {'user CPU [s]':>22s}")
@@ -90,7 +90,7 @@ def main() -> None:
             everything += outcomes
     print(line("all", everything))
     for outcome in everything:
-        if arguments.tell or not outcome.good or outcome.seconds > 5.0:
+        if arguments.list or not outcome.good or outcome.seconds > 5.0:
             figures = f"code {outcome.code}, named {outcome.named}, error {outcome.error:.3f}, {outcome.seconds:.2f} s"
             print(f"{outcome.case.data['name']}: {figures}: {outcome.reason}")
 

@@ -99,7 +99,7 @@ def row(*cells: object) -> None:
     print(f"| {' | '.join(str(cell) for cell in cells)} |", flush=True)
 
 
-def tell(runs: Iterable[Run]) -> None:
+def print_failures(runs: Iterable[Run]) -> None:
     """Print why runs failed."""
     print()
     for item in runs:
@@ -115,7 +115,7 @@ def table(problems: Iterable[tuple[str, int, Callable[[], Problem]]], repeat: in
     for name, links, make in problems:
         pair = pairs[name, links] = Pair.of(make(), repeat, f"{name}, {links} links")
         row(name, links, *pair.cells())
-    tell(item for pair in pairs.values() for item in (pair.found[0], pair.optimised[0]))
+    print_failures(item for pair in pairs.values() for item in (pair.found[0], pair.optimised[0]))
     ratios(pairs)
     return pairs
 
@@ -170,7 +170,7 @@ def clutter_table(options: argparse.Namespace) -> None:
         for kind, runs in kinds.items():
             row(count, len(runs), kind, *clutter_cells(runs))
             failed += [item for item in runs if item.outcome != "verified"]
-    tell(failed)
+    print_failures(failed)
 
 
 def clutter_cells(runs: list[Run]) -> tuple[str, ...]:
@@ -216,7 +216,7 @@ def soundness(options: argparse.Namespace) -> None:
         planned = run(problem, f"seed {seed}", optimised=seed % 2 == 0)
         for group in groups(problem):
             outcomes[group][planned.outcome] += 1
-        if planned.outcome in {"refused", "crash"} or (options.tell and planned.outcome != "verified"):
+        if planned.outcome in {"refused", "crash"} or (options.list and planned.outcome != "verified"):
             print(f"- seed {seed}: {planned.outcome}. {planned.reason}", flush=True)
         if planned.trajectory is not None:
             seen.append(sweep(problem, planned.trajectory))
@@ -282,7 +282,7 @@ def main() -> None:
     command.add_argument("--seeds", nargs=2, type=int, default=[60_000, 61_000], metavar=("FIRST", "END"))
     command.add_argument("--time-limit", type=float, default=30.0, help="of each plan [s]")
     command.add_argument("--minutes", type=float, default=np.inf, help="wall time after which no other seed is begun")
-    command.add_argument("--tell", action="store_true", help="list the problems without a plan too")
+    command.add_argument("--list", action="store_true", help="list the problems without a plan too")
     options = parser.parse_args()
     options.action(options)
 
