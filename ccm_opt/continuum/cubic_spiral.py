@@ -20,13 +20,12 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.kinematics import integrate_positions
 from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import heading_of, unit_vector, wrap
+from ccm_opt.geometry.rounding import ROUNDING
 
 LARGEST_TURN = 4.0
 """Turns beyond this are refused [rad]: the chord of a cubic spiral shrinks to nothing a little later."""
 _LARGEST_SUM = 6.28
 """A whole turn in all leaves no place for a mean pose: it would be infinitely far [rad]."""
-_SYMMETRY = 1e-9
-"""Poses whose headings the chord bisects to this angle are symmetric [rad]."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 """Gauss points of the chord's integral."""
 
@@ -150,7 +149,8 @@ def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: 
     direction = heading_of(chord)
     before = wrap(direction - heading)
     after = wrap(end_heading - direction)
-    if abs(before - after) <= _SYMMETRY and 2.0 * abs(before) <= LARGEST_TURN:
+    # Symmetric poses are joined by one spiral.
+    if abs(before - after) <= ROUNDING and 2.0 * abs(before) <= LARGEST_TURN:
         return (CubicSpiral.to_point(start, heading, end),)
     low, high = _mean_range(before, after)
 

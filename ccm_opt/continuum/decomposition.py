@@ -15,11 +15,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import PIECES, POWERS, CurvatureSegment, Knots
 from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.rounding import ROUNDING, SHORTEST
 
-SHORTEST = 1e-6
-"""Rounding: shortest part that division makes, as a share of the segment or chain of segments."""
-_SAME = 1e-9
-"""Relative jump of a derivative that counts as rounding."""
 _FIT_SAMPLES = 65
 """Headings that a least-squares fit looks at: thirteen for each value that it finds."""
 
@@ -151,7 +148,7 @@ def _replaced(
 def _merged(values: FloatArray, length: float) -> FloatArray:
     """Sorted values without repetition up to rounding."""
     values = np.sort(values)
-    distinct: FloatArray = values[np.append(True, np.diff(values) > _SAME * length)]
+    distinct: FloatArray = values[np.append(True, np.diff(values) > ROUNDING * length)]
     return distinct
 
 
@@ -239,7 +236,7 @@ class _Stretch:
     def _exact(self) -> CurvatureSegment | None:
         """The stretch as one segment where that changes nothing, else None."""
         jumps = self._jumps()
-        scale = _SAME * max(1.0 / self.length, float(np.abs(self.coefficients[:, 0]).max()))
+        scale = ROUNDING * max(1.0 / self.length, float(np.abs(self.coefficients[:, 0]).max()))
         too_many = len(self.breaks) > PIECES + 1
         if too_many:
             scale *= 1.0 + 1e3  # differences of merged parts carry more rounding

@@ -11,11 +11,12 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.diagnosis.contact import tip_has_room
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageProofSettings
 from ccm_opt.diagnosis.keyed_poses import tip_places
-from ccm_opt.diagnosis.wide_space import THIN, WideSpace, wide_space
+from ccm_opt.diagnosis.wide_space import WideSpace, wide_space
 from ccm_opt.diagnosis.words import at, listed, metres, millimetres, point
 from ccm_opt.errors import Finding
 from ccm_opt.freespace.bottleneck import nearest_walls
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
+from ccm_opt.geometry.rounding import SHORTEST
 from ccm_opt.problem import Problem
 
 
@@ -98,10 +99,10 @@ def _largest(high: float, holds: Callable[[float], bool], fineness: float) -> fl
     """The largest inflation up to ``high`` that satisfies a monotone condition, by bisection; 0 when none does."""
     if holds(high):
         return high
-    if not holds(THIN):
+    if not holds(SHORTEST):
         return 0.0
     # What is open to an arm is open to every thinner one, so that bisection finds the largest.
-    low = THIN
+    low = SHORTEST
     while high - low > fineness * high:
         middle = 0.5 * (low + high)
         if holds(middle):
@@ -156,7 +157,7 @@ def _closed(search: PassageSearch, key: str) -> Finding:
             f"{millimetres(gap)} between {listed(walls)} at {at(place)}, the arm has {diameter}"
         )
         return _blocking("too thick", reason, search, key, place, walls, gap)
-    place, walls = _narrowest(search, search.at(THIN))
+    place, walls = _narrowest(search, search.at(SHORTEST))
     opened = search.opened_without(place)
     who = listed(opened[:3]) if opened else listed(walls)
     reason = f"{key}: no way leads to the goal, not for an arm of any width: {who} closes it off at {at(place)}"

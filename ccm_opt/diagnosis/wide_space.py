@@ -10,10 +10,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.geometry.rounding import SHORTEST
 from ccm_opt.problem import Problem
-
-THIN = 1e-6
-"""Rounding: the inflation that stands for an arm of no width [m]."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,8 @@ class WideSpace(FreeSpace):
 
 def _disc(middle: FloatArray, radius: float, arc_sides: int) -> shapely.Geometry:
     """A polygon that contains the disc."""
-    wide = max(radius, THIN) / np.cos(np.pi / (4 * arc_sides))
+    # A disc of no width would have no outline to be cut out.
+    wide = max(radius, SHORTEST) / np.cos(np.pi / (4 * arc_sides))
     disc: shapely.Geometry = shapely.buffer(shapely.Point(middle), wide, quad_segs=arc_sides)
     return disc
 
@@ -106,4 +105,4 @@ def wide_space(
     workspace = workspace or problem.workspace
     if inflation is None:
         inflation = arm.radius + workspace.clearance
-    return WideSpace(workspace, max(inflation, THIN), arm.base, arm.mount_length, goal, tolerance, arc_sides)
+    return WideSpace(workspace, max(inflation, SHORTEST), arm.base, arm.mount_length, goal, tolerance, arc_sides)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.frames import bends_from_revolutes
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory, SimulatedMotion
@@ -18,8 +19,6 @@ WALLS = "simulated_least_wall_clearance_m"
 """Figure of the least distance to walls."""
 ITSELF = "simulated_least_self_clearance_m"
 """Figure of the least distance between links."""
-OUT_OF_PLANE = 1e-9
-"""Angle of a yaw or roll from which on the arm has left its plane [rad]; obstacles are known in the plane alone."""
 
 
 def simulate_and_check(
@@ -69,7 +68,8 @@ def simulated_checks(
 ) -> tuple[Check, ...]:
     """Clearance of the simulated arm from walls and itself, linear between samples; nothing once it left its plane."""
     angles = simulated.angles
-    if len(angles) < 2 or max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > OUT_OF_PLANE:
+    # Obstacles are known in the plane alone, which yaws and rolls beyond rounding leave.
+    if len(angles) < 2 or max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > ROUNDING:
         return ()
     # The simulated motion is checked by the code that checks planned ones.
     positions = np.column_stack((bends_from_revolutes(angles), simulated.base_positions))

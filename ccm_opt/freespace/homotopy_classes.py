@@ -15,9 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.junctions import SAMPLES, Chain, EdgeMetric, chains_between, min_plus
-
-TINY = 1e-12
-"""Keeps edges of no length in a sparse matrix, where zero means no edge [m]."""
+from ccm_opt.geometry.rounding import TINY
 
 
 @dataclass(frozen=True, order=True)
@@ -149,6 +147,7 @@ def _remaining(
     sample = np.arange(SAMPLES)
     tail = np.broadcast_to(SAMPLES * pairs[:, 0, None, None] + sample[:, None], lengths.shape).ravel()
     head = np.broadcast_to(SAMPLES * pairs[:, 1, None, None] + sample, lengths.shape).ravel()
+    # In a sparse matrix zero means no edge, so that edges of no length need a little.
     weight = lengths.ravel() + TINY
     finite = np.isfinite(weight)
     last = [index for index, chain in enumerate(chains) if chain.head == goal]

@@ -15,9 +15,7 @@ from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceS
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.geometry.angles import heading_of, unit_vector
 from ccm_opt.geometry.polygons import cross
-
-SMALLEST_AREA = 1e-12
-"""Smaller pieces of free space are rounding [m²]."""
+from ccm_opt.geometry.rounding import TINY
 
 
 def free_set(
@@ -42,7 +40,8 @@ def free_set(
     grown = shapely.union_all([grown_outline(obstacle, inflation, settings) for obstacle in workspace.obstacles])
     pieces = shapely.get_parts(shapely.difference(room, grown))
     dent = settings.dent * inflation
-    polygons = [_without_dents(piece, dent) for piece in pieces if shapely.area(piece) > SMALLEST_AREA]
+    # Smaller pieces of free space [m²] are left over by rounding.
+    polygons = [_without_dents(piece, dent) for piece in pieces if shapely.area(piece) > TINY]
     return shapely.MultiPolygon([polygon for polygon in polygons if isinstance(polygon, shapely.Polygon)])
 
 

@@ -9,9 +9,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.triangulation import Triangulation
-
-STRAIGHT = 1e-12
-"""Rounding: a corner that is dented by less than this counts as convex [m]."""
+from ccm_opt.geometry.rounding import TINY
 
 
 @dataclass(frozen=True)
@@ -96,7 +94,8 @@ class _Faces:
         bx, by = self.points[head]
         cx, cy = self.points[self.following[head]]
         longer = max(abs(bx - ax) + abs(by - ay), abs(cx - bx) + abs(cy - by))
-        return (bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -STRAIGHT * longer
+        # A corner that is dented by rounding counts as convex.
+        return (bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -TINY * longer
 
     def _ring(self, half_edge: int) -> FloatArray:
         ring = [half_edge]

@@ -18,10 +18,7 @@ from ccm_opt.geometry.polygons import (
     signed_area,
     without_short_edges,
 )
-from ccm_opt.geometry.rounding import ROUNDING
-
-NEAR = 1e-6
-"""Rounding: a wall nearer than this is shut out by an edge line; its nearest point gives no sharp direction [m]."""
+from ccm_opt.geometry.rounding import ROUNDING, SHORTEST
 
 
 def region_of(vertices: FloatArray) -> ConvexRegion:
@@ -65,7 +62,8 @@ def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatA
     for wall in np.argsort(gaps, kind="stable"):
         if not inside[wall]:
             continue
-        if gaps[wall] > NEAR:
+        # A nearer wall is shut out by an edge line: its nearest point gives no sharp direction.
+        if gaps[wall] > SHORTEST:
             normal = (on_wall[wall] - on_cell[wall]) / gaps[wall]
             offset = float(normal @ on_wall[wall])
         else:

@@ -3,9 +3,7 @@
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-
-PARALLEL = 1e-12
-"""Rounding: cosine below which a line counts as parallel to an edge."""
+from ccm_opt.geometry.rounding import TINY
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -117,9 +115,10 @@ def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, direct
     """
     rate = directions @ normals.T
     slack = np.maximum(offsets - through @ normals.T, 0.0)
-    reach = slack / np.where(np.abs(rate) > PARALLEL, rate, 1.0)
-    ahead = np.min(np.where(rate > PARALLEL, reach, np.inf), axis=1)[:, None]
-    behind = np.max(np.where(rate < -PARALLEL, reach, -np.inf), axis=1)[:, None]
+    # Lines parallel to an edge, up to rounding of the cosine, never meet it.
+    reach = slack / np.where(np.abs(rate) > TINY, rate, 1.0)
+    ahead = np.min(np.where(rate > TINY, reach, np.inf), axis=1)[:, None]
+    behind = np.max(np.where(rate < -TINY, reach, -np.inf), axis=1)[:, None]
     return np.stack((through + behind * directions, through + ahead * directions), axis=1)
 
 

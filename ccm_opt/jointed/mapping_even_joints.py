@@ -6,10 +6,8 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import vector_headings, wrap
 from ccm_opt.geometry.polygons import cross
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING, MappingSettings
-
-COINCIDENT = 1e-9
-"""Rounding: even joints nearer than this share of a link are one point."""
 
 
 def even_joint_headings(
@@ -51,7 +49,7 @@ def _chords(points: FloatArray, link_length: float, slack: float) -> tuple[Float
             f"even joints {2 * pair} and {2 * pair + 2} are {chords[pair]:.9g} m apart, two links reach only "
             f"{2.0 * link_length:.9g} m; make curve and arm equally long"
         )
-    for pair in np.flatnonzero(chords < COINCIDENT * link_length):
+    for pair in np.flatnonzero(chords < ROUNDING * link_length):
         raise ProblemError(
             f"even joints {2 * pair} and {2 * pair + 2} coincide, so joint {2 * pair + 1} has no place of its own; "
             "bend the curve less or use more links"

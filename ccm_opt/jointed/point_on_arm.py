@@ -6,10 +6,8 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
-
-ROUNDING = 1e-9
-"""Share of the arm's length by which an arc length may pass its end, which is rounding."""
 
 
 @dataclass(frozen=True)

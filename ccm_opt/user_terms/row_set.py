@@ -8,15 +8,13 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.geometry.rounding import TINY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ccm_opt.user_terms.functions import CompiledConstraint
     from ccm_opt.user_terms.quantities import Quantities
-
-_ROUNDING = 1e-12
-"""Rounding of the path parameter at the ends of an interval."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +136,7 @@ class RowSet:
 
     def _apply_at(self, u: FloatArray | float) -> BoolArray:
         """Which rows apply at a place of the motion, shape (rows,), or (N, rows) for ``u`` of shape (N, 1)."""
-        inside: BoolArray = (self.first <= u + _ROUNDING) & (u <= self.last + _ROUNDING)
+        inside: BoolArray = (self.first <= u + TINY) & (u <= self.last + TINY)
         return inside
 
     def _evaluated(self, headings: FloatArray, u: float, feed: float) -> tuple[FloatArray, FloatArray]:

@@ -6,12 +6,10 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.simulation.reference import hermite
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
 from ccm_opt.solution import SimulatedMotion
-
-ROUNDING = 1e-9
-"""A sample that rounding puts past the end of a step by less than this share of it belongs to the step."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +62,7 @@ class SimulationRecord:
     def add(self, steps: SimulatedSteps) -> None:
         """Interpolate some steps at the samples inside them."""
         local = self.places - steps.first
+        # A sample that rounding puts past the end of the steps belongs to them.
         here = np.flatnonzero((local >= 0.0) & (local <= steps.count + ROUNDING))
         index = np.minimum((local[here] + ROUNDING).astype(int), steps.count - 1)
         self.positions[here] = hermite(local[here] - index, self.step, steps.states[index], steps.states[index + 1])

@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached
+from ccm_opt.geometry.rounding import TINY
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import Folds, fold_plan, subgoals
@@ -26,9 +27,6 @@ from ccm_opt.planners.baseline.follower import Follower
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 from ccm_opt.stages import Stages
-
-_STILL = 1e-12
-"""A step that turns no link by more than this [rad] is rounding; the spline wants distinct keyframes."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +164,8 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
     headings[0] = follower.ends.start  # the same but for rounding
 
     turns = np.abs(np.diff(headings, axis=0)).max(axis=1)
-    moved = np.append(True, turns > _STILL)
+    # The spline wants distinct keyframes; steps that turn no link by more than rounding are left out.
+    moved = np.append(True, turns > TINY)
     headings = headings[moved]
     curves = tuple(curves[k] for k in np.flatnonzero(moved))
 

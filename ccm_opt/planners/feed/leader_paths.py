@@ -19,6 +19,7 @@ from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.geometry.polyline import path_length
+from ccm_opt.geometry.rounding import SHORTEST
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.nlp.configuration_task import ConfigurationTask
@@ -28,9 +29,6 @@ from ccm_opt.planners.following.elastic_band import ElasticBand
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.planners.following.path_of_shape import path_through
 from ccm_opt.problem import Problem, TipGoal
-
-_LEAST_MARGIN = 1e-6
-"""Inflation of walls for an arm without thickness [m]; without any, free space would touch itself at corners."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +147,8 @@ class LeaderPaths:
         arm = self.problem.arm
         workspace = self.problem.workspace
         sagitta = 0.125 * arm.joint_limit * arm.link_length  # κ l²/8 with κ = limit / l
-        return FreeSpace(workspace, max(arm.radius + workspace.clearance + margin * sagitta, _LEAST_MARGIN))
+        # Without any inflation, free space would touch itself at corners.
+        return FreeSpace(workspace, max(arm.radius + workspace.clearance + margin * sagitta, SHORTEST))
 
     def _curve_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
         """Where the curve begins and ends; with a goal heading the last link lies straight behind the goal."""

@@ -18,10 +18,8 @@ from ccm_opt.collision.walls import Walls
 from ccm_opt.geometry.angles import heading_of, unit_vector
 from ccm_opt.geometry.polygons import nearest_on_segments
 from ccm_opt.geometry.polyline import arc_lengths, points_at
+from ccm_opt.geometry.rounding import TINY
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, ElasticBandSettings
-
-_TINY = 1e-12
-"""Keeps divisions by lengths finite."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class ElasticBand:
 
         # Central differences; κ h² is what the second one has along the normal.
         ahead = around[2:] - around[:-2]
-        tangents = ahead / np.maximum(np.hypot(*ahead.T), _TINY)[:, None]
+        tangents = ahead / np.maximum(np.hypot(*ahead.T), TINY)[:, None]
         normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
         second = around[:-2] - 2.0 * band + around[2:]
         scaled_curvature = np.einsum("ij,ij->i", second, normals)
@@ -151,7 +149,7 @@ class ElasticBand:
         apart = nearest_on_segments(band[:, None], edges[None]) - band[:, None]
         distance = np.hypot(apart[..., 0], apart[..., 1])
         sideways = tangents[:, None, 0] * apart[..., 1] - tangents[:, None, 1] * apart[..., 0]
-        return distance - rounding, sideways / np.maximum(distance, _TINY)
+        return distance - rounding, sideways / np.maximum(distance, TINY)
 
 
 def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: float) -> FloatArray:

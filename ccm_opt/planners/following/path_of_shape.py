@@ -10,12 +10,10 @@ from scipy.interpolate import CubicSpline
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.angles import unit_vector, vector_headings, whole_turns
 from ccm_opt.geometry.polyline import arc_lengths
+from ccm_opt.geometry.rounding import SHORTEST
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.leader import LeaderPath
-
-_ON_AXIS = 1e-6
-"""Samples of the axis nearer than this to where the path leaves it are left out, in link lengths: rounding."""
 
 
 def path_of_pose(
@@ -124,4 +122,5 @@ def _on_axis(arm: Arm, leaves: float) -> FloatArray:
     """Arc lengths of samples of the feed axis before the path leaves it, a link length behind the base's range on."""
     low, _ = arm.base_range
     arc = np.arange(min(low, leaves) - arm.link_length, leaves, arm.link_length)
-    return arc[arc < leaves - _ON_AXIS * arm.link_length]
+    # Two samples in one place would leave the interpolation no slope.
+    return arc[arc < leaves - SHORTEST * arm.link_length]

@@ -6,14 +6,13 @@ Keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.leader import LeaderPath
 
 _NO_BEND = 1e-10
 """Bends below this are rounding of straight chords [rad]; the guide tube asks for exactly straight joints."""
-_WHOLE_STEPS = 1e-9
-"""A distance that is this part of a step more than whole steps is taken as whole: rounding."""
 
 
 def slide(
@@ -37,7 +36,8 @@ def feeds_between(arm: Arm, start: float, end: float, settings: FollowingSetting
     """Feeds from one to another, both held, at most a ``feed_step`` apart [m]."""
     if start == end:
         return np.array([start])
-    steps = np.ceil(abs(end - start) / feed_step(arm, settings) - _WHOLE_STEPS)
+    # Whole steps stay whole when rounding puts the distance a little beyond them.
+    steps = np.ceil(abs(end - start) / feed_step(arm, settings) - ROUNDING)
     return np.linspace(start, end, 1 + int(steps))
 
 
