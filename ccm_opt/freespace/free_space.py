@@ -66,7 +66,7 @@ class FreeSpace:
 
     @cached_property
     def _metric(self) -> EdgeMetric:
-        return EdgeMetric(self.triangulation)
+        return EdgeMetric(self.triangulation, self.settings.edge_samples)
 
     def contains(self, points: FloatArray) -> BoolArray:
         """Which points (m, 2) [m] are free; shape (m,)."""

@@ -13,6 +13,8 @@ class FreeSpaceSettings:
         circle_quad_segs: sides of the polygon around a quarter of a circle; with 3, a circle becomes a 12-gon, 3.5 %
             wider at its vertices. Taste.
         dent: depth up to which dents of free space are filled, as a share of the inflation. Taste.
+        edge_samples: points on each edge of the triangulation, ends included, between which paths are measured before
+            any is drawn taut. Taste; a walk costs its square.
         route_surplus: classes that are drawn taut for each route wanted, at most. Taste.
         least_classes: but so many in any case: in near-empty rooms the sampled length is at its coarsest. Taste.
         sampled_excess: the sampled length of a class is at most this multiple of its taut length; mostly 1.01 in
@@ -34,6 +36,7 @@ class FreeSpaceSettings:
     mitre_limit: float = 1.02
     circle_quad_segs: int = 3
     dent: float = 0.02
+    edge_samples: int = 7
     route_surplus: int = 6
     least_classes: int = 20
     sampled_excess: float = 1.25

@@ -14,7 +14,7 @@ import scipy.sparse
 from scipy.sparse.csgraph import dijkstra
 
 from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.freespace.junctions import SAMPLES, Chain, EdgeMetric, chains_between, min_plus
+from ccm_opt.freespace.junctions import Chain, EdgeMetric, chains_between, min_plus
 from ccm_opt.geometry.rounding import TINY
 
 
@@ -131,7 +131,7 @@ def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> C
 def _step_lengths(metric: EdgeMetric, chains: list[Chain], pairs: IntArray) -> FloatArray:
     """Lengths from the end of each pair's first chain along the second one, shape (pairs, m, m) [m]."""
     if len(pairs) == 0:
-        return np.empty((0, SAMPLES, SAMPLES))
+        return np.empty((0, metric.samples, metric.samples))
     heads = np.array([chain.head for chain in chains])[pairs[:, 0]]
     entries = np.array([chain.entry for chain in chains])[pairs[:, 0]]
     exits = np.array([chain.exit for chain in chains])[pairs[:, 1]]
@@ -143,15 +143,16 @@ def _remaining(
     metric: EdgeMetric, chains: list[Chain], pairs: IntArray, lengths: FloatArray, goal: int, point: FloatArray
 ) -> FloatArray:
     """Least lengths to the goal from the sample points of each chain's last edge, shape (chains, m) [m]."""
-    size = len(chains) * SAMPLES
-    sample = np.arange(SAMPLES)
-    tail = np.broadcast_to(SAMPLES * pairs[:, 0, None, None] + sample[:, None], lengths.shape).ravel()
-    head = np.broadcast_to(SAMPLES * pairs[:, 1, None, None] + sample, lengths.shape).ravel()
+    samples = metric.samples
+    size = len(chains) * samples
+    sample = np.arange(samples)
+    tail = np.broadcast_to(samples * pairs[:, 0, None, None] + sample[:, None], lengths.shape).ravel()
+    head = np.broadcast_to(samples * pairs[:, 1, None, None] + sample, lengths.shape).ravel()
     # In a sparse matrix zero means no edge, so that edges of no length need a little.
     weight = lengths.ravel() + TINY
     finite = np.isfinite(weight)
     last = [index for index, chain in enumerate(chains) if chain.head == goal]
-    final = (SAMPLES * np.array(last, dtype=np.intp)[:, None] + sample).ravel()
+    final = (samples * np.array(last, dtype=np.intp)[:, None] + sample).ravel()
     to_goal = [np.linalg.norm(metric.points[goal, chains[index].entry] - point, axis=1) + TINY for index in last]
     # One node more stands for the goal. All steps run backwards, so that one search from it finds all lengths.
     backwards = scipy.sparse.coo_array(
@@ -161,4 +162,4 @@ def _remaining(
         ),
         shape=(size + 1, size + 1),
     ).tocsr()
-    return np.asarray(dijkstra(backwards, indices=[size])[0, :size].reshape(-1, SAMPLES), dtype=np.float64)
+    return np.asarray(dijkstra(backwards, indices=[size])[0, :size].reshape(-1, samples), dtype=np.float64)

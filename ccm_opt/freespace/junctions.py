@@ -13,10 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE
 from ccm_opt.freespace.triangulation import WALL, Triangulation
-
-SAMPLES = 7
-"""Points on each edge, ends included; the shape of every array here."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +41,15 @@ class Chain:
 
 @dataclass(frozen=True)
 class EdgeMetric:
-    """Sample points on the edges of a triangulation and the distances between them within triangles."""
+    """Sample points on the edges of a triangulation and the distances between them within triangles.
+
+    Attributes:
+        triangulation: of free space.
+        samples: points on each edge, ends included; m in the shapes of all arrays.
+    """
 
     triangulation: Triangulation
+    samples: int = DEFAULT_FREE_SPACE.edge_samples
 
     @cached_property
     def points(self) -> FloatArray:
@@ -57,7 +61,7 @@ class EdgeMetric:
         # From the vertex of the lower number, so that both triangles of an edge see the same points.
         first = np.where(forward[..., None], tails, heads)[:, :, None]
         last = np.where(forward[..., None], heads, tails)[:, :, None]
-        fraction = np.linspace(0.0, 1.0, SAMPLES)[:, None]
+        fraction = np.linspace(0.0, 1.0, self.samples)[:, None]
         return np.asarray(first + fraction * (last - first), dtype=np.float64)
 
     @cached_property
@@ -110,7 +114,7 @@ def _follow(metric: EdgeMetric, neighbours: list[list[int]], nodes: set[int], no
     """The chain that leaves ``node`` across its edge ``exit_edge``."""
     triangles = [node, neighbours[node][exit_edge]]
     # The unit of min-plus products: no way from a sample point but to itself.
-    lengths = np.where(np.eye(SAMPLES, dtype=bool), 0.0, np.inf)
+    lengths = np.where(np.eye(metric.samples, dtype=bool), 0.0, np.inf)
     while triangles[-1] not in nodes:
         row = neighbours[triangles[-1]]
         entry = row.index(triangles[-2])

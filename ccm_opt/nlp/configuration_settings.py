@@ -32,6 +32,10 @@ class ConfigurationSettings:
         curvature_reserve: share of the curvature limit that is kept for the polish. Taste.
         half_plane_counts: numbers of half-planes that solvers are built for, so that tasks share them. Taste.
         most_iterations: IPOPT's iterations, at most. Taste.
+        optimality: residual of the optimality conditions, in the NLP's units, at which IPOPT stops. Taste: coarse,
+            since the polish follows.
+        violation: violation of a row, in the NLP's units, at which IPOPT may stop. Derived: a tenth of ``feasibility``.
+        first_barrier: IPOPT's first barrier parameter. Taste.
         feasibility: violation of a row, in the NLP's units, that counts as satisfied. Taste; the polish mends more.
         rows_kept: violated rows that a result names. Taste.
         rows_reported: violated rows that a message names. Taste.
@@ -62,6 +66,9 @@ class ConfigurationSettings:
     curvature_reserve: float = 1e-3
     half_plane_counts: tuple[int, ...] = (4, 6, 8, 12, 16, 24, 32, 48, 64)
     most_iterations: int = 80
+    optimality: float = 1e-4
+    violation: float = 1e-7
+    first_barrier: float = 0.1
     feasibility: float = 1e-6
     rows_kept: int = 40
     rows_reported: int = 3

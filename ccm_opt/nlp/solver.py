@@ -9,6 +9,7 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.ipopt_call import ipopt_call
+from ccm_opt.nlp.configuration_settings import ConfigurationSettings
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, ShootingProgram
 
 _OPTIONS: dict[str, Any] = {
@@ -16,10 +17,7 @@ _OPTIONS: dict[str, Any] = {
     "error_on_fail": False,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
-    "ipopt.tol": 1e-4,
-    "ipopt.constr_viol_tol": 1e-7,
     "ipopt.acceptable_iter": 0,
-    "ipopt.mu_init": 1e-1,
     "ipopt.mu_strategy": "adaptive",
     "ipopt.nlp_scaling_method": "none",
     # The matrices are small and well scaled by themselves: a fifth of the time goes without changing the iterates.
@@ -29,7 +27,7 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.mumps_pivot_order": 0,
     "ipopt.mumps_scaling": 0,
 }
-"""IPOPT's options but for the most iterations, which come from the settings."""
+"""IPOPT's options that are switches; its numbers come from the settings."""
 _solvers: WeakKeyDictionary[ShootingProgram, ca.Function] = WeakKeyDictionary()
 
 
@@ -101,9 +99,19 @@ def built_solver(program: ShootingProgram) -> ca.Function:
             "f": program.objective,
             "g": program.constraints,
         }
-        options = {**_OPTIONS, "ipopt.max_iter": program.settings.most_iterations}
+        options = {**_OPTIONS, **_numbers(program.settings)}
         _solvers[program] = ca.nlpsol("configuration", "ipopt", symbols, options)
     return _solvers[program]
+
+
+def _numbers(settings: ConfigurationSettings) -> dict[str, float]:
+    """The settings in IPOPT's names."""
+    return {
+        "ipopt.tol": settings.optimality,
+        "ipopt.constr_viol_tol": settings.violation,
+        "ipopt.mu_init": settings.first_barrier,
+        "ipopt.max_iter": settings.most_iterations,
+    }
 
 
 def _worst_rows(nlp: ConfigurationNLP, variables: FloatArray, rows: FloatArray) -> list[tuple[str, float]]:

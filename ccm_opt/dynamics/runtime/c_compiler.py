@@ -8,12 +8,12 @@ import sys
 from functools import cache
 from pathlib import Path
 
+from ccm_opt.dynamics.runtime.compiler_settings import DEFAULT_COMPILER, CompilerSettings
+
 COMPILER_VARIABLE = "CCM_OPT_CC"
 """Environment variable that names the compiler to use; empty: none."""
 COMPILERS = ("gcc", "clang", "cc")
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
-COMPILE_TIME_LIMIT = 300.0
-"""A compiler that takes longer than this hangs [s]; it takes 0.4 s. Taste."""
 SUFFIX = ".dll" if sys.platform == "win32" else ".so"
 
 
@@ -28,7 +28,13 @@ def find_compiler() -> str | None:
     return None
 
 
-def compile_library(compiler: str, source: Path, output: Path, flags: tuple[str, ...] = FLAGS) -> None:
+def compile_library(
+    compiler: str,
+    source: Path,
+    output: Path,
+    flags: tuple[str, ...] = FLAGS,
+    settings: CompilerSettings = DEFAULT_COMPILER,
+) -> None:
     """Compile one C file into a shared library.
 
     Raises:
@@ -36,7 +42,7 @@ def compile_library(compiler: str, source: Path, output: Path, flags: tuple[str,
         TimeoutExpired: it hangs.
     """
     command = [compiler, *flags, str(source), "-o", str(output), "-lm"]
-    subprocess.run(command, check=True, capture_output=True, timeout=COMPILE_TIME_LIMIT)  # noqa: S603 - our own list
+    subprocess.run(command, check=True, capture_output=True, timeout=settings.time_limit)  # noqa: S603 - our own list
 
 
 def machine_code_key(compiler: str) -> str:

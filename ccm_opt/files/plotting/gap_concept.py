@@ -13,8 +13,12 @@ from ccm_opt.files.plotting.concept_panels import SMALL, look_at, panels, pictur
 HEIGHT = 2.85
 WIDE = 7.4
 WALL = -0.45
-CLEARANCE, SPARE, MARGIN = 0.62, 0.20, 0.62
-"""Height of the clearance over the wall, and of spare and margin over the clearance, in the figure's units."""
+CLEARANCE = 0.62
+"""Height of the clearance over the wall, in the figure's units."""
+SPARE = 0.20
+"""Height of the spare over the clearance."""
+MARGIN = 0.62
+"""Height of the margin over the clearance."""
 RADIUS = 0.21
 LONG = 1.35
 """Length of the links."""

@@ -124,7 +124,8 @@ def _draw_paths(axes: Axes, scene: SagScene) -> None:
 
 def _draw_proof(axes: Axes, scene: SagScene, stations: tuple[float, ...]) -> None:
     """Hull and grown hull of every stretch, with the link at both its ends and the axis' poses in between."""
-    arm, workspace = scene.certificate.arm, scene.certificate.workspace
+    arm = scene.certificate.arm
+    workspace = scene.certificate.workspace
     need = arm.radius + workspace.clearance + scene.certificate.spare
     walls = shapely.union_all([obstacle.outline() for obstacle in workspace.obstacles])
     for before, after in pairwise(stations):

@@ -222,4 +222,11 @@ class LeaderPaths:
             points.append(self.goal.position[None])
             headings.append(headings[-1][-1:])
             arcs.append(arcs[-1][-1:] + self._last_link)
-        return LeaderPath(np.concatenate(arcs), np.concatenate(points), np.concatenate(headings), straight, name)
+        return LeaderPath(
+            np.concatenate(arcs),
+            np.concatenate(points),
+            np.concatenate(headings),
+            straight,
+            name,
+            self.settings.following.chords,
+        )

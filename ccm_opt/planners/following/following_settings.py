@@ -36,6 +36,22 @@ class ElasticBandSettings:
 
 
 @dataclass(frozen=True)
+class ChordSettings:
+    """Numbers of Newton's method for the places on a leader's path that are a link apart.
+
+    Attributes:
+        most_steps: at most. Taste; from a chord's length ahead it needs four or five.
+        settled: step at which it has arrived [m]. Derived: rounding of a path of a few metres.
+        least_slope: slope of distance over arc length that it assumes at least. Taste; a path that bends less than
+            a U-turn has more.
+    """
+
+    most_steps: int = 40
+    settled: float = 1e-13
+    least_slope: float = 0.2
+
+
+@dataclass(frozen=True)
 class FollowingSettings:
     """Numbers of paths for a leader and of the motions along them.
 
@@ -55,6 +71,7 @@ class FollowingSettings:
             for motions of a fixed base.
         spare_at_ends: share of the narrower end's gap that the certificate may ask for along the motion. Taste.
         contact_reach: contacts of a pose nearer than this are listed, as a share of the arm's length. Taste.
+        chords: of finding an arm's joints on a leader's path.
         band: of elastic bands.
         smooth_path: of the smooth path through the keyframes.
     """
@@ -69,6 +86,7 @@ class FollowingSettings:
     spare: float = 1e-4
     spare_at_ends: float = 0.5
     contact_reach: float = 0.02
+    chords: ChordSettings = field(default_factory=ChordSettings)
     band: ElasticBandSettings = field(default_factory=ElasticBandSettings)
     smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)
 

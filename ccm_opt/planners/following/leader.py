@@ -8,13 +8,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.angles import unit_vector, vector_headings, whole_turns
-
-_ITERATIONS = 40
-"""Of Newton's method at most; from a chord's length ahead it needs four or five."""
-_CONVERGED = 1e-13
-"""Step at which Newton's method has arrived [m]: rounding."""
-_LEAST_SLOPE = 0.2
-"""Slope of distance over arc that Newton's method assumes at least; a path that bends less than a U-turn has more."""
+from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, ChordSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +21,7 @@ class LeaderPath:
         headings: unwrapped, shape (m,) [rad].
         straight: arc length up to which the path is the feed axis [m].
         name: how it was found, for messages.
+        chords: of finding the joints on it.
     """
 
     arc: FloatArray
@@ -34,6 +29,7 @@ class LeaderPath:
     headings: FloatArray
     straight: float
     name: str = ""
+    chords: ChordSettings = DEFAULT_FOLLOWING.chords
 
     @property
     def end(self) -> float:
@@ -80,16 +76,17 @@ class LeaderPath:
         here = self.positions(arc)
         length = abs(chord)
         sign = np.sign(chord)
+        least_slope = self.chords.least_slope
         guess = arc + chord  # no chord is longer than its arc, so the root lies further on
-        for _ in range(_ITERATIONS):
+        for _ in range(self.chords.most_steps):
             apart = self.positions(guess) - here
             distance = np.hypot(apart[..., 0], apart[..., 1])
             slope = np.einsum("...i,...i->...", apart, self._tangents(guess)) / distance
             # Newton's step would shoot far off where the path turns across the chord.
-            safe_slope = np.where(sign * slope > _LEAST_SLOPE, slope, sign * _LEAST_SLOPE)
+            safe_slope = np.where(sign * slope > least_slope, slope, sign * least_slope)
             step = (length - distance) / safe_slope
             guess = guess + np.clip(step, -0.5 * length, 0.5 * length)
-            if np.max(np.abs(step)) < _CONVERGED:
+            if np.max(np.abs(step)) < self.chords.settled:
                 break
         return guess
 

@@ -68,7 +68,7 @@ def path_through(
         settings: of following.
     """
     if len(points) == 0:
-        return _axis_alone(arm, leaves, name)
+        return _axis_alone(arm, leaves, name, settings)
     nodes = np.vstack((arm.base + leaves * arm.feed_direction, points))
     chords = arc_lengths(nodes)
 
@@ -86,7 +86,7 @@ def path_through(
     tangents = np.asarray(curve(parameters, 1))
     speed = np.hypot(*tangents.T)
     arc = np.asarray(cumulative_simpson(speed, x=parameters, initial=0.0))
-    return _with_axis(arm, leaves, arc, curve(parameters), tangents, name)
+    return _with_axis(arm, leaves, arc, curve(parameters), tangents, name, settings)
 
 
 def _parameters(chords: FloatArray, count: int) -> FloatArray:
@@ -95,15 +95,21 @@ def _parameters(chords: FloatArray, count: int) -> FloatArray:
     return np.concatenate([*inner, chords[-1:]])
 
 
-def _axis_alone(arm: Arm, leaves: float, name: str) -> LeaderPath:
+def _axis_alone(arm: Arm, leaves: float, name: str, settings: FollowingSettings) -> LeaderPath:
     """The feed axis up to an arc length [m]."""
     arc = np.append(_on_axis(arm, leaves), leaves)
     points = arm.base + arc[:, None] * arm.feed_direction
-    return LeaderPath(arc, points, np.full(len(arc), arm.base_heading), leaves, name)
+    return LeaderPath(arc, points, np.full(len(arc), arm.base_heading), leaves, name, settings.chords)
 
 
 def _with_axis(
-    arm: Arm, leaves: float, arc: FloatArray, points: FloatArray, tangents: FloatArray, name: str
+    arm: Arm,
+    leaves: float,
+    arc: FloatArray,
+    points: FloatArray,
+    tangents: FloatArray,
+    name: str,
+    settings: FollowingSettings,
 ) -> LeaderPath:
     """The feed axis up to an arc length, then a sampled curve with arc lengths from there, points and tangents."""
     before = _on_axis(arm, leaves)
@@ -115,6 +121,7 @@ def _with_axis(
         np.concatenate((np.full(len(before), arm.base_heading), headings)),
         leaves,
         name,
+        settings.chords,
     )
 
 
