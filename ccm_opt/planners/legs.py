@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Goal, JointPose, Problem, Start, Tolerances
 from ccm_opt.solution import JointPath
@@ -49,26 +49,24 @@ def plan_legs(problem: Problem, planner: Planner, *, least_time: float = 0.5) ->
             left = options.time_limit - (time.monotonic() - began)
             options = replace(options, time_limit=max(left, least_time))
         leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
-        path = _planned(leg, planner, number, len(goals))
+        try:
+            path = planner.plan(leg)
+        except NoPlanFound as error:
+            if len(goals) == 1:
+                raise
+            raise type(error)(_of_goal(error.diagnosis, number, len(goals))) from error
         legs.append(Leg(leg, path))
         start = JointPose.from_configuration(path.spline(1.0), problem.arm.coordinates)
     return tuple(legs)
 
 
-def _planned(leg: Problem, planner: Planner, number: int, count: int) -> JointPath:
-    """The planner's path of one leg; a failure says which of several goals it is."""
-    try:
-        return planner.plan(leg)
-    except NoPlanFound as error:
-        if count == 1:
-            raise
-        found = error.diagnosis
-        numbered = replace(
-            found,
-            reason=f"goal {number} of {count}: {found.reason}",
-            evidence={**found.evidence, "goal": number},
-        )
-        raise type(error)(numbered) from error
+def _of_goal(found: Diagnosis, number: int, count: int) -> Diagnosis:
+    """A diagnosis that says which of several goals it is about."""
+    return replace(
+        found,
+        reason=f"goal {number} of {count}: {found.reason}",
+        evidence={**found.evidence, "goal": number},
+    )
 
 
 def whole_path(legs: tuple[Leg, ...]) -> JointPath:
