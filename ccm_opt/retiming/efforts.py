@@ -57,6 +57,7 @@ class Efforts:
         # Axes of the base whose force is limited; the others get no row.
         self._force = bounds[coordinates.revolutes :][np.isfinite(bounds[coordinates.revolutes :])]
         self._torque_limited = bool(np.any(np.isfinite(self._torque)))
+        # Where no force is limited this is never called, so that any function will do.
         self._forces: InverseDynamics = getattr(inverse_dynamics, "feed_forces", inverse_dynamics)
         if len(self._force) and not hasattr(inverse_dynamics, "feed_forces"):
             raise ProblemError("limits.feed_force needs inverse dynamics with a method feed_forces; leave it out")
@@ -96,6 +97,7 @@ class Efforts:
     def parts(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> EffortParts:
         """The shares, apart by how they fall when time is longer."""
         rest = np.zeros_like(place)
+        # All but friction and static load is linear in q̈ or quadratic in q̇, and falls with λ².
         static = self(place, rest, rest)
         damping = self.damping(velocity)
         return EffortParts(self(place, velocity, acceleration) - static - damping, damping, static)
@@ -108,5 +110,6 @@ class Efforts:
         ones = np.ones((1, self._coordinates.revolutes))
         base_at_rest = [np.zeros(2) for _ in self._coordinates.base_names]
         torques = self._dynamics(place, np.concatenate((ones, -ones)), place, *base_at_rest)
+        # Velocity products are even in q̇ and friction is odd, so half the difference is friction alone.
         odd = 0.5 * (torques[0] - torques[1])
         return np.asarray(np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0) / self._torque)

@@ -30,11 +30,13 @@ def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> 
         Increasing, shape (N + 1,).
     """
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
+    # Two intervals a span at least, however many keyframes there are, up to a bound.
     count = min(max(settings.intervals, 2 * (len(knots) - 1)), settings.most_intervals)
     lengths = span_lengths(spline, knots)
     even = settings.even_share
     share = (1.0 - even) * lengths / np.sum(lengths) + even * np.diff(knots)
     pieces = np.maximum(1, np.ceil(count * share - 1e-9)).astype(int)
+    # Read over the running count of pieces, the knots turn into spans cut into equal pieces.
     points = np.interp(np.arange(np.sum(pieces) + 1), np.concatenate(([0], np.cumsum(pieces))), knots)
     points = np.concatenate(([0.0], points[1] * _RAMP, points[1:-1], 1.0 - (1.0 - points[-2]) * _RAMP[::-1], [1.0]))
     return _around_stops(points, stops(spline, knots, settings.stopped))

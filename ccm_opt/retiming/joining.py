@@ -81,6 +81,7 @@ def _chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory
 
 
 def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> None:
+    # Legs in different coordinates do not fit at all, whatever their numbers.
     gap = np.inf
     if first.coordinates == leg.coordinates:
         gap = float(np.max(np.abs(leg.positions[0] - first.positions[-1])))

@@ -62,6 +62,7 @@ class PathRows:
 
         half = constant - self.c
         present = np.abs(half) > _NO_FRICTION
+        # With half = d v / 2 the slope d / 2 v is d² / (4 half); a clipped half stands for a slower v.
         slope = np.where(present, self.d**2 / (4.0 * np.where(present, half, 1.0)), 0.0)
         return replace(self, b=self.b + slope, c=constant, d=None)
 

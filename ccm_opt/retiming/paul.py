@@ -78,6 +78,8 @@ def retime_paul(
         stretch = _stretch_of_legs(legs, others, step, settings.longest)
         if np.max(stretch) <= 1.0:
             return _sampled(legs, step).trajectory(columns)
+        # At first only the legs at fault are lengthened. Legs influence their neighbours, so this need not settle;
+        # slowing the whole motion does.
         if 2 * attempt < settings.drive_rounds:
             legs = lengthened(vias, legs.times * np.maximum(stretch, 1.0), axes, window, least, settings)
         else:
@@ -126,18 +128,22 @@ def with_transitions(
     vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float, share: float
 ) -> Legs:
     """Give legs their transitions: as short as acceleration lets them be, but within the window."""
+    # A half transition takes at most its share of the shorter leg beside it; beyond both ends there is no leg.
     most = window * np.minimum(np.append(times, np.inf), np.append(np.inf, times))
     legs = Legs(vias, times, most)
     change = np.abs(np.diff(legs.speeds, axis=0))
+    # A transition peaks at ¾ |Δv| / τ, solved here for the half time τ at which that is the limit.
     wanted = 0.75 * np.max(change / (share * axes.acceleration), axis=1)
     return replace(legs, halves=np.minimum(np.maximum(wanted, least), most))
 
 
 def needed(legs: Legs, axes: PathLimits, share: float) -> FloatArray:
     """Factor on the time of each leg that its speed and the transitions at its ends need, shape (K − 1,)."""
+    # The first and the last speed are the rest before and after the motion, not those of legs.
     speed = np.max(np.abs(legs.speeds[1:-1]) / (share * axes.velocity), axis=1)
     change = np.abs(np.diff(legs.speeds, axis=0))
     growth = 0.75 * np.max(change / (share * axes.acceleration), axis=1) / legs.halves
+    # Legs longer by λ lower |Δv| by λ and lengthen τ by λ: their peak falls by λ².
     turn = np.sqrt(growth)
     return np.asarray(np.maximum(speed, np.maximum(turn[:-1], turn[1:])))
 
@@ -147,9 +153,11 @@ def _shortened(
 ) -> Legs:
     """Shorten every second leg where it and its neighbours still keep the limits; they share no via point."""
     times = legs.times.copy()
+    # Never so short that the least half transition would not fit into the window.
     times[colour::2] = np.maximum(factor * times[colour::2], least / window)
     trial = with_transitions(legs.vias, times, axes, window, least, settings.share)
     fails = needed(trial, axes, settings.share) > 1.0 + 1e-12
+    # A leg shares its transitions with its neighbours: where one of them fails, both sides go back.
     near = fails | np.append(fails[1:], False) | np.append(False, fails[:-1])
     return with_transitions(legs.vias, np.where(near, legs.times, times), axes, window, least, settings.share)
 
@@ -159,6 +167,7 @@ def _stretch_of_legs(legs: Legs, limits: Sequence[MotionLimit], step: float, lon
     stretch = np.zeros(len(legs.times))
     if not limits:
         return stretch
+    # So slow a motion would fill the memory with samples, and serves nobody.
     if legs.duration > longest * step:
         raise _too_slow(legs.duration)
     samples = _sampled(legs, step)
@@ -175,6 +184,7 @@ def _stretch_of_legs(legs: Legs, limits: Sequence[MotionLimit], step: float, lon
 def _sampled(legs: Legs, step: float) -> MotionSamples:
     time = _sample_times(legs, step)
     q, qd, qdd = legs.at(time)
+    # Both ends are free of rounding: the motion starts and ends exactly where it was asked to, at rest.
     q[[0, -1]] = legs.vias[[0, -1]]
     qd[[0, -1]] = 0.0
     qdd[[0, -1]] = 0.0
@@ -191,6 +201,7 @@ def _distinct(keyframes: FloatArray, least: float) -> FloatArray:
     for row in keyframes[1:]:
         if np.max(np.abs(row - kept[-1])) > least:
             kept.append(row)
+    # The last one kept may be a hair beside the goal, but the motion must end at the goal itself.
     if len(kept) > 1:
         kept[-1] = keyframes[-1]
     return np.array(kept)

@@ -25,11 +25,13 @@ class SpeedProfile:
     @cached_property
     def acceleration(self) -> FloatArray:
         """s̈ of each interval, shape (N,) [1/s²]."""
+        # d(ṡ²)/ds = 2 s̈.
         return np.asarray(0.5 * np.diff(self.squared) / np.diff(self.s))
 
     @cached_property
     def times(self) -> FloatArray:
         """When each grid point is passed, shape (N + 1,) [s]."""
+        # At constant s̈ the mean speed of an interval is the mean of those at its ends.
         speed = np.sqrt(self.squared)
         return np.concatenate(([0.0], np.cumsum(2.0 * np.diff(self.s) / (speed[1:] + speed[:-1]))))
 
@@ -79,6 +81,7 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
         steps: of the dense points in an interval.
         allowed: share of each limit that may be used.
     """
+    # Every grid point stands in two rows, as end and as begin, for s̈ jumps there.
     at = steps * np.arange(len(profile.acceleration))[:, None] + np.arange(steps + 1)
     squared = profile.squared[:-1, None] + np.diff(profile.squared)[:, None] * np.linspace(0.0, 1.0, steps + 1)
     speed = np.sqrt(squared)
@@ -86,8 +89,10 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
     moving = dense.a[at] * profile.acceleration[:, None, None] + dense.b[at] * squared[:, :, None]
     damping = None if dense.d is None else dense.d[at] * speed[:, :, None]
     total = moving + static if damping is None else moving + static + damping
+    # What a peak adds is counted as moving, the part that slowing down reduces.
     moving[:, 1:-1] += _peaks(total)
     total = moving + static if damping is None else moving + static + damping
+
     excess = np.max(np.abs(total) - share_allowed(static, allowed), axis=(1, 2))
     stretch = max(1.0, float(np.max(dense.slowness[at] * speed)) / allowed, slowing(moving, static, allowed, damping))
     return DenseCheck(excess, stretch, np.max(slowings(moving, static, allowed), axis=(1, 2)))
@@ -102,6 +107,8 @@ def _peaks(values: FloatArray) -> FloatArray:
     before = values[:, :-2]
     here = values[:, 1:-1]
     after = values[:, 2:]
+    # The vertex stands −slope² / (8 bend) above the middle value. It counts where it lies between the neighbours,
+    # |slope| ≤ 2 |bend|, and points away from zero.
     bend = before - 2.0 * here + after
     slope = after - before
     peaked = (np.abs(slope) <= 2.0 * np.abs(bend)) & (bend * here < 0.0)

@@ -54,11 +54,13 @@ class _Stage:
 
     @classmethod
     def from_rows(cls, beta: FloatArray, gamma: FloatArray, most: float, reach: float) -> "_Stage":
+        # γ > 0 bounds y from above, y ≤ (1 − β x) / γ; γ < 0 bounds −y in the same way.
         up = gamma * reach > _NO_EFFECT
         down = gamma * reach < -_NO_EFFECT
         above = _Lines(1.0 / gamma[up], -beta[up] / gamma[up])
         below = _Lines(-1.0 / gamma[down], beta[down] / gamma[down])
         with np.errstate(divide="ignore"):
+            # As bounds on x the rows are loosest at y = 0 or, where γ < 0, at y = reach.
             bounds = np.where(beta > 0.0, (1.0 + np.maximum(-gamma, 0.0) * reach) / beta, np.inf)
         return cls(above, below, min(most, float(np.min(bounds))), reach)
 
@@ -73,6 +75,7 @@ class _Stage:
         x = self.most
         for _ in range(_NEWTON):
             high, low, rise, fall = self.room(x)
+            # There is room for y; or a smaller x gains none, and what is missing is rounding.
             if high >= low or rise >= fall:
                 break
             x = max(x - (high - low) / (rise - fall), 0.0)
@@ -85,19 +88,25 @@ def reachable_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> Flo
     count = len(rows.s) - 1
     reach = np.zeros(count + 1)
     stages: list[_Stage] = []
+    # Backward: the greatest ṡ² at each point from which rest at the end can still be reached.
     for k in range(count - 1, -1, -1):
         stages.append(_Stage.from_rows(beta[k], gamma[k], cap[k], reach[k + 1]))
         reach[k] = stages[-1].greatest()
+
+    # Forward: from rest as fast as the rows allow, within what can still be braked.
     squared = np.zeros(count + 1)
     for k, stage in enumerate(reversed(stages)):
         high, low, _, _ = stage.room(min(squared[k], stage.most))
         squared[k + 1] = min(max(high, low, 0.0), stage.reach)
+    # Zero inside would be a stop for ever; see ``_SLOWEST``.
     squared[1:-1] = np.maximum(squared[1:-1], _SLOWEST * np.min(squared, where=squared > 0.0, initial=np.max(cap)))
     return squared
 
 
 def _scaled_rows(rows: PathRows, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
     """β and γ of every interval, each of shape (N, 4 R): rows at its begin and at its end, upper and lower side."""
+    # With s̈ = (y − x) / 2Δ a row has β = b − a / 2Δ and γ = a / 2Δ at the begin of its interval,
+    # and β = −a / 2Δ and γ = b + a / 2Δ at its end.
     width = 2.0 * np.diff(rows.s)[:, None]
     sides = []
     for sign in (1.0, -1.0):

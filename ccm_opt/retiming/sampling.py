@@ -73,11 +73,13 @@ def sample_motion(
         coordinates: what the columns of the spline are.
         settings: of sampling.
     """
+    # The small number keeps rounding from adding a step where the duration is a whole number of them.
     count = max(int(np.ceil(profile.duration / step - 1e-9)), settings.least_samples)
     time = np.linspace(0.0, profile.duration, count + 1)
     if chords is not None:
         time = near_the_path(spline, profile, time, chords, coordinates, settings)
     s, speed, growth = (values[:, None] for values in profile.at(time))
+    # Both ends are free of rounding, so that start and goal are met exactly and at rest.
     s[[0, -1], 0] = (0.0, 1.0)
     speed[[0, -1], 0] = 0.0
     poses = [np.asarray(spline(s[:, 0], nu)) for nu in range(3)]
@@ -93,8 +95,10 @@ def near_the_path(
     settings: SamplingSettings,
 ) -> FloatArray:
     """Sample times with more between them where chords would leave the path; no step is cut into too many pieces."""
+    # Bounds the number of samples: a path with a kink would otherwise be cut for ever.
     shortest = np.min(np.diff(time)) / settings.most_pieces
     for _ in range(settings.cuttings):
+        # The sag falls with the square of the step, so a step is cut into as many pieces as the root says.
         share = np.sqrt(sag(spline, profile.at(time)[0], chords.link_length, coordinates) / chords.sag)
         pieces = np.minimum(np.ceil(share - 1e-9), np.floor(np.diff(time) / shortest + 1e-9)).astype(np.intp)
         if np.all(pieces <= 1):
@@ -116,9 +120,12 @@ def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordin
     Returns:
         Bounds, shape (T − 1,) [m].
     """
+    # |q''| is linear between knots, so knots and ends of intervals are all that need looking at.
     places = np.union1d(s, np.clip(spline.t, 0.0, 1.0))
     weight = coordinates.travel(np.asarray(spline(places, 2)), link_length)
     at = np.searchsorted(places, s)
+    # ``reduceat`` covers an interval's begin and the knots in it, but not its end, which is taken below; its last entry
+    # is the end of the path alone.
     inside = np.maximum.reduceat(weight, at)[:-1]
     return np.asarray(0.125 * np.diff(s) ** 2 * np.maximum(inside, weight[at[1:]]))
 

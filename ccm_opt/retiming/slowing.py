@@ -34,6 +34,7 @@ def slowings(moving: FloatArray, static: FloatArray, allowed: float, damping: Fl
     share = share_allowed(static, allowed)
     if damping is not None:
         return _damped_slowings(moving, damping, static, share)
+    # The static part helps where it points against the moving one, and hinders where it does not.
     room = np.maximum(share - np.sign(moving) * static, _LEAST_ROOM)
     return np.asarray(np.sqrt(np.abs(moving) / room))
 
@@ -43,9 +44,11 @@ def _damped_slowings(moving: FloatArray, damping: FloatArray, static: FloatArray
     if np.all(np.abs(moving + damping + static) <= share):
         return np.zeros_like(moving)
     factors = np.ones_like(moving)
+    # Upper and lower side of a row; the lower one is the upper one of the row negated.
     for sign in (1.0, -1.0):
         room = np.maximum(share - sign * static, _LEAST_ROOM)
         root = damping * damping + 4.0 * sign * moving * room
         longer = sign * damping + np.sqrt(np.maximum(root, 0.0))
+        # Without a real root the row keeps this side at every λ.
         factors = np.maximum(factors, np.where(root >= 0.0, longer, 0.0) / (2.0 * room))
     return factors

@@ -51,6 +51,7 @@ class SmoothProfile:
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """s, ṡ and s̈ at given times, each of the shape of ``time``."""
+        # The polynomial runs in the time before slowing: s(t / λ), whose derivatives fall by λ, λ² and λ³.
         unslowed = np.clip(time / self.factor, 0.0, self.position.x[-1])
         speed, growth, _ = self._derivatives
         s = np.clip(self.position(unslowed), 0.0, 1.0)
@@ -77,8 +78,10 @@ def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
     corners = np.sort(np.concatenate([times + shift for shift in shifts]))
     corners = corners[np.append(True, np.diff(corners) > apart)]
 
+    # Before its begin and after its end the motion rests, so the shifted speeds are 0 there.
     copies = [np.interp(corners - shift, times, speeds, left=0.0, right=0.0) for shift in shifts]
     jerk = (copies[0] - 2.0 * copies[1] + copies[2]) / window**2
+    # s⃛ is linear between corners; integrated three times from rest at s = 0 it gives the whole motion.
     slope = np.diff(jerk) / np.diff(corners)
     position = PPoly(np.stack((slope, jerk[:-1])), corners).antiderivative(3)
     # The smoothed speed has its area to rounding only, so the path's end is put at 1 exactly.
@@ -101,6 +104,7 @@ def jerk_limited(
         motion = smoothed(profile, window)
         return motion.slowed(max(1.0, _needed(spline, motion, axes, settings.looks)))
 
+    # The best window is not known: halving finds its order of magnitude, a few beside the best refine it.
     windows = profile.duration * 0.5 ** np.arange(1.0, settings.halvings + 1.0)
     motions = [tried(window) for window in windows]
     best = windows[int(np.argmin([motion.duration for motion in motions]))]
@@ -110,6 +114,7 @@ def jerk_limited(
 
 def _needed(spline: BSpline, motion: SmoothProfile, axes: PathLimits, looks: int) -> float:
     """Factor on time that brings velocity, acceleration and jerk within their limits at many times."""
+    # Jerk may peak at the corners of s⃛ and, where the path is crooked, anywhere between them.
     time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, looks))
     s, v, growth = (values[:, None] for values in motion.at(time))
     jerk = motion.jerk(time)[:, None]
@@ -117,9 +122,11 @@ def _needed(spline: BSpline, motion: SmoothProfile, axes: PathLimits, looks: int
     first = spline(places, 1)
     second = spline(places, 2)
 
+    # Shares of the limits; those of a time longer by λ are smaller by λ, λ² and λ³, hence the roots at the end.
     velocity = np.abs(first * v) / axes.velocity
     acceleration = np.abs(first * growth + second * v**2) / axes.acceleration
     rest = first * jerk + 3.0 * second * v * growth
+    # q''' jumps at the knots of a cubic spline, and the limit must hold on both sides of the jump.
     before, after = sides_of_third(spline, places)
     jerks = np.maximum(np.abs(rest + before * v**3), np.abs(rest + after * v**3)) / axes.jerk
     return float(max(np.max(velocity), np.sqrt(np.max(acceleration)), np.cbrt(np.max(jerks))))

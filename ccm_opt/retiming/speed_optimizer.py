@@ -34,6 +34,7 @@ def fastest_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> Float
     capped = np.minimum(cap, SPEED_CAP / unit**2)
     solver = _build(rows, slack, capped * unit**2, unit)
     _, speeds, _, _ = solver.compute_parameterization(0.0, 0.0, return_data=True)
+    # Two neighbouring speeds of zero would mean a stop for ever, so they count as a failure, like NaN.
     if speeds is None or np.any(np.isnan(speeds)) or np.any(speeds[1:] + speeds[:-1] <= 0.0):
         return reachable_profile(rows, slack, capped)
     return np.asarray((speeds / unit) ** 2)
@@ -49,11 +50,13 @@ def _build(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> A
     import toppra.algorithm  # noqa: PLC0415 - it is slow to import
     import toppra.constraint  # noqa: PLC0415 - likewise
 
+    # Its failures are expected here and have a fall-back, so nobody need read of them.
     logging.getLogger("toppra").setLevel(logging.CRITICAL)
     a = rows.a / (slack * unit**2)
     b = rows.b / (slack * unit**2)
     c = rows.c / slack
     count = a.shape[1]
+    # |row| ≤ 1 as two one-sided rows: F (a s̈ + b ṡ² + c) ≤ 1 with F = (1, −1).
     both = np.concatenate((np.eye(count), -np.eye(count)))
     bound = np.stack((np.zeros(len(cap)), cap), axis=1)
 
@@ -68,7 +71,9 @@ def _build(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> A
         def compute_constraint_params(self, _path: Any, grid: FloatArray) -> Any:
             convert = toppra.constraint.linear_constraint.canlinear_colloc_to_interpolate
             parts = convert(a, b, c, both, np.ones(2 * count), bound, None, grid, identical=True)
+            # There is no bound on s̈; that on ṡ² belongs to a grid point and is not interpolated.
             return *parts[:5], None, bound
 
+    # TOPP-RA asks the path for no more than this, since the rows are evaluated already.
     path = SimpleNamespace(path_interval=np.array([0.0, 1.0]), duration=1.0, dof=count)
     return toppra.algorithm.TOPPRA([InterpolatedRows()], path, gridpoints=rows.s, solver_wrapper="seidel")

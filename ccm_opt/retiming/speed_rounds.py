@@ -33,6 +33,7 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
     """
     rows = dense.every(SUBSTEPS)
     bounds = _Bounds.before_the_first_round(dense, settings.grid_share)
+    # No speed is known before the first round, so its tangent leaves friction out.
     speed = np.zeros(len(rows.s))
     duration = np.inf
     stretched: list[SpeedProfile] = []

@@ -69,6 +69,7 @@ def retime(
     timing = _Timing(timed, limits_along(timed, settings.profile), settings)
     largest = settings.sampling.step if step is None else step
 
+    # A path that goes nowhere has no grid; its rows are still asked whether the arm can be held there.
     if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < settings.standing:
         timing.rows(np.linspace(0.0, 1.0, 2))
         return _standing(path.spline, largest).trajectory(columns)
@@ -125,6 +126,7 @@ class _Timing:
         """Samples that keep the limits, of the motion or one a little slower."""
         settings = self.settings.sampling
         for _ in range(settings.resamplings):
+            # Sampled a little finer than asked, so that a small stretch does not make the steps too long.
             samples = sample_motion(
                 self.path.spline, profile, step / settings.small_stretch, chords, self.path.coordinates, settings
             )

@@ -45,6 +45,7 @@ class Legs:
     @cached_property
     def passed(self) -> FloatArray:
         """When each via point is passed, or would be without its transition, shape (K,) [s]."""
+        # Time counts from the begin of the first transition, τ₀ before the first via point.
         return np.asarray(self.halves[0] + np.concatenate(([0.0], np.cumsum(self.times))))
 
     @property
@@ -56,11 +57,13 @@ class Legs:
     def _breaks(self) -> FloatArray:
         """Begin and end of every transition, in order, shape (2 K,) [s]."""
         pairs = np.stack((self.passed - self.halves, self.passed + self.halves), axis=1)
+        # Transitions may touch, and rounding must not put their ends out of order for the search.
         return np.maximum.accumulate(pairs.ravel())
 
     def piece(self, time: FloatArray) -> tuple[IntArray, BoolArray]:
         """The last via point whose transition has begun, and whether that transition is still going on."""
         number = np.clip(np.searchsorted(self._breaks, time, side="right") - 1, 0, len(self._breaks) - 2)
+        # The breaks alternate: even pieces are transitions, odd ones the straight legs after them.
         return number // 2, number % 2 == 0
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -58,6 +58,7 @@ def check_base_axes(
 def _range(motion: _AxisMotion, settings: VerificationSettings) -> Check:
     low = motion.axis.low
     high = motion.axis.high
+    # Positions are linear between samples, so the samples decide.
     beyond = np.maximum(low - motion.positions, motion.positions - high)
     k = int(np.argmax(beyond))
     worst = float(motion.positions[k])
@@ -72,6 +73,7 @@ def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory, settings: 
 
     Feed and bend are linear between samples, so the bend a joint has when it passes is found by proportion.
     """
+    # How far inside the hole each joint stands: positive within the guide tube.
     depth = motion.axis.hole - motion.positions[:, None] - arm.link_length * np.arange(arm.links)
     bends = np.abs(trajectory.bend_angles)
     bent = np.where(depth > _INSIDE, bends, 0.0) / settings.range_tolerance
@@ -80,6 +82,7 @@ def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory, settings: 
     inside = np.maximum(depth[:-1], depth[1:])
     outside = np.minimum(depth[:-1], depth[1:])
     passing = (inside > _INSIDE) & (outside < -_INSIDE)
+    # The share of the step that the joint spends inside, by the depths at both ends of the step.
     share = np.where(passing, inside / np.maximum(inside - outside, _INSIDE), 0.0)
     further = np.maximum(bends[:-1], bends[1:])
     bent[:-1] = np.maximum(bent[:-1], share * further / settings.passing_tolerance)
@@ -105,6 +108,7 @@ def _limits(problem: Problem, motion: _AxisMotion, tolerance: float) -> list[Che
     if limits.feed_jerk is not None:
         # The base rests before the motion and after it.
         around = np.concatenate(([2.0 * time[0] - time[1]], time, [2.0 * time[-1] - time[-2]]))
+        # One more sample at each end, as far away as its neighbour, stands for that rest.
         jerks = _slopes(np.concatenate(([0.0], motion.accelerations, [0.0])), around)
         checks.append(limited(f"{name} jerk", "m/s³", limits.feed_jerk, np.append(time, time[-1]), jerks))
     if limits.feed_force is not None:
@@ -128,6 +132,7 @@ def _limit(
     values = np.concatenate(sources)
     k = int(np.argmax(np.abs(values)))
     worst = float(np.abs(values[k]))
+    # The first source has the length of ``time``, so the remainder is the sample in later ones too.
     where = f"t = {time[k % len(time)]:.4f} s"
     return Check(name, worst, float(bound), unit, where, passed=worst <= bound * (1.0 + tolerance))
 
@@ -135,6 +140,7 @@ def _limit(
 def _rates(problem: Problem, motion: _AxisMotion) -> Check:
     """|Δf/h − (v₀ + v₁)/2| ≤ h a/4 for any acceleration within ± a."""
     step = np.diff(motion.time)
+    # The error of the trapezoid rule on a velocity whose slope is bounded by a.
     mean = 0.5 * (motion.velocities[1:] + motion.velocities[:-1])
     gap = np.abs(np.diff(motion.positions) / step - mean)
     rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(motion.positions))) / step

@@ -103,13 +103,16 @@ def prove_apart(
         nearest: the least gap known so far.
         settings: resolutions, and how much work may be done.
     """
+    # Breadth first: all pairs of one depth are evaluated at once, which numpy does fast.
     nodes = motion.whole()
     while len(pairs):
         gap, travel = evaluate(nodes, pairs, motion.poses(nodes))
         nearest = _nearer(motion, nodes, pairs, gap, nearest)
+        # A pose of the motion itself is too near: a counterexample, so that no halving can help.
         if nearest.gap < least:
             return Verdict(proved=False, nearest=nearest)
         # A pair that does not come near enough within its travel is done with, for this stretch and all parts of it.
+
         undecided = gap - travel < least
         if np.any(undecided & (travel < settings.resolution)):
             return Verdict(proved=False, nearest=nearest, remark="touches within the resolution of the proof")

@@ -32,6 +32,7 @@ def _velocities(problem: Problem, trajectory: JointTrajectory) -> Check:
     gap = np.abs(np.diff(bends, axis=0) / step - 0.5 * (speed[1:] + speed[:-1]))
     # Differences of angles as long as 1 rad lose their last digits, and a short step makes much of them.
     rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(bends))) / step
+    # [1::3]: a bend has the limit of the second revolute of its ball.
     allowed = 0.25 * step * problem.limits.acceleration[1::3] + rounding
 
     share = gap / allowed
@@ -61,6 +62,7 @@ def _accelerations(problem: Problem, trajectory: JointTrajectory, settings: Veri
     below = step * np.minimum(value[1:], value[:-1]) - gained
     outside = np.sum(np.maximum(np.maximum(above, below), 0.0), axis=0)
 
+    # Rounding adds up over the steps; the floor lets a joint that hardly moves pass.
     rounding = 16.0 * np.finfo(np.float64).eps * len(step) * (1.0 + np.max(np.abs(speed)))
     floor = settings.unseen_floor * trajectory.time[-1] * problem.limits.acceleration[1::3]
     allowed = settings.unseen_share * np.sum(np.abs(gained), axis=0) + floor + rounding
@@ -78,6 +80,7 @@ def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: Verif
         (trajectory.bend_velocities, joints.velocities),
         (trajectory.bend_accelerations, joints.accelerations),
     )
+    # Angles, rates and their derivatives are held to one tolerance, each in its own unit.
     errors = np.stack([np.abs(_planar(bends) - revolutes) for bends, revolutes in pairs])
     worst = float(np.max(errors))
     _, k, j = np.unravel_index(np.argmax(errors), errors.shape)
@@ -104,6 +107,7 @@ def _torques(
         trajectory.accelerations,
     )
     error = np.abs(expected - joints.torques)
+    # Torques differ by rounding in proportion to the greatest of them, not to each by itself.
     allowed = settings.effort_share * float(np.max(np.abs(expected))) + settings.effort_floor
     k, j = np.unravel_index(np.argmax(error), error.shape)
     where = f"joint {j // 3 + 1} ({joints.names[j]}) at t = {trajectory.time[k]:.4f} s"

@@ -18,9 +18,12 @@ def check_form(
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> Check:
     """Check everything the other checks take for granted; ``worst`` is the largest time step [s]."""
+    # Times without a step at all still need a figure to report.
     steps = np.array([np.inf])
     if np.ndim(trajectory.time) == 1 and len(trajectory.time) > 1:
         steps = np.diff(trajectory.time)
+
+    # The order matters: each test takes for granted what those before it have found in order.
     defect = (
         _shape_defect(problem.arm, trajectory, joints)
         or _number_defect(trajectory, joints)
@@ -75,6 +78,7 @@ def _number_defect(trajectory: JointTrajectory, joints: JointStates) -> str:
         "forces on the base": joints.base_forces,
     }
     for name, values in fields.items():
+        # NaN compares as false with everything, so that it would pass most checks unseen.
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             return f"{name} is not finite at sample {bad[0][0] + 1}"

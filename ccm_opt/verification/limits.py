@@ -41,6 +41,7 @@ def check_limits(
 
 def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
     """Check the bends; between samples they are linear, so the samples decide."""
+    # The joint at the base has a limit of its own.
     limit = np.full(arm.links, arm.joint_limit)
     limit[0] = arm.base_limit
     bends = np.abs(trajectory.bend_angles)
@@ -56,6 +57,7 @@ def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[
     """Reported velocities of revolutes and bends, and mean velocities of the steps."""
     time = trajectory.time
     step = np.diff(time)[:, None]
+    # Mean rates carry the rounding of the angles, magnified by 1/h; that much is no violation.
     mean = np.diff(_revolutes(trajectory.bend_angles), axis=0) / step
     return [
         (joints.velocities, time, joints.names),
@@ -100,6 +102,7 @@ def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Sou
 def _revolutes(bends: FloatArray) -> FloatArray:
     """Revolutes of planar bends, shape (T, 3 * links); not the package's own function, on purpose."""
     values = np.zeros((len(bends), 3 * bends.shape[1]))
+    # A bend is counter-clockwise in the plane x-z, which is a negative turn about y.
     values[:, 1::3] = -bends
     return values
 
@@ -107,6 +110,7 @@ def _revolutes(bends: FloatArray) -> FloatArray:
 def _second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
     """Second difference quotients at the inner samples, shape (T − 2, 3 * links)."""
     mean = np.diff(values, axis=0) / step
+    # Mean rates belong to the middles of their steps, which are this far apart in time.
     apart = 0.5 * (step[1:] + step[:-1])
     shortest = np.minimum(step[1:], step[:-1])
     return _less_rounding(np.diff(mean, axis=0) / apart, values, shortest**2)

@@ -29,6 +29,7 @@ def chain_points(arm: Arm, headings: FloatArray, carried: FloatArray) -> FloatAr
     """
     points = np.empty((*headings.shape[:-1], arm.links + 1, 2))
     points[..., 0, :] = arm.base
+    # p_i = base + l Σ (cos φ_k, sin φ_k) over the links k ≤ i.
     points[..., 1:, 0] = arm.base[0] + arm.link_length * np.cumsum(np.cos(headings), axis=-1)
     points[..., 1:, 1] = arm.base[1] + arm.link_length * np.cumsum(np.sin(headings), axis=-1)
     return points + carried[..., None, None] * axis_direction(arm)
@@ -126,6 +127,7 @@ class ChainMotion:
 
     def poses(self, nodes: Nodes) -> FloatArray:
         """Joint and tip positions at the middle of each stretch, shape (N, links + 1, 2) [m]."""
+        # Linear in time between samples; headings, as sums of bends, are so too.
         headings = self._headings[nodes.interval] + nodes.centre[:, None] * self._heading_steps[nodes.interval]
         carried = self._carried[nodes.interval] + nodes.centre * np.diff(self._carried)[nodes.interval]
         return chain_points(self.arm, headings, carried)

@@ -31,6 +31,7 @@ def joint_torques(
     """
     headings = link_headings(arm, positions)
     along, across = _directions(headings)
+    # φ̈ of the links, in the plane the running sum of the bends' accelerations.
     growth = np.cumsum(accelerations[:, : arm.links], axis=1)
     needed, carried = _forces(arm, gravity, headings, velocities, accelerations)
     # Of every joint's moment its three drives bear the components along their axes: across the link before, out of the
@@ -99,6 +100,7 @@ def _joint_moments(
     l = arm.link_length
     # What joint i passes on is the force of all links beyond link i; its own acts at half its length.
     beyond = _sum_from_tip(needed) - needed + carried
+    # dL/dt = −I φ̈ ŷ, as a counter-clockwise turn is one about −y; in the plane I does not change.
     spin = -(arm.inertia_transverse * growth)[..., None] * _OUT
     return _sum_from_tip(np.cross(l * along, beyond + 0.5 * needed) + spin)
 

@@ -62,6 +62,7 @@ class _PointMotion:
     @classmethod
     def of_limit(cls, arm: Arm, limit: PointLimit, trajectory: JointTrajectory) -> "_PointMotion":
         at = arm.links * arm.link_length if limit.at is None else limit.at
+        # Links before the point count in full, its own up to the point, those beyond it not at all.
         levers = np.array([min(max(at - k * arm.link_length, 0.0), arm.link_length) for k in range(arm.links)])
         along = complex(np.exp(1j * arm.base_heading))
         headings = link_headings(arm, trajectory.positions)
@@ -85,6 +86,7 @@ class _PointMotion:
         carried = np.diff(advance(self.arm, self.trajectory.positions)) / self.step
         first = self._turned(self.headings[:-1], rates) + carried * self.along
         last = self._turned(self.headings[1:], rates) + carried * self.along
+        # At constant rates the third derivative of the place is at most Σ l |φ̇|³.
         third = np.abs(rates) ** 3 @ self.levers
         return np.asarray(np.maximum(np.abs(first), np.abs(last)) + self.step**2 / 8.0 * third)
 
@@ -92,6 +94,7 @@ class _PointMotion:
         """By the reported velocities and accelerations, shape (T,) [m/s²]."""
         rates = self._heading_rates(self.trajectory.velocities)
         gains = self._heading_rates(self.trajectory.accelerations)
+        # The second derivative of exp(iφ) is (i φ̈ − φ̇²) exp(iφ).
         turned = ((1j * gains - rates**2) * np.exp(1j * self.headings)) @ self.levers
         return np.asarray(np.abs(turned + advance(self.arm, self.trajectory.accelerations) * self.along))
 
@@ -104,6 +107,7 @@ class _PointMotion:
         means = np.diff(self.places) / self.step
         apart = 0.5 * (self.step[1:] + self.step[:-1])
         noise = _noise(self.places) / np.minimum(self.step[1:], self.step[:-1]) ** 2
+        # A leading zero, so that entry k belongs to the time of sample k, as ``_check`` expects.
         return np.append(0.0, np.maximum(np.abs(np.diff(means)) / apart - noise, 0.0))
 
     def _velocities(self) -> FloatArray:

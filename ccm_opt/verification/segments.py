@@ -47,6 +47,7 @@ def _end_to_segment(p: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     wy = p[:, 1] - a[:, 1]
     # The least positive number stands in for the squared length of a segment that is a point.
     t = np.clip((wx * ux + wy * uy) / np.maximum(ux * ux + uy * uy, np.finfo(np.float64).tiny), 0.0, 1.0)
+    # From the foot of the perpendicular, or the nearer end, to the point.
     wx -= t * ux
     wy -= t * uy
     return np.asarray(wx * wx + wy * wy)
@@ -54,6 +55,7 @@ def _end_to_segment(p: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _cross(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> BoolArray:
     """Whether the segments cross in their interiors; a mere touch shows in the end distances."""
+    # The ends of each segment lie on opposite sides of the other one.
     opposite = (_side(a, b, c) * _side(a, b, d) < 0.0) & (_side(c, d, a) * _side(c, d, b) < 0.0)
     return np.asarray(opposite & _boxes_meet(a, b, c, d))
 

@@ -16,8 +16,11 @@ def first_distant(arm: Arm) -> int:
 
     ``Arm.first_self_pair`` says the same; the verifier counts for itself, on purpose.
     """
+    # Links this near along the arm cannot help being near in space: two lengths of a link, or π r, the tightest half
+    # turn that an arm of radius r can make.
     reach = max(2.0 * arm.link_length, np.pi * arm.radius)
     apart = 1
+    # The factor keeps rounding from counting one link too many.
     while (apart - 1) * arm.link_length < reach * (1.0 - 1e-12):
         apart += 1
     return apart
@@ -63,6 +66,8 @@ def _relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.nd
     """
     turned = motion.turned[k, j + 1] - motion.turned[k, i]
     bent = motion.bent[k, j + 1] - motion.bent[k, i + 1]
+    # Σ (j − k + 1) |Δb_k| by two running sums: (j + 2) Σ |Δb_k| − Σ (k + 1) |Δb_k|, as joints count from 1 in the
+    # weights and from 0 in the sum.
     weighted = motion.bent_weighted[k, j + 1] - motion.bent_weighted[k, i + 1]
     # Running sums lose digits when they are subtracted; what they can have lost is added to the bound.
     rounding = 1e-12 * (1.0 + motion.bent_weighted[k, -1])
@@ -91,6 +96,7 @@ def _candidates(motion: ChainMotion, poses: FloatArray, look: float) -> Pairs:
 
 def _probe(motion: ChainMotion, evaluate: Evaluate, nodes: Nodes, probes: int) -> Nearest:
     """The nearest pair at a few poses spread over the motion: no proof, but a bound on the least gap."""
+    # All pairs at a few poses, rather than a few pairs at all poses: any of them may be the nearest.
     first, second = np.triu_indices(motion.arm.links, first_distant(motion.arm))
     chosen = np.unique(np.linspace(0, len(nodes) - 1, min(probes, len(nodes))).astype(int))
     few = nodes.take(chosen)

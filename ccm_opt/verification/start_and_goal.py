@@ -68,6 +68,7 @@ def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationS
     limits = problem.limits
     speeds = np.abs(trajectory.bend_velocities[places])
     # Shares are compared, for the joints need not have the same limits.
+
     share = speeds / limits.velocity[1::3]
     k, j = np.unravel_index(np.argmax(share), share.shape)
     where = f"joint {j + 1} at t = {trajectory.time[places[k]]:.4f} s"
@@ -75,6 +76,7 @@ def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationS
     resting = bool(share[k, j] <= settings.rest_share)
     checks = [Check("rest", float(speeds[k, j]), bound, "rad/s", where, passed=resting)]
 
+    # An arm that is not fed has no velocity limit here, and no axis to be checked either.
     bound = settings.rest_share * (limits.feed_velocity or 0.0)
     for name, on_axis in zip(trajectory.coordinates.base_names, trajectory.base_velocities[places].T, strict=True):
         worst = float(np.max(np.abs(on_axis)))
@@ -119,6 +121,7 @@ def _tip_checks(arm: Arm, trajectory: JointTrajectory, wanted: _WantedGoal, goal
     name = f"{wanted.name}position"
     checks = [Check(name, error, bound, "m", f"tip {when}", passed=error <= bound + _ROUNDING)]
     if goal.heading is not None:
+        # The difference is brought into [−π, π), so that whole turns do not count.
         turn = abs(float(np.remainder(headings[-1] - goal.heading + np.pi, 2.0 * np.pi) - np.pi))
         bound = wanted.tolerances.heading
         name = f"{wanted.name}heading"
@@ -150,6 +153,7 @@ def _on_curve(
     trace = curve.positions_at(arc)
     off = np.array([np.min(np.linalg.norm(trace - point, axis=1)) for point in points])
 
+    # A mapping errs in proportion to κ l², as does the sagitta of a link on the curve.
     steepest = float(np.max(np.abs(curve.curvature_at(arc))))
     of_mapping = settings.curve_shape_factor * steepest * arm.link_length**2
     allowed = of_mapping + settings.curve_shape_slack * arm.link_length

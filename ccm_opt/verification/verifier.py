@@ -46,6 +46,7 @@ def verify(
         return form, names
     motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     checks = [form, names]
+    # Walls are known by their edges alone: that the arm is on the right side of them is a check of its own.
     checks.append(check_free_side(motion, problem.workspace))
     checks.append(check_walls(motion, problem.workspace, settings))
     if problem.arm.self_collision:
@@ -60,6 +61,7 @@ def verify(
 
 def _check_names(problem: Problem, joints: JointStates) -> Check:
     expected = joint_names(problem.arm)
+    # Names of another length are compared as far as both go; what is left over counts as wrong below.
     differing = [ours for theirs, ours in zip(joints.names, expected, strict=False) if theirs != ours]
     wrong = len(differing) + abs(len(joints.names) - len(expected))
     where = f"expected {differing[0]!r}" if differing else f"{len(joints.names)} names for {len(expected)} revolutes"

@@ -80,6 +80,7 @@ def check_walls(
         return Check(
             "wall clearance", np.inf, workspace.clearance, "m", "the whole arm counts as its mount", passed=True
         )
+
     least = least_allowed_gap(workspace.clearance, arm.radius, settings)
     verdict = _prove(motion, edges, exposed, least, settings)
     return Check(
@@ -143,6 +144,7 @@ def _candidates(poses: FloatArray, edges: WallEdges, exposed: FloatArray, links:
     grow = look.reshape(-1, 1)
     low = np.minimum(start, end) - grow
     high = np.maximum(start, end) + grow
+    # Boxes decide quickly and err on the safe side: a pair too many costs time, one too few the proof.
     found, other = edges.tree.query(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
     return Pairs(node[found], links[link[found]], other)
 
@@ -177,6 +179,7 @@ def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
     """
     arm = motion.arm
     joints = motion.poses(Nodes(np.array([0]), np.zeros(1), np.zeros(1)))[0]
+    # The point where the mount ends: what lies before it may be inside a wall.
     k = min(int(arm.mount_length // arm.link_length), arm.links - 1)
     share = min(arm.mount_length / arm.link_length - k, 1.0)
     point = shapely.points(joints[k] + share * (joints[k + 1] - joints[k]))
@@ -190,6 +193,7 @@ def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
 
 
 def _depth(core: shapely.Geometry, point: shapely.Point) -> float:
+    # On the boundary itself the depth is 0, which is allowed: the clearance is checked elsewhere.
     inside = bool(shapely.contains_properly(core, point))
     return float(shapely.distance(shapely.boundary(core), point)) if inside else 0.0
 

@@ -80,6 +80,7 @@ def _inertia_step(axes: Axes) -> Any:
     M = m * one + M_beyond - G.T @ Q_inverse_G
     p = 0.5 * m * b + push + G.T @ Q_inverse_rho
 
+    # What is passed on is turned into the parent's frame, in which its step expects it.
     to_parent = joint.rotation(angles)
     passed = ca.vertcat(pack(_congruence(to_parent, M)), to_parent @ p, to_parent @ n)
     solved = ca.vertcat(r[0] / axial, Q_inverse_rho, ca.vec(Q_inverse_G))

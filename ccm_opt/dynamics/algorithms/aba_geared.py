@@ -58,6 +58,7 @@ def _inertia_step(axes: Axes) -> Any:
     friction = drive[3:]
 
     A, P = _with_link(unpack(state[:21]), state[21:], body, omega)
+    # S column by column: what each unit rate turns.
     S = ca.horzcat(*(joint.angular_velocity(angles, ca.DM.eye(3)[:, i]) for i in range(3)))
     U = A[:, :3] @ S
     K = _inverse(S.T @ U[:3, :] + J)
@@ -81,6 +82,7 @@ def _with_link(A: Any, P: Any, body: Any, omega: Any) -> tuple[Any, Any]:
 
     # The link itself, about its ball: the spatial inertia and the velocity products of a body with its centre at l/2.
     about_ball = transverse + 0.25 * m * length**2
+    # m (l/2) x̂×: about its ball, not its centre, a link couples turning with moving.
     lever = 0.5 * m * length * across
     inertia = ca.diag(ca.vertcat(axial, about_ball, about_ball))
     link_A = ca.blockcat([[inertia, lever], [lever.T, m * ca.SX.eye(3)]])
@@ -89,6 +91,7 @@ def _with_link(A: Any, P: Any, body: Any, omega: Any) -> tuple[Any, Any]:
 
     # What is beyond, from the link's tip to its ball.
     X = ca.blockcat([[ca.SX.eye(3), ca.SX.zeros(3, 3)], [-length * across, ca.SX.eye(3)]])
+    # The tip accelerates by l ω × (ω × x̂) against the ball even at ω̇ = 0.
     carried = P + A[:, 3:] @ (length * pull)
     return link_A + X.T @ A @ X, link_P + X.T @ carried
 
@@ -111,6 +114,7 @@ def _acceleration_step(axes: Axes) -> Any:
     to_child = joint.rotation(angles).T
     turned = to_child @ state[:3]
     a = to_child @ state[3:]
+    # q̈₀ holds − K Uᵀ (β, 0) already, so x is taken without β.
     qdd = qdd_free - K_U @ ca.vertcat(turned, a)
     omega_dot = turned + beta + joint.angular_velocity(angles, qdd)
     a_tip = a + body[3] * (centripetal(omega) + ca.vertcat(0, omega_dot[2], -omega_dot[1]))
@@ -119,5 +123,6 @@ def _acceleration_step(axes: Axes) -> Any:
 
 def _inverse(Q: Any) -> Any:
     """Inverse of a symmetric (3, 3) matrix by cofactors."""
+    # Cross products of the columns are the columns of the adjugate, as Q is symmetric.
     columns = [ca.cross(Q[:, (i + 1) % 3], Q[:, (i + 2) % 3]) for i in range(3)]
     return ca.horzcat(*columns) / ca.dot(Q[:, 0], columns[0])

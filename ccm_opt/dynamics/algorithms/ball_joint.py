@@ -81,6 +81,7 @@ class YawBendRoll:
     def rate_bias(angles: Angles, rates: Any) -> Any:
         """Ṡ q̇."""
         _, _, sb, cb, sc, cc = angles.all
+        # The derivative of S q̇ at constant rates, its terms gathered by cos c and sin c.
         yaw, bend, roll = ca.vertsplit(rates)
         along = sb * yaw * bend + bend * roll
         across = cb * yaw * roll
@@ -90,6 +91,7 @@ class YawBendRoll:
     def revolute_rates(angles: Angles, vector: Any) -> Any:
         """S⁻¹ w; divides by cos b."""
         _, _, sb, cb, sc, cc = angles.all
+        # Turned back by c, the z component of w is cos b times the yaw rate, and nothing else.
         yaw = (sc * vector[1] + cc * vector[2]) / cb
         return ca.vertcat(yaw, cc * vector[1] - sc * vector[2], vector[0] + sb * yaw)
 
@@ -134,6 +136,7 @@ class YawBendSpin:
     def rate_bias(angles: Angles, rates: Any) -> Any:
         """Ṡ q̇."""
         _, _, sb, cb, sc, cc = angles.all
+        # The derivative of S q̇ at constant rates, its terms gathered by cos c and sin c.
         yaw, bend, spin = ca.vertsplit(rates)
         along = bend * spin - cb * yaw * bend
         across = sb * yaw * spin
@@ -143,6 +146,7 @@ class YawBendSpin:
     def revolute_rates(angles: Angles, vector: Any) -> Any:
         """S⁻¹ w; divides by sin b."""
         _, _, sb, cb, sc, cc = angles.all
+        # Turned back by c, the x component of w is −sin b times the yaw rate, and nothing else.
         yaw = (sc * vector[1] - cc * vector[0]) / sb
         return ca.vertcat(yaw, sc * vector[0] + cc * vector[1], vector[2] - cb * yaw)
 

@@ -52,6 +52,7 @@ class MassMatrix:
         Z, Y, F, A = np.asarray(factors).reshape(4, 3, -1)
         upper = np.triu(Z.T @ A + Y.T @ F)  # the formula holds for i ≤ j alone
         M = upper + upper.T
+        # The sum counts the diagonal twice, so it is set; rotors, which turn with their revolute alone, add to it.
         np.fill_diagonal(M, upper.diagonal() + self._rotors)
         return M, F[0], float(mass)
 
@@ -66,8 +67,10 @@ def build_mass_factors(structure: Structure) -> Any:
     bodies, drives, world = model_symbols(structure.links)
 
     trig = sines_and_cosines(per_ball(q))
+    # R = 1, as a column, and p = 0.
     at_base = ca.vertcat(ca.vec(ca.DM.eye(3)), ca.DM.zeros(3))
     _, (axes, levers, places) = outward(_placement_step(structure.axes), at_base, [trig, bodies])
+    # A point mass at the tip has neither first moment nor inertia about it.
     payload = ca.vertcat(world[3], ca.DM.zeros(12))
     whole_arm, (forces, moments) = inward(_composite_step(), payload, [axes, places, bodies])
 
@@ -107,8 +110,10 @@ def _composite_step() -> Any:
     h_beyond = state[1:4]
     J_beyond = ca.reshape(state[4:], 3, 3)
 
+    # About the ball: what is beyond stands a link away from it, the middle of the link half a link.
     mass = mass_beyond + m
     h = h_beyond + (mass_beyond + 0.5 * m) * length * along
+    # I = I_t 1 + (I_a − I_t) x xᵀ of a body that is symmetric about x.
     about_centre = transverse * ca.DM.eye(3) + (axial - transverse) * along @ along.T
     link_J = about_centre + _shift(m, ca.DM.zeros(3), 0.5 * length * along)
     J = link_J + J_beyond + _shift(mass_beyond, h_beyond, length * along)

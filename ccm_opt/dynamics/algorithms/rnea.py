@@ -103,6 +103,7 @@ def _outward_step(axes: Axes) -> Any:
 
     a = to_child @ state[6:]
     length = body[3]
+    # ω̇ × x̂ = (0, ω̇_z, −ω̇_y).
     e = centripetal(omega) + ca.vertcat(0, omega_dot[2], -omega_dot[1])
     load = _load(body, omega, omega_dot, a + 0.5 * length * e)
     passed = ca.vertcat(omega, omega_dot, a + length * e)
@@ -115,6 +116,7 @@ def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
     force = mass * acceleration
     inertia = ca.vertcat(axial, transverse, transverse)
     moment = inertia * omega_dot + ca.cross(omega, inertia * omega)
+    # (l/2) x̂ × F = (l/2) (0, −F_z, F_y).
     lever = 0.5 * length
     return ca.vertcat(force, moment + ca.vertcat(0, -lever * force[2], lever * force[1]))
 
@@ -132,6 +134,7 @@ def _inward_step(axes: Axes) -> Any:
     joint = BALL_JOINTS[axes]
     angles = angles_of(trig)
     length = body[3]
+    # The step of the link beyond has turned f' and n' into this frame already; x̂ × f' = (0, −f'_z, f'_y).
     force = load[:3] + state[:3]
     moment = load[3:] + state[3:] + ca.vertcat(0, -length * state[2], length * state[1])
     to_parent = joint.rotation(angles)

@@ -13,6 +13,7 @@ from ccm_opt.dynamics.runtime.compiler_settings import DEFAULT_COMPILER, Compile
 COMPILER_VARIABLE = "CCM_OPT_CC"
 """Environment variable that names the compiler to use; empty: none."""
 COMPILERS = ("gcc", "clang", "cc")
+# Nobody reads errno or floating-point traps, and without them loops can be vectorised; no value changes.
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
 SUFFIX = ".dll" if sys.platform == "win32" else ".so"
 

@@ -25,6 +25,7 @@ def source_text(structure: Structure) -> str:
     """C source for arms of a structure, whatever the number of their links."""
     rnea = rnea_steps(structure.axes)
     aba = aba_steps(structure)
+    # The two forms of ABA pass on states of different sizes; the loops written by hand are told which.
     sizes = f"#define STATE {aba.inertia.size1_in(0)}\n#define SOLVED {aba.inertia.size1_out(1)}\n"
     by_hand = [_beside(name).read_text(encoding="utf-8") for name in C_FILES]
     return "\n".join((PRIVATE, _generated([*rnea, *aba]), HEADERS, sizes, *by_hand))

@@ -35,6 +35,7 @@ def prepare(arm: Arm) -> None:
     """Begin to compile in the background what an arm will need; ``load_library`` waits for it."""
     pool = ThreadPoolExecutor(1, thread_name_prefix="compile")
     pool.submit(load_library, arm_structure(arm))
+    # The thread finishes what it has begun and ends by itself; nobody waits here.
     pool.shutdown(wait=False)
 
 
@@ -62,6 +63,7 @@ def cache_folder() -> Path:
 def library_path(structure: Structure, compiler: str) -> Path:
     """Where the library of a structure stands, or will; its name is a digest of all that it depends on."""
     variant = f"{structure.axes} {'geared' if structure.geared else 'free'}"
+    # The number of links is not among them: it is a run-time input of the machine code.
     parts = (variant, str(ca.CasadiMeta.version()), machine_code_key(compiler), digest_of_sources())
     digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
     return cache_folder() / f"{digest}{SUFFIX}"
@@ -95,6 +97,7 @@ def open_library(path: Path) -> ctypes.CDLL:
 def _compile(path: Path, structure: Structure, compiler: str) -> None:
     """Generate, compile, and put the finished library in its place in one step, so that readers see all or nothing."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    # Beside its destination, since a rename is atomic within one file system only.
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         source = Path(folder) / "dynamics.c"
         output = Path(folder) / path.name

@@ -57,9 +57,11 @@ class InterpretedLoop:
     def _computed_torque(self, x: FloatArray, a: FloatArray) -> FloatArray:
         """The efforts that make the acceleration a at the middle of the step."""
         half = 0.5 * self._step
+        # Held over a step, an effort acts as if at its middle; so the model is evaluated there.
         middle_q = (x[0] + half * x[1])[:-1]
         middle_qd = (x[1] + half * a)[:-1]
         effort = self._inverse.both(middle_q, middle_qd, a[:-1], a[-1])
+        # A thrust that saturates moves the base less than wanted, and the joints must be driven for what it does.
         lacking = float(np.clip(effort[-1], -self._limit[-1], self._limit[-1]) - effort[-1])
         if lacking == 0.0:
             return effort

@@ -50,10 +50,14 @@ def braked(
     """
     planned = _PlannedMotion.from_trajectory(trajectory, arm, limits, inverse_dynamics, settings)
     kept = int(np.searchsorted(trajectory.time, time - 1e-9))
+    # At the end, and at rest at a stop, there is nothing to brake.
     if kept >= len(trajectory.time) - 1 or not np.any(planned.at(time)[1]):
         return trajectory.part(slice(min(kept + 1, len(trajectory.time))))
 
     step = min(settings.step, float(np.min(np.diff(trajectory.time))))
+
+    # Limits are kept at the places looked at in each step; where samples show more, less of the limits is used. The
+    # last share is taken as it comes, for the verifier has the last word.
     for share in settings.limit_shares:
         tail = _fall(replace(planned, share=share), float(trajectory.time[kept]), step)
         if planned.keeps_limits(tail):
@@ -100,6 +104,7 @@ class _PlannedMotion:
 
     def keeps_limits(self, samples: JointTrajectory) -> bool:
         """Whether accelerations, their means between samples, and efforts keep the limits at all samples."""
+        # Between samples the motion is known by its means alone, so these must keep the limits too.
         mean = np.diff(samples.velocities, axis=0) / np.diff(samples.time)[:, None]
         accelerations = np.concatenate((samples.accelerations, mean))
         if np.any(np.abs(accelerations) > self._most_acceleration):
@@ -123,12 +128,14 @@ class _PlannedMotion:
 
     def least_change(self, sigma: float, rate: float, step: float) -> float:
         """Least α = ẇ within the limits over a step from a place of the motion on [1/s]; it is never above 0."""
+        # In a step the arm moves on by at most w h; the limits are looked at in several places of that stretch.
         places = np.minimum(sigma + np.array(self.settings.checked_places) * rate * step, self.spline.x[-1])
         return max(self._least_change(place, rate) for place in places)
 
     def _least_change(self, sigma: float, rate: float) -> float:
         x, first, second = self.at(sigma)
         velocity = first * rate
+        # ẍ = x'' w² + x' α; efforts are affine in α, so two evaluations give offset and slope.
         unbraked = second * rate**2
         forced = self._efforts(x, velocity, unbraked)
         per_change = self._efforts(x, velocity, unbraked + first) - forced
@@ -137,6 +144,7 @@ class _PlannedMotion:
         slopes = np.concatenate((first, per_change))
         bounds = np.concatenate((self._most_acceleration, self.limits.effort))
         with np.errstate(divide="ignore", invalid="ignore"):
+            # The lower end of each interval of α. A slope of 0 bounds nothing: its end is not finite, and left out.
             ends = (self.share * bounds - np.sign(-slopes) * offsets) / -np.abs(slopes)
         least = float(np.max(ends[np.isfinite(ends)], initial=-1.0 / self.settings.least_time))
         return min(max(least, self._least_change_of_points(x, velocity, unbraked, first)), 0.0)
@@ -152,6 +160,7 @@ class _PlannedMotion:
             square = float(slope @ slope)
             if square == 0.0:
                 continue
+            # |p̈₀ + p' α|² ≤ a² is a quadratic in α; its least solution is the middle less a root.
             middle = -float(slope @ offset) / square
             # Where not even the middle keeps the limit, that is the best there is.
             room = max((self.share * most) ** 2 - float(offset @ offset) + square * middle**2, 0.0)
@@ -188,11 +197,14 @@ def _fall(planned: _PlannedMotion, sigma: float, step: float) -> JointTrajectory
         left = rate / -change if change < 0.0 else np.inf
         last = left < settings.longest_last_step * step
         span = left if last else step
+        # At constant α the motion advances by w h + α h² / 2, and w changes by α h.
         sigma += (rate + 0.5 * change * span) * span
         rate += change * span
         since += span
         if last:
             break
+
+    # The last sample is at rest exactly, w = 0, and still decelerates until that moment.
     x, first, _ = planned.at(sigma)
     samples.append((since, x, np.zeros_like(x), first * change))
     time, positions, velocities, accelerations = (np.array(values) for values in zip(*samples, strict=True))

@@ -139,6 +139,7 @@ def closed_loop(plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits
 
 def _is_planar(joints: JointStates, options: SimulationOptions) -> bool:
     """Whether reference and gravity leave the arm exactly in its plane."""
+    # Yaw and roll, the first and third revolutes of every ball, are at rest at zero throughout.
     still = all(not np.any(values[:, place::3]) for values in (joints.angles, joints.velocities) for place in (0, 2))
     return still and float(options.gravity[1]) == 0.0
 
@@ -153,10 +154,12 @@ class _Run:
 
     def steps(self, state: FloatArray, options: SimulationOptions, size: int) -> Iterator[SimulatedSteps]:
         """All steps from a state on, shape (2, W), so many at a time."""
+        # Brakes hold the arm for so many steps while the reference moves on.
         held = round(options.disturbances.start_delay / options.step)
         for first in range(0, self.reference.steps, size):
             count = min(size, self.reference.steps - first)
             window, targets = self.reference.window(first, count)
+            # The last column is the feed axis, which is measured exactly.
             noise = self.noise.draw(count, targets.shape[1] - 1)
             states, efforts = self.loop.run(state, window, noise, max(0, held - first))
             yield SimulatedSteps(first, np.concatenate((state[None], states)), efforts, targets)

@@ -41,6 +41,7 @@ class Noise:
             return np.zeros((count, 2, joints))
         noise = self._scale * self._random.standard_normal((count, 2, joints))
         if self._planar:
+            # Drawn all the same, so that a seed gives the bends the same noise in the plane and out of it.
             noise[..., 0::3] = 0.0
             noise[..., 2::3] = 0.0
         return noise

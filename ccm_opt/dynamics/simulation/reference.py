@@ -72,6 +72,7 @@ def hermite(fraction: FloatArray, step: float, start: FloatArray, end: FloatArra
     q1 = end[:, 0]
     v1 = end[:, 1]
     u = fraction[:, None]
+    # The cubic Hermite basis: (3 − 2u) u² for the rise, u (1 − u)² and −u² (1 − u) for the slopes.
     rise = u * u * (3.0 - 2.0 * u)
     drop = 1.0 - u
     return q0 + rise * (q1 - q0) + step * u * drop * (drop * v0 - u * v1)

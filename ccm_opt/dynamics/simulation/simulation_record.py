@@ -64,6 +64,7 @@ class SimulationRecord:
         local = self.places - steps.first
         # A sample that rounding puts past the end of the steps belongs to them.
         here = np.flatnonzero((local >= 0.0) & (local <= steps.count + ROUNDING))
+        # A sample at the very end belongs to the last step, not to one after it.
         index = np.minimum((local[here] + ROUNDING).astype(int), steps.count - 1)
         self.positions[here] = hermite(local[here] - index, self.step, steps.states[index], steps.states[index + 1])
         self.efforts[here] = steps.efforts[index]

@@ -60,6 +60,7 @@ def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
     """
     mass_matrix = MassMatrix(arm)
     moving = _moving(planar=planar)
+    # λmax of M⁻¹ is 1 / λmin of M, for which one eigenvalue suffices.
     smallest = min(eigvalsh(mass_matrix(q)[moving, moving], subset_by_index=[0, 0])[0] for q in poses)
     return float(1.0 / smallest) if smallest > 0.0 else float("inf")
 
@@ -85,6 +86,7 @@ def _check_fastest_mode(
 ) -> None:
     """Kd λmax dt < 2."""
     gain = gains(options)
+    # Computed torque divides M out of the loop, so that every mode has λ = 1.
     computed = options.controller == "computed-torque"
     fastest = 1.0 if computed else fastest_mode(arm, poses, planar=planar)
     value = gain.derivative * fastest * options.step
@@ -94,6 +96,7 @@ def _check_fastest_mode(
     if computed:
         advice = _computed_torque_advice(options, settings, 2.0 / value)
     else:
+        # The left side is linear in gain and step alike, so one share serves the advice on both.
         share = settings.advised_share * 2.0 / value
         advice = (
             f"simulation.derivative_gain below {share * options.derivative_gain:.3g} N m s/rad",
@@ -109,6 +112,7 @@ def _check_feed(
     """Under PD the feed axis moves less than the whole arm at first; refuse damping that is too much for that."""
     if options.controller == "computed-torque":
         return
+    # The base has one mode: λ is the inverse of the mass that moves with it at once.
     rate = feed_gains(arm, options).derivative / _lightest_base(arm, poses, planar=planar)
     value = rate * options.step
     if value < 2.0:

@@ -32,6 +32,7 @@ class CoordinateAcceleration(MotionLimit):
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
         """A row a coordinate."""
+        # q̈ = q' s̈ + q'' ṡ².
         a = spline(s, 1) / self._limit
         b = spline(s, 2) / self._limit
         return SpeedRows(a, b, np.zeros_like(a))

@@ -33,6 +33,7 @@ class PointSpeed(MotionLimit):
         self._point = point
         self._velocity = velocity
         self._acceleration = acceleration
+        # Half a turn is enough: a row bounds both its direction and the opposite one.
         angles = np.pi * np.arange(directions) / directions
         self._normals = np.stack((np.cos(angles), np.sin(angles)))
 
@@ -56,11 +57,14 @@ class PointSpeed(MotionLimit):
         change their speed along the path much faster than joints.
         """
         q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
+        # Along the path ṗ = p' ṡ and p̈ = p' s̈ + p'' ṡ²: velocity and acceleration at ṡ = 1, s̈ = 0.
         tangent = self._point.velocity(q, first)
         bend = self._point.acceleration(q, first, second)
         gains = [np.zeros((len(s), 1))]
+        # |ṗ|² = |p'|² ṡ², which is linear in ṡ².
         squares = [np.sum(tangent**2, axis=1)[:, None] / self._velocity**2]
         if np.isfinite(self._acceleration):
+            # The polygon is circumscribed: what its corners allow too much is mended by slowing down.
             gains.append(tangent @ self._normals / self._acceleration)
             squares.append(bend @ self._normals / self._acceleration)
         a = np.concatenate(gains, axis=1)
