@@ -35,6 +35,7 @@ def write_comparison(comparison: Comparison, folder: Path, pictures: Mapping[str
     """
     files = {TABLE: runs_csv(comparison).encode(), RECORD: comparison_json(comparison).encode(), **(pictures or {})}
     for name, content in files.items():
+        # Written beside and renamed, as a rename is all or nothing: readers never see half a file.
         beside = folder / f".{name}.part"
         try:
             beside.write_bytes(content)
@@ -124,4 +125,5 @@ def _bounds(interval: ConfidenceInterval) -> list[float | None]:
 
 
 def _number(value: float) -> float | None:
+    # JSON knows neither NaN nor infinity.
     return value if math.isfinite(value) else None

@@ -47,7 +47,9 @@ class LocalWorkers:
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
         """An executor with fresh processes; they are ended at the exit, also when they are still at work."""
+        # Not forked: locks and threads of numerical libraries do not survive that in a child.
         context = multiprocessing.get_context("spawn")
+        # The executor does not publish its processes; those that are new from here on are its own.
         before = set(multiprocessing.active_children())
         executor = ProcessPoolExecutor(self.count, mp_context=context, initializer=_leave_interrupts)
         try:
@@ -94,6 +96,7 @@ class DaskWorkers:
                 client.wait_for_workers(1, timeout=timeout)
             except TimeoutError as error:
                 raise ProblemError(f"the Dask cluster at {self.address} has no workers; start some") from error
+            # Not pure: Dask must not take two runs of the same task for one.
             executor = client.get_executor(pure=False)
             threads = sum(client.nthreads().values())
             yield executor, max(self.settings.least_on_cluster, self.settings.tasks_per_thread * threads)
@@ -115,6 +118,7 @@ def completed(
     Raises:
         ProblemError: when a cluster is not there, or leaves.
     """
+    # Both outlive a broken executor: the tasks not handed over yet, and those that may have broken it.
     source = iter(tasks)
     suspects = deque[TASK]()
     finished = False
@@ -139,6 +143,7 @@ def _until_broken(
     while True:
         alone = bool(suspects)
         while len(pending) < (1 if alone else width):
+            # Suspects first, and one at a time, so that the next failure names its task.
             task = suspects.popleft() if suspects else next(source, None)
             if task is None:
                 break

@@ -65,6 +65,7 @@ def open_journal(path: Path) -> Iterator[Journal]:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        # With O_APPEND every write goes to the end of the file, whoever wrote before.
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
     except OSError as error:
         raise ProblemError(f"cannot write {path}: {error.strerror or error}; choose another --out") from error
@@ -97,6 +98,7 @@ def _lock(path: Path, descriptor: int) -> None:
 def _whole_lines(descriptor: int) -> list[bytes]:
     """The lines of the file; a torn one at its end is cut off the file."""
     size = os.fstat(descriptor).st_size
+    # A duplicate, since closing the file closes its descriptor.
     with os.fdopen(os.dup(descriptor), "rb") as file:
         file.seek(0)
         content = file.read(size)

@@ -82,6 +82,7 @@ def check_methods(names: Sequence[str]) -> tuple[str, ...]:
     for method in map(method_named, names):
         if method.make is not None:
             method.make()
+    # A dictionary keeps the order in which the methods were named.
     return tuple(dict.fromkeys(names))
 
 

@@ -99,6 +99,7 @@ def compare(
         ProblemError: when a method is unknown, the journal cannot be written, or the cluster is gone.
     """
     rows = [[Task(case, method, time_limit) for method in methods] for case in cases]
+    # A comparison that was interrupted goes on where it stopped.
     missing = [task for row in rows for task in row if not journal.has(task.key)]
     if missing:
         for task, result in completed(workers, execute, missing):
@@ -106,5 +107,7 @@ def compare(
             journal.append(run)
             if progress is not None:
                 progress(run)
+
+    # Tasks end in any order; the table is put together from the journal in that of problems and methods.
     runs = tuple(tuple(journal.runs[task.key] for task in row) for row in rows)
     return Comparison(tuple(case.name for case in cases), tuple(methods), runs)

@@ -81,6 +81,7 @@ class Task:
     def key(self) -> str:
         """Differs from that of every other run, so that a resumed comparison knows which runs it has."""
         options = sorted(method_named(self.method).options.items())
+        # All that can change the result: an edited problem or a new version of the package is another run.
         parts = (self.case.name, self.case.fingerprint, self.method, options, self.time_limit, _package_version())
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:20]
 
@@ -145,6 +146,7 @@ def execute(task: Task) -> Run:
         _load_libraries()
         cpu_begin = time.process_time()
         wall_begin = time.perf_counter()
+        # Making the planner may fail; then there is no time of planning to note.
         planner = None
         try:
             method = method_named(task.method)
@@ -163,6 +165,7 @@ def execute(task: Task) -> Run:
 def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
     from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
+    # Without an explanation of failures: it would count as time, and no figure depends on it.
     solution = solve(problem, planner=planner, explain=False)
     wanted = {quantity.key for quantity in QUANTITIES}
     figures = {key: float(x) for key, x in solution.metrics.items() if key in wanted and math.isfinite(x)}
@@ -185,6 +188,7 @@ def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
     if isinstance(error, ProblemError):
         return "unusable", str(error)
     where = ""
+    # A crash is a defect, so the record says where it happened.
     if frames := traceback.extract_tb(error.__traceback__):
         where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
     return "crashed", f"{type(error).__name__}: {error}{where}"

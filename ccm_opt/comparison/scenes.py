@@ -94,10 +94,12 @@ def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
 
 def random_headings(rng: np.random.Generator, arm: Arm, bend: float = 3.0) -> FloatArray:
     """Link headings of a smooth random pose, shape (links,) [rad]; curvature has standard deviation ``bend`` [1/m]."""
+    # Six normal curvatures along the arm, linear between them, give a pose that is smooth but arbitrary.
     knots = rng.normal(0.0, bend, 6)
     middles = (np.arange(arm.links) + 0.5) / arm.links
     bends = np.interp(middles, np.linspace(0.0, 1.0, 6), knots) * arm.link_length
     bends[0] = rng.uniform(-np.pi, np.pi)  # the base may point anywhere
+    # A little inside the limits, so that no problem fails for rounding at its start or goal.
     return arm.headings(np.clip(bends, -0.95 * arm.bend_limits, 0.95 * arm.bend_limits))
 
 
@@ -121,6 +123,7 @@ def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Poly
     """A polygon of 3–8 vertices, 30–90 mm from a point (2,)."""
     while True:
         corners = rng.integers(3, 9)
+        # Taken in order round the middle, corners seldom make an outline that crosses itself.
         angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, corners))
         radii = rng.uniform(0.03, 0.09, corners)
         polygon = shapely.Polygon(middle + radii[:, None] * unit_vector(angles))
@@ -168,6 +171,7 @@ def _into_duct(arm: Arm, height: float) -> FloatArray:
     """Link headings of a step aside from the base that ends level at a height, shape (links,) [rad]."""
     middles = (np.arange(arm.links) + 0.5) / arm.links
     hump = np.where(middles < 0.45, np.sin(np.pi * middles / 0.45), 0.0)
+    # The height wanted lies between those of a full step down and of a full step up.
     scale = brentq(lambda x: arm.joint_positions(x * hump)[-1, 1] - height, -1.0, 1.0)
     pose: FloatArray = scale * hump
     return pose

@@ -90,6 +90,7 @@ def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
     neither = int(np.sum(~one & ~other))
     first_only = int(np.sum(one & ~other))
     second_only = int(np.sum(~one & other))
+    # Problems that both or neither solve say nothing about which method is better.
     apart = first_only + second_only
     p_value = float(stats.binomtest(first_only, apart).pvalue) if apart else 1.0
     difference = (first_only - second_only) / len(one) if len(one) else 0.0
@@ -135,6 +136,7 @@ def _correlation(both: int, first_only: int, second_only: int, neither: int) -> 
     margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
     if margins == 0:
         return 0.0
+    # φ = (ad − bc) / √(product of the four margins) of the table of both outcomes.
     product = float(both * neither - first_only * second_only)
     if product > 0.0:
         product = max(product - (both + first_only + second_only + neither) / 2.0, 0.0)
@@ -156,6 +158,7 @@ def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> Figure
     # Ratios are compared by their logarithms, in which twice and half are equally far from equal.
     by_ratio = quantity.scale == "ratio"
     gap = np.log(first / second) if by_ratio else first - second
+    # Ties are set to exactly 0, as the test leaves out pairs that do not differ.
     gap = np.where(np.abs(first - second) <= quantity.tie, 0.0, gap)
     wins = gap > 0.0 if quantity.more_is_better else gap < 0.0
     ties = gap == 0.0
@@ -163,6 +166,7 @@ def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> Figure
     effect = float(np.median(gap))
     bounds = median_interval(gap)
     if by_ratio:
+        # Back from logarithms: the median of the ratios, whose order they keep.
         effect = float(np.exp(effect))
         bounds = ConfidenceInterval(float(np.exp(bounds.low)), float(np.exp(bounds.high)))
     return FigurePair(

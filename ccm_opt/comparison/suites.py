@@ -90,6 +90,7 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
             raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
         return cases[:count]
     scene_maker(suite)
+    # No scene is made yet: workers make their own from the seed, so that only its number travels.
     wanted = DEFAULT_COUNT if count is None else count
     seeds = range(first_seed, first_seed + wanted)
     return tuple(
@@ -107,6 +108,7 @@ def cases_of_files(files: Sequence[Path]) -> tuple[Case, ...]:
     cases = []
     for file in files:
         problem = load_problem(file)
+        # By content: a file of the same name that was edited is another problem.
         fingerprint = hashlib.sha256(problem.source.encode()).hexdigest()
         cases.append(Case(name=problem.name, suite="files", given=problem, fingerprint=fingerprint))
     return tuple(cases)
@@ -120,6 +122,7 @@ def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
     """
     kept: dict[str, Case] = {}
     for case in cases:
+        # A problem given twice is fine; two problems under one name could not be told apart in tables.
         same_name = kept.setdefault(case.name, case)
         if same_name.fingerprint != case.fingerprint:
             raise ProblemError(f"two different problems are called '{case.name}'; give each its own name")

@@ -55,6 +55,7 @@ def simulated_figures(
     errors = np.abs(simulated.base_positions - trajectory.base_positions)
     for name, error in zip(trajectory.coordinates.base_names, errors.T, strict=True):
         figures[f"{name}_tracking_error_m"] = float(np.max(error))
+    # The checks carry the same names for a plan; here they are figures, for a simulated motion promises nothing.
     names = {"wall clearance": WALLS, "self-collision": ITSELF}
     checks = simulated_checks(problem, trajectory, simulated, settings)
     return figures | {names[check.name]: check.worst for check in checks if check.name in names}

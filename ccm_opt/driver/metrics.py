@@ -21,12 +21,14 @@ def metrics(
 ) -> Mapping[str, float]:
     """The figures of merit of a plan, named with their units."""
     arm = problem.arm
+    # The error at the goal is that of the motion as it is written, not of the path it was planned from.
     headings = arm.headings(trajectory.bend_angles)
     tip = arm.joint_positions_at(trajectory.positions[-1])[-1]
     figures = {
         "duration_s": trajectory.duration,
         "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),
         "joint_path_length_rad": path_length(trajectory.bend_angles),
+        # The bend at the base turns the whole arm and curves nothing, so it does not count.
         "largest_curvature_per_m": float(np.max(np.abs(trajectory.bend_angles[:, 1:]), initial=0.0) / arm.link_length),
         "keyframes": float(len(path.keyframes)),
         "tracking_error_rad": simulated.tracking_error,
@@ -39,6 +41,7 @@ def metrics(
     # An arm that followed no leader has no deviation from one.
     if path.leaders:
         figures.update(leader_figures(deviation(arm, trajectory.positions, path.leaders)))
+    # Of lengths in metres only the clearances are merits; the other checks are promises that hold or do not.
     figures.update(
         {
             f"least_{check.name.replace(' ', '_')}_m": check.worst

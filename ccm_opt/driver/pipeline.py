@@ -60,6 +60,7 @@ def solve(
     give_up = time.monotonic() + problem.planner.time_limit
 
     # Checks: what no plan could mend is refused before one is sought.
+    # Compiling goes on in the background while the path is sought.
     prepare(problem.arm)
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation, settings=numbers.simulation)
@@ -79,6 +80,7 @@ def solve(
 
         def solve_changed(changed: Problem) -> object:
             """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
+            # Trials report no progress of their own.
             quiet = Stages()
             its_terms = compiled_terms(changed.arm, constraints, costs)
             its_planner = planner or default_planner(changed, quiet, its_terms, numbers)

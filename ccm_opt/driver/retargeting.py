@@ -75,6 +75,7 @@ def retarget(
     leg = solve(onward, progress=progress, planner=planner, constraints=constraints, costs=costs, settings=settings)
 
     # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
+    # The arm stopped at its first goals on the way before it was braked; the others are dropped.
     passed = problem.stops[: len(first.stops)]
     whole = replace(onward, start=problem.start, stops=(*passed, Stop(rest, Tolerances())))
     trajectory = retiming.joined([first, leg.trajectory])
@@ -86,6 +87,7 @@ def retarget(
     with stages("simulation"):
         simulated, of_simulation = simulate_and_check(whole, trajectory, joints, numbers)
     plan = VerifiedPlan(_path(first, leg.path, onward, time), trajectory, joints, checks, of_terms)
+    # Some stages ran twice, for the way from rest and for the whole; their times are added up.
     spent = dict(leg.timings)
     for name, seconds in stages.timings.items():
         spent[name] = spent.get(name, 0.0) + seconds
@@ -104,6 +106,8 @@ def _path(first: JointTrajectory, onward: JointPath, problem: Problem, time: flo
     values = first.positions
     if len(values) <= onward.spline.k:
         return onward
+
+    # The way to rest has samples, but no spline; both parts need the same degree to be put together.
     driven = make_interp_spline(np.linspace(0.0, 1.0, len(values)), values, k=onward.spline.k)
     legs = (Leg(problem, replace(onward, spline=driven)), Leg(problem, onward))
     name = f"retargeted at {time:.4g} s: {onward.candidate}"

@@ -90,6 +90,7 @@ def timed_and_verified(
     settings: Settings = DEFAULT_SETTINGS,
 ) -> VerifiedPlan:
     """The paths of all legs as one motion in time that passes every check; arguments as for ``verified_plan``."""
+    # Made once for all legs: the first call may have to wait for the compiler.
     with stages("dynamics model"):
         inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
     timed = [timed_leg(leg, inverse_dynamics, stages, retimer, terms, settings) for leg in legs]
@@ -124,6 +125,7 @@ def _worst_of_legs(legs: Sequence[TermResults]) -> TermResults:
         for number, leg in enumerate(legs, start=1)
         for check in leg.checks
     ]
+    # Every leg was solved with the same terms, so the names of the first are those of all.
     figures = {name: float(np.max(np.abs([leg.figures[name] for leg in legs]))) for name in legs[0].figures}
     return TermResults(tuple(checks), figures)
 
@@ -148,6 +150,7 @@ def timed_leg(
     # Paul's transitions leave the path, so the first timings may be refused for walls; TOPP-RA's only one is not.
     while True:
         with stages("retiming"):
+            # Timings are made one by one, so that what is not needed is never computed.
             trajectory = next(timings, None)
             if trajectory is None:
                 raise VerificationError(failures)

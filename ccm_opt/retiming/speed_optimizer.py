@@ -50,7 +50,7 @@ def _build(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> A
     import toppra.algorithm  # noqa: PLC0415 - it is slow to import
     import toppra.constraint  # noqa: PLC0415 - likewise
 
-    # Its failures are expected here and have a fall-back, so nobody need read of them.
+    # Its failures are expected here and have a fall-back, so they are kept out of the log.
     logging.getLogger("toppra").setLevel(logging.CRITICAL)
     a = rows.a / (slack * unit**2)
     b = rows.b / (slack * unit**2)

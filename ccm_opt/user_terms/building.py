@@ -53,6 +53,7 @@ def compiled_constraint(constraint: Constraint, quantities: Quantities) -> Compi
     upper = _bound(constraint, "upper", expression.numel())
     if np.any(lower > upper):
         raise ProblemError(f"constraint '{constraint.name}': a lower bound exceeds its upper bound")
+    # An entry that is free on both sides is most likely a slip.
     if not np.all(np.isfinite(lower) | np.isfinite(upper)):
         raise ProblemError(f"constraint '{constraint.name}': give each entry a lower or an upper bound")
     return CompiledConstraint(constraint, expression, lower, upper, quantities)

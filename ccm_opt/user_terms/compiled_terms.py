@@ -72,6 +72,7 @@ class UserTerms:
     @cached_property
     def breaks(self) -> FloatArray:
         """Path parameters inside (0, 1) at which an interval of a term begins or ends, increasing."""
+        # Keyframes are put there, so that no interval of a term begins or ends between two of them.
         ends = {u for where in self._places if isinstance(where, Interval) for u in (where.first, where.last)}
         return np.array(sorted(ends - {0.0, 1.0}))
 
@@ -96,9 +97,11 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
         _refuse_other_kind(constraint, Constraint)
     for cost in costs:
         _refuse_other_kind(cost, Cost)
+
     refuse_double_names([*constraints, *costs])
     quantities = Quantities.from_arm(arm)
     compiled = [compiled_constraint(constraint, quantities) for constraint in constraints]
+    # Only the finished motion has speeds, so these are kept from the planners.
     timed = [constraint for constraint in compiled if quantities.is_timed(constraint.expression)]
     return UserTerms(
         quantities,
@@ -116,4 +119,5 @@ def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> Non
 
 
 def _holds_at_the_goal(where: Where) -> bool:
+    # Of the named places each includes the goal: it is the end of the motion and a keyframe.
     return not isinstance(where, Interval) or where.last == 1.0

@@ -53,6 +53,7 @@ class CompiledConstraint:
 
     def violations(self, values: FloatArray) -> FloatArray:
         """The same for values of the expression, shape (N, m)."""
+        # NaN would win or lose any comparison unnoticed, so it is set aside and put back at the end.
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)
         below = self.lower - values
@@ -93,6 +94,7 @@ class CompiledCost:
 
     def second_order(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
         """Gradient, shape (links,), and Hessian, shape (links, links), by the link headings at one pose."""
+        # Only a fixed arm is planned with costs, and its feed is 0.
         gradient, hessian = self._derivatives(headings, 0.0, u)
         return np.asarray(gradient)[:, 0], np.asarray(hessian)
 
@@ -104,6 +106,7 @@ class CompiledCost:
 def evaluated(function: Any, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
     """Values of a function of (φ, feed, u) at many poses, shape (N, m); headings of shape (N, links)."""
     count = len(headings)
+
     feeds = np.broadcast_to(np.asarray(feed, dtype=np.float64), (count,))
     places = np.broadcast_to(np.asarray(u, dtype=np.float64), (count,))
     # CasADi maps a function over the columns of its arguments: one pose, one column.
@@ -128,6 +131,7 @@ def _violation(compiled: CompiledConstraint) -> Any:
     if np.array_equal(lower, upper):
         # The same square as below, but smooth at the bound, so that its Hessian does not jump there.
         return expression - ca.DM(lower)
+    # An infinite bound cannot be violated, so it has no entry.
     below = [float(lower[k]) - expression[k] for k in np.flatnonzero(np.isfinite(lower))]
     above = [expression[k] - float(upper[k]) for k in np.flatnonzero(np.isfinite(upper))]
     return ca.fmax(ca.vertcat(*below, *above), 0.0)

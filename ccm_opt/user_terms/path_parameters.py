@@ -30,6 +30,7 @@ def nearest_path_parameters(
         u[k] = places[first]
 
     u = _refined(path, bends, u, settings.newton_steps)
+    # The ends are known; and as Newton steps are taken for each pose alone, order is restored last.
     u[0] = 0.0
     u[-1] = 1.0
     return np.maximum.accumulate(u)
@@ -50,6 +51,7 @@ def _refined(path: JointPath, bends: FloatArray, u: FloatArray, steps: int) -> F
     for _ in range(steps):
         error = bends - path.spline(u)[:, :links]
         slope = path.spline(u, 1)[:, :links]
+        # Δu = (e · q') / |q'|², the error's component along the path.
         along = np.einsum("ij,ij->i", error, slope) / np.maximum(np.sum(slope**2, axis=1), least_slope)
         u = np.clip(u + along, 0.0, 1.0)
     return u

@@ -78,6 +78,7 @@ class Quantities:
     def joint_positions(self) -> Any:
         """Positions of the base, the other joints and the tip, shape (2, links + 1) [m]."""
         base = ca.SX(ca.DM(self.arm.base))
+        # For a fixed arm the expression does not contain the feed at all.
         for _ in self.arm.base_axes:
             base += self.base_feed * ca.DM(self.arm.feed_direction)
         steps = self.arm.link_length * ca.horzcat(ca.cos(self.link_headings), ca.sin(self.link_headings)).T
@@ -113,17 +114,20 @@ class Quantities:
 
     def _in_time(self, point: Any) -> Any:
         """Derivative of a point by time."""
+        # The chain rule: ṗ = ∂p/∂(φ, feed) · (φ̇, ḟ), as one product in forward mode.
         places = ca.vertcat(self.link_headings, self.base_feed)
         return ca.jtimes(point, places, ca.vertcat(*self.rates))
 
     def heading_at(self, s: float) -> Any:
         """Heading at arc length ``s`` from the base [rad]."""
+        # A link's heading stands at its middle, half a link after its beginning.
         return _linear(self.link_headings, self._checked(s) / self.arm.link_length - 0.5)
 
     def curvature_at(self, s: float) -> Any:
         """Curvature at arc length ``s`` from the base [1/m]; the bend at the base itself does not count."""
         if self.arm.links < 2:
             raise ProblemError("an arm of one link has no curvature")
+        # Joint k stands k links from the base; the base itself is left out, so entries begin at one link.
         return _linear(self.joint_angles[1:], self._checked(s) / self.arm.link_length - 1.0) / self.arm.link_length
 
     def inside(self, region: shapely.Polygon, point: Any = None) -> Any:
@@ -139,6 +143,7 @@ class Quantities:
     def _link_at(self, s: float) -> tuple[int, float]:
         """The link at an arc length, and how much of that link lies before it."""
         links = self._checked(s) / self.arm.link_length
+        # The very tip belongs to the last link, not to one beyond it.
         link = min(int(links), self.arm.links - 1)
         return link, links - link
 

@@ -28,6 +28,7 @@ def load_terms(references: Sequence[str], kind: type[Term]) -> tuple[Term, ...]:
 
 
 def _named(reference: str, kind: type[Term]) -> tuple[Term, ...]:
+    # From the right, for a path on Windows begins with a drive and a colon.
     place, colon, name = reference.rpartition(":")
     if not (place and colon and name):
         raise ProblemError(f"'{reference}' names no {_word(kind)}; expected module:function or file.py:function")
@@ -52,6 +53,7 @@ def _word(kind: type[Constraint] | type[Cost]) -> str:
 def _module(reference: str, place: str) -> ModuleType:
     try:
         return _from_file(Path(place)) if place.endswith(".py") else _from_path(place)
+    # A user's module may raise anything while it is loaded; the message names the reference.
     except Exception as error:
         raise ProblemError(f"'{reference}' cannot be loaded: {type(error).__name__}: {error}") from error
 
@@ -70,6 +72,7 @@ def _from_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None or not path.exists():
         raise FileNotFoundError(f"there is no file {path}")
     module = util.module_from_spec(spec)
+    # Before it runs: dataclasses and pickles in the module look it up by its name.
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module

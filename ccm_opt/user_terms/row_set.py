@@ -114,6 +114,7 @@ class RowSet:
             u: path parameter.
             feed: position of the base on its axis [m].
         """
+        # The buffers are overwritten by the next call; picking rows by a mask makes copies.
         values, jacobian = self._evaluated(headings, u, feed)
         here = self._apply_at(u)
         equations = here & self.equal
@@ -129,6 +130,7 @@ class RowSet:
         """
         count = len(headings)
         places = np.broadcast_to(np.asarray(u, dtype=np.float64), (count,))
+        # One pose a column; the feed is 0, as only a fixed arm is planned with rows.
         columns = self.values(ca.DM(headings.T), ca.DM.zeros(1, count), ca.DM(places).T)
         values = np.asarray(columns, dtype=np.float64).reshape(len(self), count).T
         table: FloatArray = np.where(self._apply_at(places[:, None]), values, np.nan)
@@ -185,6 +187,8 @@ class _Buffers:
         buffers = cls(
             memory, evaluate, np.zeros(links), np.zeros(1), np.zeros(1), np.zeros(rows), np.zeros((links, rows))
         )
+
+        # CasADi keeps the addresses alone: the arrays must not be replaced, only written to.
         memory.set_arg(0, buffers.headings.data)
         memory.set_arg(1, buffers.feed.data)
         memory.set_arg(2, buffers.path_parameter.data)
@@ -205,6 +209,7 @@ def _rows_of(compiled: "CompiledConstraint") -> list[_Row]:
         entry = compiled.expression[k]
         low = compiled.lower[k]
         high = compiled.upper[k]
+        # As two gaps, an equation would leave a planner no room between them.
         if low == high:
             rows.append(_Row(name, entry - low, first, last, equal=True))
             continue

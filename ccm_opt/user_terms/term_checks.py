@@ -71,6 +71,7 @@ def checks_of_terms(
         trajectory: the timed motion.
         settings: tolerance and rate.
     """
+    # Poses are shared by all terms, since finding their path parameters is what takes time.
     every = poses_at_rate(terms, arm, path, trajectory, settings)
     keyframes = poses_at_keyframes(arm, path, settings)
     checks = []
@@ -109,6 +110,7 @@ def poses_at_rate(
     """The written samples and those at 1 kHz between them."""
     time = _times_at_rate(trajectory.time, settings.rate)
     known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    # Positions, velocities and accelerations of the samples are all met, unlike by a line between them.
     motion = _hermite(trajectory.time, *known)
     positions: FloatArray = motion(time)
     rates: FloatArray = motion.derivative()(time)
@@ -117,6 +119,7 @@ def poses_at_rate(
     # Path parameters cost a search along the path, so they are found only where a term depends on them.
     parametric = terms.parametric or any(timed.parametric for timed in terms.timed)
     u = nearest_path_parameters(path, bends, settings) if parametric else np.linspace(0.0, 1.0, len(time))
+    # Headings are running sums of the bends, and so are their rates.
     heading_rates = np.cumsum(rates[:, arm.coordinates.bends], axis=1)
     return CheckedPoses(time, arm.headings(bends), u, feed, heading_rates, arm.coordinates.advance(rates))
 
@@ -125,6 +128,7 @@ def poses_at_keyframes(arm: Arm, path: JointPath, settings: TermCheckSettings = 
     """The planner's keyframes; their time is unknown."""
     bends = path.keyframes[:, arm.coordinates.bends]
     feed = arm.coordinates.advance(path.keyframes)
+    # NaN rather than zero: a constraint on speeds that is evaluated here must fail, not pass.
     unknown = np.full(len(bends), np.nan)
     u = nearest_path_parameters(path, bends, settings)
     return CheckedPoses(unknown, arm.headings(bends), u, feed, np.full_like(bends, np.nan), unknown)
@@ -132,6 +136,7 @@ def poses_at_keyframes(arm: Arm, path: JointPath, settings: TermCheckSettings = 
 
 def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
     """The samples' times, and as many between two of them as the longest interval needs."""
+    # Keeps rounding of an interval of exactly one period from doubling the poses.
     rounding = 1e-6
     parts = max(1, int(np.ceil(np.max(np.diff(time)) * rate - rounding)))
     samples = np.arange(len(time), dtype=np.float64)

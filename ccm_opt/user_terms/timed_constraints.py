@@ -67,6 +67,7 @@ class TimedConstraint:
 
     def residuals(self, states: MotionStates) -> FloatArray:
         """By how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite."""
+        # CasADi maps a function over the columns of its arguments: one state, one column.
         count = len(states.u)
         arguments = (
             ca.DM(states.headings.T),

@@ -69,6 +69,7 @@ def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
 def _clusters(points: FloatArray, gap: float) -> np.ndarray:
     """A number for each point, the same for points that are joined by steps of at most ``gap``."""
     pairs = cKDTree(points).query_pairs(gap, output_type="ndarray")
+    # Points that are near each other are edges of a graph; its components are the places.
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     return np.asarray(connected_components(graph, directed=False)[1])
 
@@ -76,6 +77,7 @@ def _clusters(points: FloatArray, gap: float) -> np.ndarray:
 def _walk(start: int, partner: dict[int, int]) -> tuple[list[int], bool]:
     """The ends at which a chain from the end ``start`` enters its pieces, and whether it comes back to it."""
     steps = [start]
+    # Through the piece to its other end, and over to the end that meets it.
     end = start ^ 1
     while end in partner and partner[end] != start:
         steps.append(partner[end])
@@ -90,6 +92,7 @@ def _chain(pieces: Sequence[Piece], entries: Sequence[int], closed: bool) -> Pie
         entered_at_its_end = entry % 2 == 1
         runs.append(piece.points[::-1] if entered_at_its_end else piece.points)
     points = np.concatenate(runs)
+    # Pieces that meet exactly would leave a leg of no length between them.
     different = np.concatenate(([True], np.any(np.diff(points, axis=0) != 0.0, axis=1)))
     points = points[different]
     if closed and len(points) > 1 and np.all(points[0] == points[-1]):

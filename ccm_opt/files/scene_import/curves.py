@@ -98,6 +98,7 @@ def flatten_bulges(points: FloatArray, bulges: FloatArray, distance: float) -> F
 
 def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) -> FloatArray:
     chord = head - tail
+    # The centre stands off the middle of the chord, to its left, by c (1 − b²) / (4 b).
     center = 0.5 * (tail + head) + (1.0 - bulge**2) / (4.0 * bulge) * np.array([-chord[1], chord[0]])
     start = math.atan2(*(tail - center)[::-1])
     arc = flatten_arc(center, float(np.hypot(*(tail - center))), start, 4.0 * math.atan(bulge), distance)
@@ -115,6 +116,7 @@ def _steps(second_derivative: float, distance: float) -> int:
     """Chords needed over a parameter interval of length 1."""
     if not math.isfinite(second_derivative):
         raise ProblemError("a curve has a point that is not finite; expected finite coordinates")
+    # h² max|p''| / 8 ≤ distance with h = 1 / steps.
     steps = math.ceil(math.sqrt(second_derivative / (8.0 * distance)))
     if steps > MAX_STEPS:
         raise ProblemError(
@@ -146,6 +148,7 @@ def flatten_spline(knots: FloatArray, control: FloatArray, degree: int, distance
     spline = BSpline(knots, control, degree)
     bend = np.linalg.norm(spline.derivative(2).c, axis=1).max(initial=0.0) if degree > 1 else 0.0
     spans = np.unique(knots[degree : len(knots) - degree])
+    # Over a span of width w the parameter from 0 to 1 makes the second derivative w² times as large.
     counts = [_steps(float(bend) * width**2, distance) for width in np.diff(spans)]
     if sum(counts) > MAX_STEPS:
         raise ProblemError(f"a curve needs {sum(counts)} chords; check the scale, or allow a larger curve_tolerance")

@@ -35,6 +35,7 @@ def import_scene(
             used; those are listed by name.
     """
     content = _content(path, settings)
+    # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
     flattening = settings.flattening_share * options.curve_tolerance
     reader = READERS[path.suffix.lower()]
     try:
@@ -68,6 +69,7 @@ def _content(path: Path, settings: ImportSettings) -> bytes:
         if not path.is_file():
             what = "is a directory" if path.is_dir() else "does not exist"
             raise ProblemError(f"{path} {what}; expected a drawing, its path relative to the problem file")
+        # Asked before reading, so that a huge file does not fill the memory first.
         size = path.stat().st_size
         if size > settings.most_bytes:
             raise ProblemError(

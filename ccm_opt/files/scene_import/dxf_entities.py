@@ -59,6 +59,7 @@ def _line(entity: Entity, _distance: float) -> Piece:
 
 
 def _arc(entity: Entity, distance: float) -> Piece:
+    # DXF gives arcs in degrees but ellipses in radians, both counter-clockwise.
     start, sweep = _sweep(math.radians(entity.dxf.start_angle), math.radians(entity.dxf.end_angle))
     center = np.array((entity.dxf.center.x, entity.dxf.center.y))
     return _turned(flatten_arc(center, float(entity.dxf.radius), start, sweep, distance), sweep)
@@ -71,6 +72,7 @@ def _ellipse(entity: Entity, distance: float) -> Piece:
 
 def _elliptic(center: Entity, axis: Entity, ratio: float, start: float, sweep: float, distance: float) -> Piece:
     major = np.array((axis.x, axis.y))
+    # The minor half axis is the major one, turned left by 90° and shortened.
     minor = ratio * np.array((-major[1], major[0]))
     return _turned(flatten_ellipse(np.array((center.x, center.y)), major, minor, start, sweep, distance), sweep)
 
@@ -114,6 +116,7 @@ def _polygonal(points: FloatArray, bulges: FloatArray, closed: bool, distance: f
     """A polyline with bulges; an open one that ends where it began is closed too."""
     if len(points) < 2:
         raise ProblemError(f"it has {len(points)} vertices; expected at least two")
+    # Many programs repeat the first vertex rather than set the flag.
     if not closed and len(points) > 2 and np.all(points[0] == points[-1]):
         points = points[:-1]
         bulges = bulges[:-1]
@@ -129,6 +132,7 @@ def _spline(entity: Entity, distance: float) -> Piece:
 
 
 def _flat_spline(tool: "BSpline", distance: float) -> Piece:
+    # The bound on chords holds for polynomials only, not for their quotients.
     if len(set(tool.weights())) > 1:
         raise ProblemError("it is a rational spline; explode it into a polyline or arcs")
     control = np.array([(p.x, p.y) for p in tool.control_points], dtype=np.float64)
@@ -144,6 +148,7 @@ def _boundary(path: Entity, distance: float) -> Piece:
         table = np.array(path.vertices, dtype=np.float64).reshape(-1, 3)
         return _polygonal(table[:, :2], table[:, 2], closed=True, distance=distance)
     pieces = [_edge(edge, distance) for edge in path.edges]
+    # An edge that closes by itself, a full circle, needs no other.
     loops = [piece for piece in pieces if piece.closed] or joined_pieces(pieces, max(distance, _gap(pieces)))
     if len(loops) != 1 or not loops[0].closed:
         raise ProblemError("a boundary of the hatch is not closed; close it, or draw a closed polyline")

@@ -30,6 +30,7 @@ def read_geojson(content: bytes, distance: float) -> list[Shape]:
     """
     del distance
     try:
+        # "utf-8-sig" also skips the mark that some editors put before the text.
         data = json.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise ProblemError("this is not a text file in UTF-8; expected GeoJSON") from None
@@ -57,6 +58,7 @@ def _feature_shapes(data: object, place: int) -> list[Shape]:
 
 
 def _name(feature: Mapping[str, object], place: int) -> str:
+    # RFC 7946 allows null there, and gives no name a meaning; this one is a habit of many programs.
     properties = feature.get("properties")
     given = properties.get("name") if isinstance(properties, Mapping) else None
     return str(given or feature.get("id") or f"feature {place}")

@@ -43,6 +43,7 @@ def obstacles_of(
         return [_wall(shape, growth, wall_thickness)]
     if min(len(ring) for ring in shape.rings) < 3:
         raise ProblemError("the outline encloses no area; expected at least three corners")
+    # Chords cut off what bulges outwards; growing by as much holds the true curve inside again.
     grow = shape.half_width + (growth if shape.curved else 0.0)
     polygons = filled(shape.rings, shape.rule, settings)
     if grow > 0.0:
@@ -59,6 +60,7 @@ def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()
         if name in used:
             numbered = (f"{obstacle.name} {k}" for k in count(2))
             name = next(candidate for candidate in numbered if candidate not in used)
+        # New names count as well: "wall", "wall", "wall 2" must not give "wall 2" twice.
         used.add(name)
         result.append(replace(obstacle, name=name))
     return tuple(result)

@@ -29,9 +29,12 @@ def filled(rings: Sequence[FloatArray], rule: FillRule, settings: ImportSettings
         return repaired(shapely.Polygon(rings[0], rings[1:]), settings)
     solids = [(shapely.MultiPolygon(repaired(shapely.Polygon(ring), settings)), _turn(ring)) for ring in rings]
     solids.sort(key=lambda item: -item[0].area)  # whatever is around a ring comes before it
+    # From the outside in: each ring fills or clears what it encloses.
     whole: shapely.Geometry = shapely.MultiPolygon()
     for k, (solid, _) in enumerate(solids):
         around = [turn for outer, turn in solids[: k + 1] if outer.covers(solid)]
+        # SVG 1.1, section 11.3: an odd number of rings around a place, or a sum of windings other than 0, is
+        # inside.
         inside = len(around) % 2 if rule == "evenodd" else sum(around)
         whole = shapely.union(whole, solid) if inside else shapely.difference(whole, solid)
     return polygons_of(whole)
@@ -71,6 +74,7 @@ def repaired(polygon: shapely.Polygon, settings: ImportSettings = IMPORT) -> lis
 def polygons_of(geometry: shapely.Geometry) -> list[shapely.Polygon]:
     """The polygons with area among the parts of a geometry."""
     parts = [geometry]
+    # Collections may hold collections; they are taken apart until only single geometries are left.
     while any(hasattr(part, "geoms") for part in parts):
         parts = [inner for part in parts for inner in getattr(part, "geoms", [part])]
     return [part for part in parts if isinstance(part, shapely.Polygon) and part.area > 0.0]

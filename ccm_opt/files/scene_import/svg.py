@@ -152,6 +152,7 @@ def _shapes(item: "svgelements.Shape", distance: float) -> list[Shape]:
         return points
 
     closed = [subpath for subpath in subpaths if subpath.closed]
+    # SVG's default is nonzero.
     rule: FillRule = "evenodd" if item.values.get("fill-rule") == "evenodd" else "nonzero"
     found: list[Shape] = []
     if closed:
