@@ -111,12 +111,14 @@ class Certificate:
         end = headings[1:]
         owner = np.arange(len(headings) - 1)
         spans = _Spans.between(self.arm, start, end, owner)
+
         links = self._all_links(spans)
         pairs = self._all_pairs(spans)
         failed: list[IntArray] = []
         for level in range(depth + 1):
             links, touching_links = self._unsafe_links(spans, *links)
             pairs, touching_pairs = self._unsafe_pairs(spans, *pairs)
+            # What touches half-way is lost at once; what is merely unproved is lost after the last bisection.
             last = level == depth
             bad = np.concatenate((touching_links, touching_pairs, links[0] if last else [], pairs[0] if last else []))
             failed.append(np.unique(spans.owner[bad.astype(int)]))
@@ -127,11 +129,14 @@ class Certificate:
 
     def _halved(self, spans: _Spans, links: _Links, pairs: _Pairs, failed: IntArray) -> tuple[_Spans, _Links, _Pairs]:
         """Both halves of every stretch with something unsafe, and what is to be tested on them again."""
+        # An interval that has failed need not be looked at further: the caller only learns that it failed.
         alive = ~np.isin(spans.owner, failed)
         keep_link = alive[links[0]]
         keep_pair = alive[pairs[0]]
         links = (links[0][keep_link], links[1][keep_link])
         pairs = (pairs[0][keep_pair], pairs[1][keep_pair], pairs[2][keep_pair])
+
+        # Only stretches that still have something to test are halved; ``place`` leads from a test to its stretch.
         kept, place = np.unique(np.concatenate((links[0], pairs[0])), return_inverse=True)
         start = spans.start[kept]
         end = spans.end[kept]
@@ -139,6 +144,8 @@ class Certificate:
         halves = _Spans.between(
             self.arm, np.concatenate((start, middle)), np.concatenate((middle, end)), np.tile(spans.owner[kept], 2)
         )
+
+        # First halves come first, second halves len(kept) later; every open test is repeated on both.
         on_link = place[: len(links[0])]
         on_pair = place[len(links[0]) :]
         twice_links = (np.concatenate((on_link, on_link + len(kept))), np.tile(links[1], 2))
@@ -157,10 +164,14 @@ class Certificate:
         middle = 0.25 * (spans.a[:, :-1] + spans.a[:, 1:] + spans.b[:, :-1] + spans.b[:, 1:])
         x = np.ascontiguousarray(middle[..., 0])
         y = np.ascontiguousarray(middle[..., 1])
+
+        # A bound for the broad phase: a link's middle strays from its mean place by at most half of the chord and the
+        # sag, and any point of the link lies within half a link of it.
         moved = 0.5 * np.linalg.norm(spans.b - spans.a, axis=2).max(axis=1) + spans.sag[:, -1]
         reach = 2.0 * self.arm.radius + self.spare + self.arm.link_length + 2.0 * moved + self.settings.touch
         limit = (reach**2)[:, None]
         found = [(np.zeros(0, int),) * 3]
+        # Diagonal by diagonal: all pairs (i, i + apart) at once without an index array of links².
         for apart in range(self.arm.first_self_pair, self.arm.links):
             dx = x[:, apart:] - x[:, :-apart]
             dy = y[:, apart:] - y[:, :-apart]
@@ -172,16 +183,20 @@ class Certificate:
     def _unsafe_links(self, spans: _Spans, span: IntArray, link: IntArray) -> tuple[_Links, IntArray]:
         """Of (stretch, link): those whose grown hull meets a wall, and the stretches that touch one half-way."""
         need = self.arm.radius + self.workspace.clearance + self.spare + spans.sag[span, link]
+
+        # A disc about the hull first: hulls are costly to build, and few links are near a wall.
         corners = self._corners(spans, span, link)
         centre = corners.mean(axis=1)
         extent = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
         near = np.unique(self._near(np.asarray(shapely.points(centre)), need + extent)[0])
+
         hulls: Any = shapely.convex_hull(_lines(corners[near]))
         hit = near[np.unique(self._near(hulls, need[near])[0])]
         return (span[hit], link[hit]), self._touching(spans, span[hit], link[hit])
 
     def _touching(self, spans: _Spans, span: IntArray, link: IntArray) -> IntArray:
         """Stretches whose links truly touch a wall half-way, so that no bisection can help."""
+        # Half-way the arm really stands so: what touches there touches whatever is proved elsewhere.
         headings = 0.5 * (spans.start + spans.end)
         places = self.arm.points(headings)
         held = _Spans(headings, headings, spans.owner, places, places, spans.sag)
@@ -196,11 +211,14 @@ class Certificate:
         )
         mount, share = self._mount
         cut = link == mount
+        # Corners 0 and 2 are the near end of the link at both times, 1 and 3 its far end.
         corners[cut, 0::2] += share * (corners[cut, 1::2] - corners[cut, 0::2])
         return corners
 
     def _near(self, shapes: npt.NDArray[np.object_], distance: FloatArray) -> tuple[IntArray, IntArray]:
         """Pairs (shape, wall) no farther apart than given distances, shape (k,) [m]."""
+        # The tree knows only the walls' cores; the largest rounding finds all candidates, and the next lines weigh each
+        # by its own.
         reach = distance + self._rounding.max() + self.settings.touch
         shape, wall = self._tree.query(shapes, predicate="dwithin", distance=reach)
         if self._rounding.any():
@@ -222,6 +240,9 @@ class Certificate:
         _, _, apart = closest_on_segments(middle[span, i], middle[span, i + 1], middle[span, j], middle[span, j + 1])
         distance = np.hypot(apart[:, 0], apart[:, 1])
         direction = apart / np.maximum(distance, 1e-12)[:, None]
+
+        # A difference of two points, one on each link, is a mean of corner differences at each end of the stretch, and
+        # along the stretch leaves its chord by the sag of the links between.
         corners = np.min(
             [
                 np.einsum("md,md->m", p[span, i + s] - p[span, j + t], direction)
@@ -231,6 +252,8 @@ class Certificate:
             ],
             axis=0,
         )
+
+        # sag[j] is that of the far end of link j; what the links before i turn moves both alike and cancels.
         before = np.where(i > 0, spans.sag[span, np.maximum(i - 1, 0)], 0.0)
         least = 2.0 * self.arm.radius + self.spare + self.settings.touch
         unsafe: BoolArray = corners <= least + spans.sag[span, j] - before
@@ -241,6 +264,8 @@ class Certificate:
 def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
     """Depth below contact that may be [m]: none for axes that would then touch walls or each other."""
     widths = [arm.radius + workspace.clearance, *([arm.radius] if arm.self_collision else [])]
+    # Rounding must not refuse an arm that begins in contact, but an axis without width would be on the other side of
+    # the wall.
     return settings.contact if min(widths) > 2.0 * settings.contact else 0.0
 
 

@@ -115,6 +115,8 @@ class ContactFinder:
         Args:
             points: joint and tip positions, shape (links + 1, 2) [m].
         """
+        # By identity, not by value: a step and its check ask for the same array twice. Arrays of points must not be
+        # changed in place.
         if self._latest is not None and self._latest[0] is points:
             return self._latest[1]
         near = self._neighbours(points)
@@ -164,6 +166,7 @@ class ContactFinder:
         middles = 0.5 * (points[:-1] + points[1:])
         reach = self.reach + self._slack
         free = np.arange(self._mount_link, self.arm.links)
+
         to_edge = _distances(middles[free], self._edge_mid) - half - self._edge_half - self._edge_gap
         to_vertex = _distances(middles[free], self.walls.vertices) - half - self._vertex_gap
         near_edge = to_edge < reach
@@ -171,10 +174,14 @@ class ContactFinder:
         a, v = np.nonzero(to_vertex < reach)
         i = free[i]
         a = free[a]
+
+        # Joints are tested against the edges that are near either of their links; (link, edge) pairs serve for
+        # crossings.
         near_joint = np.zeros((self.arm.links + 1, near_edge.shape[1]), dtype=bool)
         near_joint[free] = near_edge
         near_joint[free + 1] |= near_edge
         joint_edge = np.nonzero(near_joint)
+
         p, q = self._pairs
         close = np.linalg.norm(middles[p] - middles[q], axis=1) < 2.0 * (self.arm.radius + half) + reach
         return _NeighbourList(points.copy(), (a, v), (joint_edge[0], joint_edge[1]), (i, e), (p[close], q[close]))
@@ -192,6 +199,8 @@ class ContactFinder:
         start = points[link]
         end = points[link + 1]
         least = np.where(link == self._mount_link, self._mount_at, 0.0)
+
+        # The foot of the perpendicular from the vertex: all links have the same length, so its square divides.
         along = np.einsum("ij,ij->i", target - start, end - start) / self.arm.link_length**2
         at = np.clip(along, least, 1.0)
         keep = (along < 1.0) | (link == self.arm.links - 1)  # else the next link reports the shared joint
@@ -213,6 +222,7 @@ class ContactFinder:
         a = self.walls.edges[edge, 0]
         b = self.walls.edges[edge, 1]
         along = np.einsum("ij,ij->i", place - a, b - a) / np.maximum(np.einsum("ij,ij->i", b - a, b - a), 1e-30)
+        # Where the foot lies beyond the edge the vertex is nearer, and a link has that already.
         keep = (along > 0.0) & (along < 1.0)
         joint = joint[keep]
         edge = edge[keep]
@@ -220,6 +230,7 @@ class ContactFinder:
         place = place[keep]
         apart = place - (a[keep] + along[:, None] * (b - a)[keep])
         link = np.minimum(joint, self.arm.links - 1)
+        # The tip is the far end of the last link; every other joint is the near end of its own.
         at = np.where(joint == self.arm.links, 1.0, np.where(joint == self._mount_link, self._mount_at, 0.0))
         return self._wall_contacts(link, at, apart, self.walls.edge_wall[edge])
 
@@ -259,6 +270,7 @@ def closest_on_segments(
     e = s - r
     dd = np.maximum(np.einsum("ij,ij->i", d, d), 1e-30)
     ee = np.maximum(np.einsum("ij,ij->i", e, e), 1e-30)
+
     w = p - r
     dw = np.einsum("ij,ij->i", d, w)
     ew = np.einsum("ij,ij->i", e, w)
@@ -268,6 +280,7 @@ def closest_on_segments(
     # An end of one segment is nearest to the other at its projection, clipped; all four ends are tried.
     on_first = np.stack((np.clip(-dw / dd, 0, 1), np.clip((de - dw) / dd, 0, 1), zero, one))
     on_second = np.stack((zero, one, np.clip(ew / ee, 0, 1), np.clip((ew + de) / ee, 0, 1)))
+
     apart = w + on_first[..., None] * d - on_second[..., None] * e
     best = np.argmin(np.einsum("kij,kij->ki", apart, apart), axis=0)
     columns = np.arange(len(p))
@@ -276,6 +289,7 @@ def closest_on_segments(
 
 def _cut(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArray:
     """Whether segments properly cross; the boxes around collinear ones, whose sides are rounding, are apart."""
+    # Each segment's ends lie on opposite sides of the other's line; an end that touches counts as no crossing.
     opposite = (_side(p, q, r) * _side(p, q, s) < 0.0) & (_side(r, s, p) * _side(r, s, q) < 0.0)
     low = np.maximum(np.minimum(p, q), np.minimum(r, s))
     high = np.minimum(np.maximum(p, q), np.maximum(r, s))
@@ -283,6 +297,7 @@ def _cut(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArra
 
 
 def _side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
+    # Twice the signed area of the triangle: positive where r lies to the left of pq.
     return (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
 
 

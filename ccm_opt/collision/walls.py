@@ -37,6 +37,7 @@ class Walls:
         for k, wall in enumerate(workspace.walls):
             for path in _paths(wall):
                 edges.append((k, np.stack((path[:-1], path[1:]), axis=1)))
+                # A ring repeats its first point at the end.
                 vertices.append((k, np.unique(path, axis=0)))
         return cls(
             tuple(wall.name for wall in workspace.walls),

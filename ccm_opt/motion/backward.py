@@ -25,6 +25,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
         return
     if task.goal_headings is not None:
         points = task.arm.joint_positions(task.goal_headings)
+        # Headings count full turns, paths do not: the way back has to undo what the base has turned.
         turn = float(task.start[0] - task.goal_headings[0])
         turned = _exchanged(task, task.goal_headings, points)
         # A limit on keyframes is met at the start and at the goal by different rows: backwards it is another task.
@@ -64,6 +65,7 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
         pose = settle(stepper, task.limited_goal, near, task.deadline)[-1]
     except Stalled:
         return None
+    # Settling may have begun inside a wall; every pose after that was only asked to be no worse.
     return pose if stepper.finder.find(pose.points).gap.min(initial=1.0) > 0.0 else None
 
 

@@ -88,6 +88,7 @@ def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
     for pose in poses[1:]:
         if np.max(np.abs(pose.headings - kept[-1].headings)) >= least:
             kept.append(pose)
+    # The end takes the place of the last pose kept, which may be as good as there; the start never goes.
     if kept[-1] is not poses[-1]:
         kept[max(len(kept) - 1, 1) :] = [poses[-1]]
     return kept
@@ -109,6 +110,8 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
             return [*poses, final]
         before = pose
         jacobians = space.jacobians(pose.headings)
+        # The weight grows from step to step: standing still and smoothness would else balance the goal a little before
+        # it.
         onto_goal = goal.terms(space, pose, jacobians, 1.0 + settings.settle_growth * k)
         smooth = smoothness_terms(space, pose.v, settings.bending, settings.jerk)
         pose = stepper.step(pose, jacobians, [*onto_goal, still, *smooth])
@@ -116,10 +119,12 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
         if deadline.passed():
             break
         moved = np.max(np.abs(pose.headings - before.headings))
+        # Not before some steps: the weight of the goal has to outgrow the rest first.
         if k > settings.settle_least and moved < settings.settle_moved:
             break
     if goal.met(pose):
         return poses
+
     distance, turn = goal.errors(pose)
     raise Stalled(f"settling ended {1e3 * distance:.1f} mm and {np.rad2deg(turn):.1f}° off the goal", poses)
 
@@ -129,6 +134,8 @@ def polished(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
     space = stepper.space
     settings = stepper.settings.continuation
     distance, turn = goal.errors(pose)
+    # Newton's method has no rows for walls: a long jump might pass through one, and the pose at its end show nothing of
+    # it.
     if distance > settings.polish_distance * space.nominal_length or turn > settings.polish_turn:
         return None
     final = stepper.pose(polish(space, goal, pose.v))

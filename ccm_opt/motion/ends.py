@@ -71,6 +71,9 @@ def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -
     arm = problem.arm
     slack = settings.aim_share * problem.tolerances.position
     offset = goal.position - arm.base
+
+    # At full stretch the tip cannot move along the arm and Newton would stop; an aim a little nearer keeps the arm
+    # bent, as far as the tolerance allows.
     beyond = float(np.hypot(*offset)) - (1.0 - settings.stretch) * arm.length
     if beyond > settings.stretch * arm.length:
         return np.asarray(goal.position - min(beyond, slack) * offset / np.hypot(*offset))
@@ -79,10 +82,13 @@ def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -
     place = shapely.Point(goal.position)
     if all(shapely.distance(place, wall.core) - wall.rounding >= need for wall in problem.workspace.walls):
         return goal.position
+
+    # A little more room than need be: at the very edge of free space no step has a choice.
     need += settings.room_share * slack
     room = problem.workspace.boundary.buffer(-need)
     bodies = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
     free = shapely.difference(room, shapely.union_all(bodies))
+
     nearest = shapely.get_coordinates(shapely.shortest_line(place, free))
     if len(nearest) == 0 or float(np.hypot(*(nearest[1] - goal.position))) > slack:
         return goal.position
@@ -92,6 +98,7 @@ def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -
 def stands_flush(problem: Problem, headings: FloatArray, settings: EndSettings = DEFAULT_ENDS) -> bool:
     """Whether the arm leaves a wall so that the end of its mount just clears it, and no turn of the base would."""
     arm = problem.arm
+    # The whole first link belongs to the mount already.
     if arm.mount_length >= arm.link_length:
         return False
     walls = Walls.from_workspace(problem.workspace)
@@ -99,6 +106,9 @@ def stands_flush(problem: Problem, headings: FloatArray, settings: EndSettings =
     contacts = finder.find(arm.joint_positions(headings))
     at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
     flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= settings.flush * arm.length)
+
+    # Turning the base by dφ moves the mount's end sideways by mount · dφ. With the wall square to the link the gap only
+    # falls, by the square of dφ: no turn of the base is free, in either direction.
     sideways = contacts.normal @ np.array([-np.sin(headings[0]), np.cos(headings[0])])
     return bool(np.any(flush & (np.abs(sideways) < settings.upright)))
 
@@ -123,6 +133,7 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
     if goal.heading is not None:
         back = arm.link_length * unit_vector(goal.heading)
         last = shapely.LineString([goal.position - back, goal.position])
+        # The rear end of the last link may swing by this much.
         play += arm.link_length * tolerances.heading
     need = arm.radius + problem.workspace.clearance - play
     gaps = [shapely.distance(last, wall.core) - wall.rounding - need for wall in problem.workspace.walls]

@@ -67,6 +67,7 @@ class GoalPose:
         settings = self.settings
         unit = space.nominal_length
         error = self.position - pose.points[-1]
+        # A far goal is asked for a stretch at a time: beyond that the linearised tip says nothing of use.
         error = error * min(1.0, settings.distance_step * unit / max(float(np.hypot(*error)), _SMALLEST))
         terms = [Term(jacobians[-1] / unit, error / unit, weight)]
         if self.heading is not None:
@@ -74,6 +75,7 @@ class GoalPose:
             terms.append(Term(space.matrix[-1:], np.array([step]), settings.heading_weight * weight))
         for limit in self.limits:
             rows, wanted = limit.mending(space, pose.headings, settings.heading_step)
+            # Limits count turns of the whole arm, whose norm shares one turn out among all links.
             terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
         return terms
 
@@ -100,6 +102,7 @@ def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
             error = np.append(error, change)
         if np.max(np.abs(error)) < goal.settings.polish_tolerance:
             break
+        # min ½ δᵀ M δ subject to J δ = e: δ = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ e.
         spread = np.linalg.solve(space.metric, rows.T)
         independent = len(error) == of_tip  # what limits add may follow from the tip's equations
         v = v + spread @ _solved(rows @ spread, error, goal.settings.least_share, independent=independent)
@@ -121,6 +124,7 @@ def _solved(matrix: FloatArray, error: FloatArray, least_share: float, *, indepe
 
 def _least_squares(matrix: FloatArray, error: FloatArray, least_share: float) -> FloatArray:
     """The solution of least squares of scaled equations, whose units differ."""
+    # Metres, radians and units of the user stand side by side: a unit diagonal lets one threshold decide the rank.
     scale = np.sqrt(np.maximum(np.diag(matrix), _SMALLEST**2))
     scaled: FloatArray = np.linalg.lstsq(matrix / np.outer(scale, scale), error / scale, rcond=least_share)[0]
     return scaled / scale

@@ -73,6 +73,8 @@ class LinkSpace:
         """
         matrix = mean_heading_matrix(arm.links, arm.length)
         if clamped:
+            # With row 0 subtracted the first heading is φ₀ for every v; θ(0) loses its effect, and the fit leaves it at
+            # 0.
             matrix = matrix - matrix[0]
         start = fit_coordinates(matrix, headings - (headings[0] if clamped else 0.0), arm.length)
         return cls(arm, matrix, headings - matrix @ start, nominal_links, clamped), start
@@ -85,6 +87,7 @@ class LinkSpace:
         """
         base = self.offset[0] if self.clamped else 0.0
         goal = fit_coordinates(self.matrix, headings - base, self.arm.length)
+        # What the curve cannot show of the goal; w from 0 to 1 trades the offset of the start for it.
         column = headings - self.matrix @ goal - self.offset
         return replace(self, matrix=np.column_stack((self.matrix, column))), np.append(goal, 1.0)
 
@@ -100,6 +103,7 @@ class LinkSpace:
         """Derivatives of joint and tip positions by v, shape (..., links) to (..., links + 1, 2, p) [m per unit]."""
         l = self.arm.link_length
         jacobians = np.zeros((*headings.shape[:-1], self.arm.links + 1, 2, self.dimension))
+        # P_j = base + l Σ_{i<j} (cos φ_i, sin φ_i) and ∂φ/∂v = A, so ∂P_j/∂v = l Σ_{i<j} (−sin φ_i, cos φ_i) A_i.
         np.cumsum((-l * np.sin(headings))[..., None] * self.matrix, axis=-2, out=jacobians[..., 1:, 0, :])
         np.cumsum((l * np.cos(headings))[..., None] * self.matrix, axis=-2, out=jacobians[..., 1:, 1, :])
         return jacobians
@@ -149,6 +153,7 @@ class LinkSpace:
 
     def sag_slopes(self, turns: FloatArray) -> FloatArray:
         """Derivative of the sag by the change of v over the turn, shape (..., links + 1, p) [m per unit]."""
+        # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
         steps = (0.25 * self.arm.link_length * turns)[..., None] * self.matrix
         slopes = np.zeros((*turns.shape[:-1], turns.shape[-1] + 1, self.dimension))
         np.cumsum(steps, axis=-2, out=slopes[..., 1:, :])
@@ -163,6 +168,8 @@ class LinkSpace:
         """
         l = self.arm.link_length
         links = headings.shape[-1]
+        # ∂²x_j/∂φ_i² = −l (cos φ_i, sin φ_i) for every joint j beyond link i. The forces sum to 0, so those beyond link
+        # i are minus those up to it, and mixed derivatives vanish.
         carried = np.cumsum(forces[..., :links, :], axis=-2)
         curvature: FloatArray = -l * (np.cos(headings) * carried[..., 0] + np.sin(headings) * carried[..., 1])
         return curvature
@@ -174,6 +181,7 @@ class LinkSpace:
             weights: w of every joint and the tip, of sum 0, shape (..., links + 1).
         """
         links = weights.shape[-1] - 1
+        # As above: the weights sum to 0, and those beyond link i are minus those up to it.
         curvature: FloatArray = 0.25 * self.arm.link_length * np.cumsum(weights, axis=-1)[..., :links]
         return curvature
 
@@ -193,6 +201,8 @@ class LinkSpace:
         values = [curvature[4 * k : 4 * k + 5] for k in range(SEGMENTS)]
         heading = v[0]
         if self.clamped:
+            # A clamped space has subtracted row 0, (1, a), from A; the curve gets the heading θ(0) = φ₀ − a · C that
+            # puts its first mean heading back.
             heading = self.offset[0] - mean_heading_matrix(self.arm.links, self.arm.length)[0, 1:] @ curvature
         return Configuration.chain(self.arm.base, float(heading), [self.arm.length / SEGMENTS] * SEGMENTS, values)
 
@@ -206,11 +216,14 @@ def nearest_curve(arm: Arm, headings: FloatArray) -> Configuration:
 def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:
     """Coordinates whose mean headings come nearest to given ones; curvature differences break ties."""
     p = matrix.shape[1]
+    # Few links leave many curves with the same mean headings; the smoothest of them is taken. Coordinates that blend a
+    # goal in are held at 0.
     scale = length / KNOTS
     roughness = np.zeros((KNOTS - 1, p))
     roughness[:, 1 : KNOTS + 1] = scale * (np.eye(KNOTS)[1:] - np.eye(KNOTS)[:-1])
     pinned = np.zeros((max(0, p - KNOTS - 1), p))
     pinned[:, KNOTS + 1 :] = np.eye(p - KNOTS - 1)
+
     weight = np.sqrt(_FIT_WEIGHT)
     system = np.vstack((matrix, weight * roughness, pinned))
     target = np.concatenate((headings, np.zeros(len(system) - len(headings))))
@@ -223,12 +236,17 @@ def _unit_matrix(links: int) -> FloatArray:
     """Mean-heading matrix for a curve of length 1."""
     width = 1.0 / (4 * SEGMENTS)
     coefficients = _curvature_basis(width)
+
+    # Cut at the ends of links and at knots, so that the heading is a single quartic on every part; rounding merges an
+    # end of a link with a knot at the same place.
     edges = np.unique(np.round(np.concatenate((np.arange(links + 1) / links, np.arange(KNOTS) * width)), 14))
     nodes, weights = np.polynomial.legendre.leggauss(3)  # exact for the quartic
     half = 0.5 * np.diff(edges)[:, None]
     s = (edges[:-1, None] + half * (nodes + 1.0)).ravel()
     theta = _heading_basis(s, width, coefficients).reshape(len(half), 3, -1)
     integrals = np.einsum("k,ikp->ip", weights, theta) * half
+
+    # The middle of a part says to which link it belongs; the mean is the integral over 1 / links.
     link = np.minimum((0.5 * (edges[:-1] + edges[1:]) * links).astype(int), links - 1)
     matrix = np.zeros((links, KNOTS + 1))
     np.add.at(matrix, link, integrals * links)
@@ -238,6 +256,7 @@ def _unit_matrix(links: int) -> FloatArray:
 def mean_heading_matrix(links: int, length: float) -> FloatArray:
     """Row j: mean over link j of ∂θ/∂v, shape (links, KNOTS + 1); exact quadrature of the quartic heading."""
     matrix = _unit_matrix(links).copy()
+    # Curvature values count per metre: on a curve of length L they turn it L times as far as on one of length 1.
     matrix[:, 1:] *= length
     return matrix
 
@@ -246,6 +265,7 @@ def _curvature_basis(width: float) -> FloatArray:
     """Power coefficients of every curvature piece for every knot value, shape (20 pieces, 4 powers, KNOTS)."""
     local = piece_coefficients(np.full(4, width), np.eye(5))
     basis = np.zeros((4 * SEGMENTS, 4, KNOTS))
+    # Neighbouring segments share a knot, hence five knots a segment and four pieces.
     for k in range(SEGMENTS):
         basis[4 * k : 4 * k + 4, :, 4 * k : 4 * k + 5] = local
     return basis
@@ -253,9 +273,11 @@ def _curvature_basis(width: float) -> FloatArray:
 
 def _heading_basis(s: FloatArray, width: float, coefficients: FloatArray) -> FloatArray:
     """∂θ(s)/∂v for arc lengths on the unit curve, shape (len(s), KNOTS + 1)."""
+    # θ(s) = θ(0) + ∫ κ ds, and the power t^q of a piece integrates to t^{q+1} / (q + 1).
     powers = 1.0 / np.arange(1, 5)
     turns = np.einsum("iqp,q,q->ip", coefficients, powers, width ** np.arange(1, 5))
     before = np.concatenate((np.zeros((1, KNOTS)), np.cumsum(turns, axis=0)))
+
     piece = np.minimum((s / width).astype(int), 4 * SEGMENTS - 1)
     t = s - piece * width
     inside = np.einsum("sqp,q,sq->sp", coefficients[piece], powers, t[:, None] ** np.arange(1, 5))

@@ -39,6 +39,9 @@ def _bases(motion: Motion, task: MotionTask) -> list[BSpline]:
         near = certified_spline(motion.headings, task.certificate, task.settings.smooth_path)
         if near is not None:
             bases.append(near)
+
+    # The second try passes through the keyframes, which lie on the equations: less smooth, but nearer to what is
+    # certified.
     u = path_parameters(motion)
     if len(u) > 3:
         bases.append(make_interp_spline(u, motion.headings, k=3))
@@ -50,23 +53,29 @@ def _on_equations(base: BSpline, task: MotionTask) -> BSpline | None:
     settings = task.settings.smooth_path
     limits = task.user_limits
     free = np.ones(task.arm.links)
+    # A clamped base may not be turned, not even by the little that a knot is moved.
     free[0] = 0.0 if task.clamped else 1.0
+    # A constraint that begins inside a span would be met on one side of its beginning only.
     breaks = [u for limit in limits for u in limit.breaks]
     knots = _first_knots(base, breaks, settings.first_spans)
     values: dict[float, FloatArray] = {0.0: np.asarray(base(0.0)), 1.0: np.asarray(base(1.0))}
     for _ in range(settings.rounds):
         for u in knots:
+            # Knots stay from round to round, so each is moved only once.
             if float(u) not in values:
                 moved = moved_onto(limits, task.arm, np.asarray(base(u)), float(u), free, settings)
                 if moved is None:
                     return None
                 values[float(u)] = moved
+
         spline = make_interp_spline(knots, np.array([values[float(u)] for u in knots]), k=3)
         missed = _missed_spans(spline, knots, limits, settings.equation_samples)
         if not len(missed):
             return spline
         if len(knots) + len(missed) > settings.most_spans:
             return None
+
+        # A spline is shaped by its neighbours as well; halving one span alone would leave uneven spans that ripple.
         around = np.unique(np.clip(np.add.outer(missed, (-1, 0, 1)), 0, len(knots) - 2))
         knots = np.union1d(knots, 0.5 * (knots[around] + knots[around + 1]))
     return None
@@ -113,6 +122,7 @@ def moved_onto(
             return None
         if np.max(np.abs(change), initial=0.0) <= settings.met:
             return headings
+        # Rows of norm 1: units differ, and the rank has to be told from rounding.
         scale = slope_norms(slopes)
         step = np.linalg.lstsq(slopes * free / scale[:, None], change / scale, rcond=settings.rank)[0]
         headings = headings + step
@@ -121,6 +131,7 @@ def moved_onto(
 
 def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[Limit, ...], samples: int) -> IntArray:
     """Spans in which a limit is missed, sorted; each is looked at in so many samples."""
+    # Even samples in every span, however long the spans are.
     places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
     headings = spline(places)
     missed = np.zeros(len(places), dtype=bool)
@@ -133,6 +144,7 @@ def _within_limits(spline: BSpline, task: MotionTask) -> bool:
     """Whether the bends keep their limits at samples of the path."""
     arm = task.arm
     bends = np.abs(arm.bends(spline(_samples(spline, task.settings.smooth_path))))
+    # Ends are as the problem gives them; a bend there may stand at its limit but for rounding.
     return bool(np.all(bends <= np.maximum(arm.bend_limits, bends[[0, -1]].max(axis=0))))
 
 

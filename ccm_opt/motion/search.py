@@ -31,6 +31,7 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         if not strategy.applies(task):
             continue
         if coarse is not None:
+            # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.
             found = strategy.find(coarse, failures, NOMINAL_LINKS)
             lifted = _lifted(found, coarse, task) if found is not None else None
             if lifted is not None:
@@ -52,6 +53,8 @@ def _planned_coarsely(task: MotionTask, nominal_links: float) -> bool:
 
 def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
     """A coarse motion on the task's links: optimised and lifted, or else lifted as it was found and then optimised."""
+    # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where it
+    # still cannot be lifted, the motion as it was found has more room.
     lifted = lift(optimise(found, coarse, task.settings.search.lift_margin), task)
     if lifted is not None:
         return lifted

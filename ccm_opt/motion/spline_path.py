@@ -30,11 +30,14 @@ def certified_spline(
     for _ in range(settings.refinements):
         spline = clamped_spline(control)
         counts = _samples_a_span(spline, certificate, settings)
+        # Sample i lies in the span k with ends[k] ≤ i < ends[k + 1]; that is undone below to name the spans that fail.
         ends = np.concatenate(([0], np.cumsum(counts)))
         samples = np.interp(np.arange(ends[-1] + 1), ends, np.linspace(0.0, 1.0, len(ends)))
         failing = np.unique(np.searchsorted(ends, certificate.failures(spline(samples)), side="right") - 1)
         if len(failing) == 0:
             return spline
+        # Not the insertion of a knot, which would leave the curve as it is: the polygon stays, and its second
+        # differences, by which the curve leaves it, become smaller.
         control = _halve_legs(control, failing)
     return None
 
@@ -42,6 +45,7 @@ def certified_spline(
 def clamped_spline(control: FloatArray) -> BSpline:
     """Clamped uniform cubic B-spline over [0, 1] with given control points, shape (m ≥ 4, links)."""
     spans = len(control) - DEGREE
+    # End knots of multiplicity four: the curve begins and ends on its first and last control point.
     knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
     return BSpline(knots, control, DEGREE)
 
@@ -55,6 +59,7 @@ def spare_kept(spline: BSpline, certificate: IntervalCertificate, settings: Smoo
 def _samples_a_span(spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings) -> IntArray:
     """Samples of each span that bring linear interpolation within its share of the gap that the certificate spares."""
     allowed = max(settings.spare_share * certificate.spare, settings.least_error * certificate.arm.length)
+    # The error falls with the square of the number of samples.
     wanted = np.ceil(np.sqrt(_interpolation_errors(spline, certificate) / allowed))
     return np.clip(wanted, settings.least_samples, settings.most_samples).astype(np.intp)
 
@@ -66,6 +71,7 @@ def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> 
     are its values at the knots.
     """
     spans = len(spline.c) - DEGREE
+    # |φ″| summed over links bounds what the tip may be off by; spans are 1 / spans long.
     turning = np.abs(spline.derivative(2).c).sum(axis=1)[: spans + 1]
     return np.asarray(certificate.arm.link_length * np.maximum(turning[:-1], turning[1:]) / (8.0 * spans**2))
 

@@ -55,6 +55,8 @@ class Stepper:
         matrix = np.ascontiguousarray(np.vstack([rows.matrix for rows in parts]))
         upper = np.concatenate([rows.upper for rows in parts])
         lower = np.concatenate([rows.lower for rows in parts])
+
+        # Every limit's equations come first among its own rows.
         sense = np.zeros(len(upper), dtype=np.intc)
         first = 0
         for rows in parts:
@@ -63,6 +65,8 @@ class Stepper:
 
         most = settings.iterations_a_row * len(upper)
         delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, sense, iter_limit=most)
+        # Negative flags: infeasible, jammed, or out of iterations. The pose itself as the answer tells the caller that
+        # there is no step.
         if flag < 1:
             return pose
         return self._accept(pose, np.asarray(delta), parts, turn)
@@ -70,10 +74,13 @@ class Stepper:
     def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
         """Backtrack until every limit's true check holds; the linearised rows promise that for small steps only."""
         for k in range(self.settings.step.backtracks):
+            # Halving always ends well in theory, for δ = 0 is feasible; after a few halvings the gain is not worth the
+            # check.
             v = pose.v + delta * 0.5**k
             for limit in self.limits:
                 v = limit.restored(self.space, v, turn)
             trial = self.pose(v)
+            # The limits stand in the order of their rows; backwards the costly check of contact comes last.
             if all(rows.keeps(trial) for rows in reversed(parts)):
                 return trial
         return pose
@@ -97,6 +104,8 @@ def normal_equations(terms: Sequence[Term], ridge: float) -> tuple[FloatArray, F
     rows = np.vstack([t.rows for t in terms])
     target = np.concatenate([t.target for t in terms])
     weight = np.concatenate([np.broadcast_to(np.asarray(t.weight, dtype=np.float64), (len(t.target),)) for t in terms])
+
+    # ½ Σ w |R δ − t|² has the Hessian Rᵀ W R and at δ = 0 the gradient −Rᵀ W t.
     weighted = rows * weight[:, None]
     return rows.T @ weighted + ridge * np.eye(rows.shape[1]), -weighted.T @ target
 
@@ -110,7 +119,9 @@ def smoothness_terms(space: LinkSpace, v: FloatArray, bending: float, jerk: floa
         bending: weight on the curvature.
         jerk: weight on its differences from knot to knot.
     """
+    # Curvature times a nominal length is a bend in radians: the weights then suit arms of any size.
     curvature = np.zeros((KNOTS, space.dimension))
     curvature[:, 1 : KNOTS + 1] = space.nominal_length * np.eye(KNOTS)
     difference = np.diff(curvature, axis=0)
+    # The target is minus the present value: the pull is on the curvature after the step, not on its change.
     return [Term(curvature, -curvature @ v, bending), Term(difference, -difference @ v, jerk)]

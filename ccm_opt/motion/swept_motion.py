@@ -35,6 +35,7 @@ class Sweep:
     @cached_property
     def middles(self) -> FloatArray:
         """Joint and tip positions half-way through the intervals, shape (K, n + 1, 2) [m]."""
+        # Of the mean headings, not the mean of the positions: links keep their length on the way.
         return self.space.arm.joint_positions(0.5 * (self.headings[:-1] + self.headings[1:]))
 
     @cached_property

@@ -34,6 +34,7 @@ class ReferenceMotion:
         way = arc_lengths(headings)
         if way[-1] <= 0.0:
             return cls(np.array([0.0, 1.0]), headings[[0, -1]])
+        # Poses that repeat would make u stand still, and ``at`` divide by 0.
         kept = np.append(np.diff(way) > 0.0, True)
         return cls(way[kept] / way[-1], headings[kept])
 
@@ -77,16 +78,20 @@ def follow_reference(
     tracked = TrackedPoses([start], [0.0])
     advance = settings.first_advance
     while tracked.u[-1] < settings.arrival:
+        # The last stretch of u belongs to settling, so the reference is run through by the time of arrival.
         u = min(settings.arrival, tracked.u[-1] + advance)
         there = stepper.at(u)
         poses = _advanced(there, reference.at(u / settings.arrival), tracked.poses[-1])
         if poses is None:
+            # The arm stays where it was: rows that move a little with u may be met where a large step of u outruns the
+            # arm.
             advance *= 0.5
             if advance < settings.least_advance or deadline.passed():
                 raise Stalled(_why(there, tracked.poses[-1], u), tracked.poses)
             continue
         _append(tracked, poses, u)
         advance = min(settings.largest_advance, settings.growth * advance)
+
     settled = settle(stepper.at(1.0), goal, tracked.poses[-1], deadline)[1:]
     _append(tracked, settled, 1.0)
     return tracked
@@ -113,6 +118,7 @@ def _advanced(stepper: Stepper, target: FloatArray, pose: Pose) -> list[Pose] | 
             *smoothness_terms(space, pose.v, smoothness.bending, smoothness.jerk),
         ]
         pose = stepper.step(pose, space.jacobians(pose.headings), terms)
+        # No limit lets the arm step at this u.
         if pose is before:
             break
         poses.append(pose)

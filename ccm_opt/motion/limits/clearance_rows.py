@@ -61,6 +61,8 @@ class IntervalRows:
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
         """Derivatives by the coordinates at the start and at the end of the row's interval, each (m, p)."""
+        # A change at the row's own keyframe moves the points; a change at either keyframe alters the turn Δφ, and so
+        # the sag, with opposite signs.
         keyframe = self.interval + self.side
         apart = sweep.jacobians[keyframe, self.plus] - sweep.jacobians[keyframe, self.minus]
         moving = np.einsum("md,mdp->mp", self.normal, apart)
@@ -81,14 +83,21 @@ class IntervalRows:
         """
         space = sweep.space
         keyframes, links = sweep.headings.shape
+
+        # The sums are read as forces on a chain: ``position_curvature`` takes −Σ f·x, so −λn acts on the point that
+        # counts positively and λn on the other. The pull at the base balances one at the tip.
         forces = np.zeros((keyframes, links + 2, 2))
         forces[-1, 0] = pull
         weighted = multipliers[:, None] * self.normal
         np.add.at(forces, (self.interval + self.side, self.minus), weighted)
         np.add.at(forces, (self.interval + self.side, self.plus), -weighted)
+
+        # The mount's end is no joint: what acts on it is shared out between the joints of its link, as by the law of
+        # the lever.
         link, share = space.mount_end
         forces[:, link] += (1.0 - share) * forces[:, -1]
         forces[:, link + 1] += share * forces[:, -1]
+
         sag = np.zeros((keyframes - 1, links + 1))
         np.add.at(sag, (self.interval, self.low), multipliers)
         np.add.at(sag, (self.interval, self.high), -multipliers)
@@ -107,6 +116,8 @@ def representatives(rows: IntervalRows, values: FloatArray, group: int, sectors:
     sector = np.floor(np.arctan2(rows.normal[:, 1], rows.normal[:, 0]) * sectors / (2.0 * np.pi)).astype(np.intp)
     against_wall = rows.minus == 0
     keys = (2 * rows.interval + rows.side, rows.plus // group, rows.minus // group, against_wall, sector % sectors)
+
+    # lexsort sorts by its last key first, so −values only orders rows whose keys all agree: the tightest comes first.
     order = np.lexsort((-values, *keys))
     changes = [np.diff(key[order].astype(np.intp)) != 0 for key in keys]
     first = np.concatenate(([True], np.any(changes, axis=0)))[: len(order)]
@@ -137,6 +148,8 @@ def motion_rows(
     planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach)
     need = arm.radius + workspace.clearance + margin
     rows = joined_rows([wall_rows(planes, sweep.space, need), self_rows(sweep, reach, margin)])
+
+    # The start is given and may stand nearer than the margin; with it these rows could never hold.
     at_start = rows.interval + rows.side == 0
     return replace(rows, constant=rows.constant - margin * at_start)
 
@@ -154,9 +167,13 @@ def wall_rows(planes: HalfPlanes, space: LinkSpace, need: float) -> IntervalRows
     m = len(planes.link)
     parts = []
     for end in (0, 1):
+        # The link on which the mount ends is free only from there on: that point, last in ``Sweep.points``, stands for
+        # the link's first joint.
         cut = (planes.link == mounted) & (end == 0) & (share > 0.0)
         point = np.where(cut, arm.links + 1, planes.link + end)
+        # The base cannot move: its row would be a constant.
         moves = point > 0
+        # Both ends of the link take the sag of its far end, the larger one, as the certificate does.
         for side in (0, 1):
             rows = IntervalRows(
                 planes.interval,
@@ -182,6 +199,8 @@ def self_rows(sweep: Sweep, reach: float, margin: float) -> IntervalRows:
     """
     arm = sweep.space.arm
     interval, i, j = _near_pairs(sweep, *sweep.space.self_pairs, reach + 2.0 * arm.radius)
+
+    # One direction for the whole interval: that of the closest points half-way, where both ends are equally near.
     p = sweep.middles[interval]
     m = np.arange(len(interval))
     _, _, apart = closest_on_segments(p[m, i], p[m, i + 1], p[m, j], p[m, j + 1])
@@ -192,8 +211,12 @@ def self_rows(sweep: Sweep, reach: float, margin: float) -> IntervalRows:
     j = j[close]
     apart = apart[close]
     distance = distance[close]
+
     normal = apart / np.maximum(distance, 1e-12)[:, None]
     need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
+
+    # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
+    # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough: turning the base costs nothing.
     return joined_rows(
         [
             IntervalRows(interval, np.full(len(i), side), j + t, i + s, j + 1, i, normal, need)
@@ -207,6 +230,7 @@ def self_rows(sweep: Sweep, reach: float, margin: float) -> IntervalRows:
 def _near_pairs(sweep: Sweep, i: IntArray, j: IntArray, reach: float) -> tuple[IntArray, IntArray, IntArray]:
     """Intervals and pairs whose middles half-way come within reach of each other."""
     centres = 0.5 * (sweep.middles[:, :-1] + sweep.middles[:, 1:])
+    # A broad phase: two links are at most a link length nearer to each other than their middles.
     apart = np.linalg.norm(centres[:, i] - centres[:, j], axis=2)
     interval, pair = np.nonzero(apart < reach + sweep.space.arm.link_length)
     return interval, i[pair], j[pair]

@@ -49,10 +49,15 @@ class ContactLimit(Limit):
         settings = self.settings
         contacts = finder.find(pose.points)
         rows = contact_rows(contacts, jacobians)
+        # n·J δ ≥ −share · (gap − margin), never above 0: a pair inside its margin may stay, and the push mends it
+        # softly, since a hard row could leave no step at all.
         lower = np.minimum(-settings.closing_share * (contacts.gap - contacts.margin), 0.0)
+        # A start that stands nearer than the margin is legal; what it lacks is granted to every pose of the step.
         allowed = allowed_shortfall(contacts, settings.keep_share)
 
         def keeps(trial: Pose) -> bool:
+            # Distances have no sign: a thin link that has jumped across a wall shows a positive gap on the other side,
+            # so crossings are tested apart.
             after = finder.find(trial.points)
             return keeps_clear(after, allowed, settings.keep_share) and not finder.crosses(trial.points)
 
@@ -63,6 +68,7 @@ class ContactLimit(Limit):
         """Ask contacts inside their margin to be mended."""
         wanted = contacts.margin - contacts.gap
         near = wanted > 0.0
+        # In nominal links, so that the weight suits an arm of any size.
         unit = space.nominal_length
         return Term(rows[near] / unit, self.settings.mending_share * wanted[near] / unit, self.settings.push_weight)
 
@@ -107,6 +113,7 @@ def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
         jacobians: of its joints, shape (links + 1, 2, p) [m per unit].
     """
     relative = _point_jacobian(jacobians, contacts.first, contacts.first_at)
+    # gap = n·(x_first − x_second): a wall stands still, a second link moves and subtracts its own part.
     with_itself = contacts.second != WALL
     relative[with_itself] -= _point_jacobian(jacobians, contacts.second[with_itself], contacts.second_at[with_itself])
     rows: FloatArray = np.einsum("md,mdp->mp", contacts.normal, relative)

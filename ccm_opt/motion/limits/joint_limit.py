@@ -37,6 +37,7 @@ class JointLimit(Limit):
         bends = space.bends(pose.headings)
         limits = self.settings.limit_share * space.bend_limits
         tight = np.abs(bends) + 2.0 * turn > limits  # a bend is the difference of two headings
+        # A bend that is beyond its share already must not grow; clipping at 0 keeps δ = 0 feasible.
         upper = np.maximum(limits - bends, 0.0)[tight]
         lower = np.minimum(-limits - bends, 0.0)[tight]
         allowed = np.maximum(self._accepted(space), np.abs(bends)) + _SOLVER_ACCURACY
@@ -57,7 +58,11 @@ class JointLimit(Limit):
         space = sweep.space
         bends = space.bends(sweep.headings)
         limits = np.broadcast_to(self.settings.limit_share * space.bend_limits, bends.shape)
+
+        # Far from its limit a bend needs no row: every row costs the QP time, and ``holds`` judges all bends
+        # afterwards.
         near = np.abs(bends) + self.settings.near_joint_limit > limits
+        # The first keyframe is the start and cannot move.
         near[0] = False
         keyframe, joint = np.nonzero(near)
         lower = np.minimum((-limits - bends)[near], 0.0)
@@ -89,8 +94,10 @@ def overbent(
             method does not go to and fro. What is too large now is added. Shape (links,).
         tolerance: by which a bend may be beyond [rad].
     """
+    # An active set that only grows: a bend let go as soon as it is back would be pushed out again by the next step.
     beyond = np.abs(bends) > limits + tolerance
     held[beyond] = np.sign(bends[beyond])
     over = np.flatnonzero(held)
+    # Bend i is φ_i − φ_{i−1}, and that of the first joint is φ_0 less the mount, which is fixed.
     slopes = np.diff(np.eye(len(bends)), axis=0, prepend=0.0)[over]
     return slopes, held[over] * limits[over] - bends[over]

@@ -37,6 +37,7 @@ class WallSegments:
     def from_workspace(cls, workspace: Workspace) -> "WallSegments":
         """The segments of a workspace's walls."""
         walls = Walls.from_workspace(workspace)
+        # A round obstacle is a point swept by a disc: it has no edge, and becomes a segment of length 0.
         lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
         points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)
         owner = np.concatenate((walls.edge_wall, walls.vertex_wall[lone]))
@@ -45,6 +46,7 @@ class WallSegments:
     @cached_property
     def tree(self) -> shapely.STRtree:
         """Spatial index of the segments."""
+        # A line of length 0 is no valid geometry, so such segments enter the tree as points.
         lone = np.all(self.ends[:, 0] == self.ends[:, 1], axis=1)
         lines: Any = shapely.linestrings(self.ends)
         lines[lone] = shapely.points(self.ends[lone, 0])
@@ -84,10 +86,15 @@ def sweep_regions(sweep: Sweep, walls: WallSegments, first_link: int, reach: flo
     intervals, links = sweep.turns.shape
     free = np.arange(first_link, links)
     interval, link = (grid.ravel() for grid in np.meshgrid(np.arange(intervals), free, indexing="ij"))
+
+    # All walls within reach of the hulls, and for each the half-plane across the shortest line to it.
     hulls = _hulls(sweep, interval, link)
     q, wall = walls.tree.query(hulls, predicate="dwithin", distance=reach + walls.rounding.max())
     normal, gap = _directions(sweep, hulls, walls, q, wall, interval, link)
+    # b = min n·x over the wall, less its rounding: the half-plane touches the wall, and none of the wall is inside.
     least = np.einsum("mid,md->mi", walls.ends[wall], normal).min(axis=1) - walls.rounding[wall]
+
+    # lexsort sorts by its last key first: by hull, and within a hull by distance.
     order = np.lexsort((gap, q))
     chosen = _nearest_first(q[order], normal[order], walls.ends[wall[order]], walls.rounding[wall[order]], least[order])
     kept = order[chosen]
@@ -118,11 +125,14 @@ def _directions(
     A hull that meets a wall gives way to the link half-way through the interval.
     """
     lines: Any = shapely.shortest_line(hulls[q], walls.tree.geometries[wall])
+    # The hull of the three poses is wider than the sweep at a bend and may touch a wall that the link clears; the
+    # shortest line then has no direction.
     touching = shapely.length(lines) < _TOUCHING
     at = interval[q[touching]]
     of = link[q[touching]]
     halfway = shapely.linestrings(np.stack((sweep.middles[at, of], sweep.middles[at, of + 1]), axis=1))
     lines[touching] = shapely.shortest_line(halfway, walls.tree.geometries[wall[touching]])
+
     ends = shapely.get_coordinates(lines).reshape(-1, 2, 2)
     along = ends[:, 1] - ends[:, 0]
     length = np.hypot(along[:, 0], along[:, 1])
@@ -136,6 +146,8 @@ def _nearest_first(
     """Indices of the half-planes that are kept, all hulls at once; the pairs come sorted by hull and distance."""
     waiting = np.arange(len(q))
     kept: list[IntArray] = []
+    # Each pass keeps the nearest waiting wall of every hull and drops the walls that lie wholly beyond its half-plane;
+    # the number of passes is the largest number of half-planes about one hull, not the number of hulls.
     while len(waiting):
         _, first, group = np.unique(q[waiting], return_index=True, return_inverse=True)
         kept.append(waiting[first])

@@ -48,8 +48,11 @@ class UserCosts:
         matrix = self.space.matrix
         model = Quadratic(np.zeros((frames, p)), np.zeros((frames, p, p)), np.zeros((frames - 1, p, p)))
         for cost, weights in zip(*self._weights, strict=True):
+            # Keyframe 0 is the fixed start: what it costs cannot be changed.
             for k in np.flatnonzero(weights[1:]) + 1:
                 gradient, hessian = cost.second_order(sweep.headings[k], float(self.u[k]))
+                # The nearest positive semidefinite matrix (in the Frobenius norm) drops the negative eigenvalues; the
+                # QP needs a convex model.
                 sizes, vectors = np.linalg.eigh(hessian)
                 factor = matrix.T @ (vectors * np.sqrt(np.maximum(sizes, 0.0)))
                 model.gradient[k] += weights[k] * gradient @ matrix
@@ -63,5 +66,6 @@ class UserCosts:
         weights = []
         for cost in costs:
             applies = cost.applies(self.u).astype(np.float64)
+            # A mean, so that a cost weighs the same at any number of keyframes and on any part of the motion.
             weights.append(cost.cost.weight * applies / max(float(applies.sum()), 1.0))
         return costs, weights

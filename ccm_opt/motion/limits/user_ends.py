@@ -41,6 +41,7 @@ def refuse_broken_goal(terms: "UserTerms", goal: "FloatArray", allowed: float) -
         where = compiled.constraint.where
         applies = where.last == 1.0 if isinstance(where, Interval) else True
         miss = float(compiled.residuals(goal[None], np.ones(1))[0])
+        # Not "miss > allowed": NaN has to be refused as well.
         if applies and not miss <= allowed:
             name = compiled.constraint.name
             reason = f"constraint '{name}' is missed by {miss:.6g} at the goal, allowed {allowed:g}"
@@ -53,6 +54,8 @@ def _refuse_at_start(compiled: "CompiledConstraint", start: "FloatArray", allowe
     name = compiled.constraint.name
     miss = float(compiled.residuals(start[None], np.zeros(1))[0])
     slopes = np.asarray(compiled.slopes(start, 0.0, 0.0))
+    # A value may be finite where its derivative is not, as with the root of 0; the search would stop there without a
+    # word.
     if not np.isfinite(miss) or not np.isfinite(slopes).all():
         what = "value" if not np.isfinite(miss) else "derivative"
         raise ProblemError(f"constraint '{name}' is not finite at the start; its {what} is NaN or infinity")

@@ -28,10 +28,13 @@ def intervals_with_broken_gaps(rows: "RowSet", headings: FloatArray, settings: U
     if not lasting.any():
         return np.zeros(0, dtype=np.intp)
     intervals = len(headings) - 1
+
+    # Places in units of intervals: place 2.25 is a quarter of the way through interval 2.
     place = np.arange(settings.samples * intervals + 1) / settings.samples
     k = np.minimum(place.astype(np.intp), intervals - 1)
     between = headings[k] + (place - k)[:, None] * (headings[k + 1] - headings[k])
     gaps = rows.table(between)[:, lasting]
+    # Negated, so that NaN counts as short.
     short = ~(gaps >= _reserve(rows, lasting, gaps, headings[[0, -1]], settings)).all(axis=1)
 
     # A sample on a keyframe belongs to the intervals on both sides of it.
@@ -49,9 +52,12 @@ def _reserve(
     rows: "RowSet", lasting: BoolArray, gaps: FloatArray, ends: FloatArray, settings: UserLimitSettings
 ) -> FloatArray:
     """Least gap at every sample, shape (N, rows): the reserve, but near an end no more than that end has."""
+    # The reserve is an angle of the whole arm; a slope turns it into the unit of its gap.
     slopes = np.stack([slope_norms(np.asarray(rows.slopes(end, 0.0, 0.0)[1])) for end in ends])[:, lasting]
     least = settings.reserve * settings.keep_share * settings.margin * slopes.max(axis=0)
     reserve = np.broadcast_to(least, gaps.shape).copy()
+
+    # The start and the goal are given: a motion cannot have more room near them than they have.
     near = max(1, round(settings.near_end * len(gaps)))
     reserve[:near] = np.minimum(reserve[:near], np.maximum(gaps[0], -settings.allowed))
     reserve[-near:] = np.minimum(reserve[-near:], np.maximum(gaps[-1], -settings.allowed))

@@ -93,14 +93,20 @@ class UserLimit(Limit):
         del jacobians
         settings = self.settings
         before = self.values(pose.headings)
+        # A gap is compared in radians of the whole arm, that is divided by the norm of its slope: so the one margin
+        # suits gaps in metres, radians or any other unit.
         equations, target = self._independent(space, before, turn)
 
         scale = slope_norms(before.gap_slopes)
+        # Cauchy–Schwarz: n links that turn by at most t each close a gap of unit slope by t √n to first order; the
+        # factor 2 leaves room for its curvature.
         farthest = 2.0 * turn * np.sqrt(space.arm.links)  # what a step can close at most
+        # Negated, so that a gap that is NaN keeps its row and is refused, instead of passing unseen.
         within = ~(before.gaps > (settings.margin + farthest) * scale)
         scale = scale[within]
         gaps = before.gaps[within] / scale
         rows = before.gap_slopes[within] @ space.matrix / scale[:, None]
+        # Never above 0: δ = 0 stays feasible even inside the margin, where the pull asks for more room instead.
         lower = np.minimum(-0.5 * (gaps - settings.margin), 0.0)
 
         def keeps(trial: Pose) -> bool:
@@ -121,6 +127,7 @@ class UserLimit(Limit):
         near = gaps < margin
         short = margin - gaps[near]
         urgency = np.where(gaps[near] < 0.0, self.settings.urgency, 1.0)
+        # Half of a small shortfall a step is smoother and gets there too; a broken gap has to go at once.
         wanted = np.where(gaps[near] < 0.0, short, 0.5 * short)
         return Term(urgency[:, None] * rows[near], urgency * np.minimum(wanted, turn), self.settings.pull_weight)
 
@@ -132,18 +139,25 @@ class UserLimit(Limit):
         slopes = values.equation_slopes @ space.matrix
         if not len(slopes):
             return slopes, values.equations
+
+        # Dependent equations would make the QP degenerate. With J = U S Vᵀ, J δ = −c becomes Vᵀ δ = −S⁻¹ Uᵀ c on the
+        # directions whose singular value counts.
         left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
         kept = sizes > self.settings.rank * max(float(sizes[0]), SMALLEST)
         target = -(left.T @ values.equations)[kept] / sizes[kept]
+
         most = float(np.max(np.abs(space.matrix @ (right[kept].T @ target)), initial=0.0))
         return right[kept], target * min(1.0, 0.5 * turn / max(most, SMALLEST))
 
     def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
         """Whether every gap keeps its share of the margin, or no less than it had, and equations are met or nearer."""
         settings = self.settings
+        # A pose that begins inside the margin may stay there, but not lose more.
         floor = np.minimum(settings.keep_share * settings.margin * slope_norms(before.gap_slopes), before.gaps)
         if not np.isfinite(after.violation) or not np.all(after.gaps >= floor - SMALLEST):
             return False
+
+        # Far from the equations the sum decides: one of them may grow for a step while the others shrink.
         met = np.max(np.abs(after.equations), initial=0.0) <= settings.met
         return bool(met or np.abs(after.equations).sum() < np.abs(before.equations).sum())
 
@@ -165,6 +179,7 @@ class UserLimit(Limit):
             None when that does not converge within ``most``.
         """
         start = v
+        # The side to which each bend was too large on the way; ``overbent`` adds to it and takes nothing out.
         held = np.zeros(space.arm.links)
         for _ in range(self.settings.newton_steps):
             headings = space.headings(v)
@@ -172,6 +187,7 @@ class UserLimit(Limit):
             if not np.isfinite(values.violation):
                 return None
             slopes = values.equation_slopes @ space.matrix
+            # Newton: J δ = −c, with the rows of broken gaps and bent joints below those of the equations.
             change = -values.equations
             if gaps:
                 slopes, change = self.missed(space, headings)
@@ -182,6 +198,7 @@ class UserLimit(Limit):
             if np.max(np.abs(change), initial=0.0) <= self.settings.met:
                 return v
             v = v + _least_change(space, slopes, change)
+            # Farther away the certified neighbourhood is lost, and another branch of the equations may be met.
             if np.max(np.abs(space.matrix @ (v - start))) > most:
                 return None
         return None
@@ -207,6 +224,7 @@ class UserLimit(Limit):
         values = self.values(headings)
         broken = values.gaps < 0.0
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken])) @ space.matrix
+        # Aimed a little beyond 0, else rounding would leave the gap broken and Newton would go on in vain.
         aim = self.settings.keep_share * self.settings.margin * slope_norms(values.gap_slopes[broken])
         return slopes, np.append(-values.equations, aim - values.gaps[broken])
 
@@ -219,6 +237,7 @@ class UserLimit(Limit):
         """Equations of every keyframe, their slopes of norm 1."""
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.space.dimension))]
+        # Rows of norm 1 keep the QP well scaled whatever the user measures in. Keyframe 0 is the start, which is fixed.
         for k in range(1, len(u)):
             slopes = self._at_keyframe(k, u).values(sweep.headings[k]).equation_slopes @ sweep.space.matrix
             rows.append(slopes / slope_norms(slopes)[:, None])
@@ -237,6 +256,8 @@ class UserLimit(Limit):
             near = values.gaps < self.settings.far * scale
             scale = scale[near]
             rows.append(values.gap_slopes[near] @ sweep.space.matrix / scale[:, None])
+            # These rows are hard and have no slack: a gap inside its margin may only not shrink, or there would be no
+            # feasible step.
             least.append(np.minimum(self.settings.margin - values.gaps[near] / scale, 0.0))
             keyframes += [k] * len(scale)
         lower = np.concatenate(least)
@@ -306,6 +327,7 @@ class UserLimit(Limit):
         rows = self.rows
         table = rows.table(headings[None], self.u)[0]
         miss = np.where(rows.equal, np.abs(table), np.maximum(-table, 0.0))
+        # The table holds NaN where a row does not apply at this u.
         if np.all(np.isnan(miss)):
             return "", 0.0
         k = int(np.nanargmax(miss / self._slope_norms(headings)))
@@ -328,6 +350,8 @@ class UserLimit(Limit):
 
 def _least_change(space: LinkSpace, slopes: FloatArray, change: FloatArray) -> FloatArray:
     """Least change of the links that changes rows by given amounts, shape (p,)."""
+    # min ½ δᵀ M δ subject to S δ = c, M the metric of the turns of the links: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares,
+    # because the user may ask for the same thing twice.
     scale = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST)
     scaled = slopes / scale[:, None]
     spread = space.inverse_metric @ scaled.T

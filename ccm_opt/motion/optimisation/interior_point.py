@@ -54,8 +54,11 @@ def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> F
     settings = program.settings.interior_point
     space = program.space
     frames, p = sweep.coordinates.shape
+
+    # The rows stay as they are for a whole solution, and keyframes travel farther in it than in one step.
     rows = program.active_rows(all_rows, sweep, settings.wider * program.active)
     objective = program.objective
+
     moving = ca.SX.sym("v", p, frames - 1)
     turning = ca.SX.sym("phi", space.arm.links, frames - 1)  # tied to v: keeps the derivatives sparse
     slack = ca.SX.sym("s", frames - 1)
@@ -63,12 +66,15 @@ def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> F
     headings = ca.horzcat(ca.DM(sweep.headings[0]), turning)
     tie = ca.vec(ca.DM(space.matrix) @ moving + ca.repmat(ca.DM(space.offset), 1, frames - 1) - turning)
     points = _points(ca, program, headings)
+
+    # One slack an interval at a price, as in the QP: the start is infeasible as soon as the sag is counted.
     unit = space.arm.length / NOMINAL_LINKS
     inequalities = _row_values(ca, rows, points, headings, space.arm.link_length) / unit - slack[rows.interval.tolist()]
     ends = _end_values(ca, program, sweep, v, points)
     bends = ca.vec(ca.DM(space.bend_rows) @ (moving - ca.DM(sweep.coordinates[1:].T)))
     near = _nearness(ca, program.nearness(all_rows, sweep), points, headings, space.arm.link_length)
     low, high = _bend_bounds(sweep, program.settings.step.limit_share)
+
     problem = {
         "x": ca.vertcat(ca.vec(moving), ca.vec(turning), slack),
         "f": _objective(ca, objective, v) + near + program.settings.optimisation.price * ca.sum1(slack),
@@ -80,8 +86,10 @@ def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> F
         "ipopt.print_level": 0,
         "print_time": False,
     }
+
     size = moving.numel()
     zero = np.zeros(ends.numel() + tie.numel())
+    # Slack begins at the worst row of its interval, so that IPOPT starts feasible but for the ends.
     worst = np.zeros(frames - 1)
     np.maximum.at(worst, rows.interval, rows.values(sweep) / unit)
     with ipopt_call():
@@ -109,14 +117,17 @@ def _points(ca: Any, program: MotionProgram, headings: Any) -> tuple[Any, Any]:
 
 def _row_values(ca: Any, rows: IntervalRows, points: tuple[Any, Any], headings: Any, link_length: float) -> Any:
     """Values of the rows, as ``IntervalRows.values``."""
+    # CasADi flattens column by column: entry (i, k) of a matrix of h rows is at h k + i.
     height = points[0].shape[0]
     at = height * (rows.interval + rows.side)
     plus = (at + rows.plus).tolist()
     minus = (at + rows.minus).tolist()
+
     turns = headings[:, 1:] - headings[:, :-1]
     sag = ca.vertcat(ca.DM.zeros(1, turns.shape[1]), ca.cumsum(0.125 * link_length * turns**2))
     high = (sag.shape[0] * rows.interval + rows.high).tolist()
     low = (sag.shape[0] * rows.interval + rows.low).tolist()
+
     apart = [ca.vec(q)[plus] - ca.vec(q)[minus] for q in points]
     across = ca.DM(rows.normal[:, 0]) * apart[0] + ca.DM(rows.normal[:, 1]) * apart[1]
     return across + ca.vec(sag)[high] - ca.vec(sag)[low] + ca.DM(rows.constant)
@@ -143,6 +154,8 @@ def _end_values(ca: Any, program: MotionProgram, sweep: Sweep, v: Any, points: t
     tip = ca.vertcat(points[0][links, -1] - goal.position[0], points[1][links, -1] - goal.position[1])
     if goal.heading is None:
         return tip
+    # Linear, with the turn still to go taken from the last iterate: a heading of the goal is known but for multiples of
+    # 2π.
     turn = goal.turn(pose_in(program.space, sweep.coordinates[-1]))
     heading = ca.DM(program.space.matrix[-1:]) @ (v[:, -1] - ca.DM(sweep.coordinates[-1])) - turn
     return ca.vertcat(tip, heading)

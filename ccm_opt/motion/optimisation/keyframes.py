@@ -25,6 +25,8 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
     kept = np.unique(np.append(np.arange(0, last, first_stride), last))
     while True:
         legs = failures(coordinates[kept])
+        # A leg between neighbours of the certified motion cannot be split: it is certified, if with more bisections
+        # than were allowed here.
         splittable = legs[np.diff(kept)[legs] > 1]
         if len(splittable) == 0:
             thinned: FloatArray = coordinates[kept]
@@ -42,6 +44,8 @@ def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> Fl
     """
     parts = np.ones(len(sizes), dtype=np.intp)
     while parts.sum() < intervals:
+        # Greedy is optimal here: the longest part can only be shortened by cutting its own leg (the apportionment of
+        # seats has the same form).
         parts[np.argmax(sizes / parts)] += 1
     pieces = [
         a + np.arange(count)[:, None] / count * (b - a)
@@ -58,6 +62,7 @@ def even_parameters(least: int, breaks: FloatArray) -> FloatArray:
         breaks: places that a keyframe has to be at, shape (m,).
     """
     counts = np.arange(least, 3 * least // 2)[:, None]
+    # Of all counts K the one on whose grid i/K the breaks lie best; rounding lets the smallest count win a tie.
     misses = np.max(np.abs(breaks - np.round(breaks * counts) / counts), axis=1, initial=0.0)
     count = least + int(np.argmin(np.round(misses, 9)))
     u = np.linspace(0.0, 1.0, count + 1)

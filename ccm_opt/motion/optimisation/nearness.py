@@ -49,6 +49,8 @@ class WallNearness:
         lack = np.maximum(1.0 + self.rows.values(sweep) / self.distance, 0.0)
         start, end = self.rows.slopes(sweep)
         scale = 2.0 * self.share(sweep.turns.shape[1], intervals) / self.distance
+        # Cost c Σ (1 + g/D)₊²: gradient (2c/D) Σ lack · ∇g, and Hessian (2c/D²) Σ ∇g ∇gᵀ without the second derivatives
+        # of g.
         for j in np.unique(k[lack > 0.0]):
             lacking = np.flatnonzero((k == j) & (lack > 0.0))
             a = start[lacking]
@@ -67,4 +69,6 @@ class WallNearness:
 
     def share(self, links: int, intervals: int) -> float:
         """Factor of the sum of squares."""
+        # A mean over intervals, and over links as if there were the nominal number of them: the weight means the same
+        # for any arm.
         return self.weight * NOMINAL_LINKS / (links * intervals)

@@ -45,8 +45,10 @@ class Objective:
         curvature, unevenness = self._curvature_rows
         change = settings.shape_change * settings.shape
         shape = change * curvature.T @ curvature + settings.shape * unevenness.T @ unevenness
+
         way = self.weights.path_length * (self._bends + headings)
         time = self.weights.duration * self._slowed(None if self.slowness is None else self.slowness.speed)
+        # K Σ |Δv|² approximates ∫ |v′|² du, since each of the K steps lasts 1/K.
         return self.intervals * (way + time + self.weights.bending * shape + self._ridge)
 
     @cached_property
@@ -57,6 +59,7 @@ class Objective:
         turns = self.weights.smoothness * (self._bends + headings)
         time = self.weights.duration * self._slowed(None if self.slowness is None else self.slowness.acceleration)
         shape = settings.shape_change * settings.shape * np.eye(self.space.dimension)
+        # K³ Σ |Δ²v|² approximates ∫ |v″|² du.
         return settings.unevenness * self.intervals**3 * (turns + time + shape)
 
     @cached_property
@@ -68,6 +71,7 @@ class Objective:
 
     @cached_property
     def _share(self) -> float:
+        # Sums over links become independent of how many there are.
         return NOMINAL_LINKS / self.space.arm.links
 
     @cached_property
@@ -83,6 +87,7 @@ class Objective:
 
     @cached_property
     def _ridge(self) -> FloatArray:
+        # Coordinates after those of the curve blend the goal in; they have another unit and a weight of their own.
         of_curve = np.arange(self.space.dimension) <= KNOTS
         return np.diag(np.where(of_curve, self.settings.ridge, self.settings.blend))
 
@@ -95,10 +100,13 @@ class Objective:
 
     def value(self, coordinates: FloatArray) -> float:
         """Value at coordinates, shape (K + 1, p)."""
+        # Homogeneous of degree two: f = ½ x · ∇f (Euler).
         return 0.5 * float(np.vdot(coordinates, self.gradient(coordinates)))
 
     def gradient(self, coordinates: FloatArray) -> FloatArray:
         """Gradient by the coordinates, shape (K + 1, p)."""
+        # With D the matrix of differences and M a metric: f = ½ tr((D V)ᵀ D V M), so ∇f = Dᵀ D V M, and the block of
+        # keyframes k and m is (Dᵀ D)_km M.
         gradient = coordinates @ self.shape
         for order, metric in ((1, self.first), (2, self.second)):
             gradient += _differences(self.intervals, order).T @ np.diff(coordinates, order, axis=0) @ metric

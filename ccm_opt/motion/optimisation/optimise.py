@@ -39,6 +39,7 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None) -> M
     settings = task.settings.optimisation
     moved = any(limit.moves_keyframes for limit in task.user_limits)
     whole = _program(motion, task, settings.margin if margin is None else margin)
+    # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
     for intervals in settings.moved_intervals if moved else (settings.intervals,):
         keyframes, u = thinned(motion, task.certificate, settings, intervals, _breaks(task))
         program = replace(whole, u=u)
@@ -51,6 +52,8 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None) -> M
             return _with_keyframes(motion, sequential_convex(program, start), u)
         solve = interior_point if task.optimiser == "interior-point" else sequential_convex
         optimised = _with_keyframes(motion, solve(program, start), motion.u)
+        # With default weights the objective is close to the length but not the same; with others a longer path may be
+        # what was asked for.
         plain = task.weights == Weights()
         return optimised if not plain or travel(optimised) < travel(motion) else motion
     return motion
@@ -91,11 +94,16 @@ def thinned(
     space = motion.space
     intervals = settings.intervals if intervals is None else intervals
     labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
+
+    # Such a motion was tracked under limits that depend on u: its keyframes may not be shifted against u.
     if motion.u is not None:
         u = even_parameters(intervals, breaks)
         return np.column_stack([np.interp(u, motion.u, column) for column in motion.coordinates.T]), u
+
+    # A shallow certificate: a leg that needs many bisections leaves the rows, which know none, no room.
     judged = partial(certificate.failures, depth=settings.leg_depth)
     few = decimated(labelled, lambda v: judged(space.headings(v[:, :-1])), settings.first_stride)
+
     turns = np.diff(space.bends(space.headings(few[:, :-1])), axis=0)
     keyframes = subdivided(few, np.linalg.norm(turns, axis=1), intervals)
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
@@ -120,6 +128,7 @@ def _program(motion: Motion, task: MotionTask, margin: float) -> MotionProgram:
     """The program of a motion, its keyframes still to be chosen."""
     settings = task.settings.optimisation
     length = task.arm.length
+    # Few, long links would otherwise reach for every wall of the room.
     link = min(task.arm.link_length, settings.largest_link * length)
     return MotionProgram(
         motion.space,

@@ -125,6 +125,8 @@ class KeyframeProgram:
             self.lower_bounds(),
             self.settings,
         )
+
+        # Rows were divided by a nominal length; their multipliers have to be, too, to belong to rows in metres.
         x = np.asarray(result.x).reshape(intervals, self.width)
         pull = np.zeros(2) if self.end_fixed else np.asarray(result.y)[:2] / unit
         multipliers = np.maximum(np.asarray(result.z_u)[: len(self.rows)], 0.0) / unit
@@ -140,18 +142,21 @@ class KeyframeProgram:
         starts = [0]
         diagonal, beside = self._row_blocks()
         for k in range(1, intervals + 1):
+            # Second differences tie a keyframe to the next but one: five blocks to a block row.
             for m in range(max(1, k - 2), min(intervals, k + 2) + 1):
                 block = np.zeros((self.width, self.width))
                 block[:p, :p] = self.objective.block(k, m)
                 if m == k:
                     block[:p, :p] += diagonal[k]
                     block[p, p] = self.settings.slack_curvature
+                # ½ c (δ_{k+1} − δ_k)²: +c on both diagonal blocks, −c between them.
                 elif abs(m - k) == 1:
                     block[:p, :p] -= beside[min(k, m)]
                     block[:p, :p] += self._between(k, m)
                 blocks.append(block)
                 columns.append(m - 1)
             starts.append(len(blocks))
+
         size = intervals * self.width
         return sp.bsr_matrix((np.array(blocks), columns, starts), shape=(size, size)).tocsc()
 
@@ -164,9 +169,13 @@ class KeyframeProgram:
 
     def _row_blocks(self) -> tuple[FloatArray, FloatArray]:
         """Curvature of the rows and damping: blocks on the diagonal, and of turns between neighbours."""
+        # Headings are affine in v, so a curvature that is diagonal in headings becomes Aᵀ diag(c) A.
         matrix = self.sweep.space.matrix
         beside = np.einsum("np,kn,nq->kpq", matrix, np.maximum(self.curvature.turns, 0.0), matrix)
         diagonal = np.einsum("np,kn,nq->kpq", matrix, np.maximum(self.curvature.headings, 0.0), matrix)
+
+        # Levenberg–Marquardt damping, measured in turns of the links: it holds back what moves the arm, not whatever
+        # has a large coordinate.
         diagonal += self.damping * (matrix.T @ matrix + self.settings.damping_ridge * np.eye(matrix.shape[1]))
         diagonal[1:] += beside
         diagonal[:-1] += beside
@@ -195,6 +204,9 @@ class KeyframeProgram:
             (p if self.end_fixed else 2 + (self.goal.heading is not None), len(self.sweep.turns) * self.width)
         )
         last = slice(rows.shape[1] - self.width, rows.shape[1] - 1)
+
+        # Right-hand sides are 0: the last keyframe has been polished onto the goal, and a step only has to keep it
+        # there to first order.
         if self.end_fixed:
             rows[:, last] = np.eye(p)
         else:
@@ -233,11 +245,17 @@ class KeyframeProgram:
         p = self.width - 1
         k = self.rows.interval
         start, end = self.rows.slopes(self.sweep)
+        # Interval k: coordinates of keyframe k, then those of k + 1 and the slack of k, which stand side by side in one
+        # stage. One slack an interval keeps the QP small and is what the price is paid for.
         data = np.column_stack((start / self.nominal_length, end / self.nominal_length, np.full(len(k), -1.0)))
         data[k == 0, :p] = 0.0
+
+        # Columns begin at keyframe 1. Rows of interval 0 have no entries for keyframe 0: np.maximum only keeps their
+        # indices legal, the zeros are dropped below.
         columns = np.empty(data.shape, dtype=np.intp)
         columns[:, :p] = (np.maximum(k - 1, 0) * self.width)[:, None] + np.arange(p)
         columns[:, p:] = (k * self.width)[:, None] + np.arange(self.width)
+
         row, place = np.nonzero(data)
         return data[row, place], row, columns[row, place]
 
@@ -256,6 +274,7 @@ def _solve(
     solver = piqp.SparseSolver()
     settings = solver.settings
     settings.verbose = False
+    # Factors the block-banded system stage by stage, in time linear in the number of keyframes.
     settings.kkt_solver = piqp.sparse_multistage
     settings.eps_abs = options.qp_tolerance
     settings.eps_rel = options.qp_tolerance

@@ -145,6 +145,7 @@ def sequential_convex(program: MotionProgram, coordinates: FloatArray) -> FloatA
     settings = program.settings.optimisation
     moved = any(limit.moves_keyframes for limit in program.limits)
     objective = program.objective
+
     sweep = Sweep(program.space, coordinates)
     prices = np.full(len(sweep.turns), settings.price)
     iterate = _Iterate(sweep, RowCurvature.none(sweep), settings.first_damping, prices)
@@ -155,6 +156,7 @@ def sequential_convex(program: MotionProgram, coordinates: FloatArray) -> FloatA
         if following is None:
             break
         iterate = following
+        # One meagre round often comes before good ones, while damping or prices find their size.
         idle = idle + 1 if iterate.gained < settings.worth * before else 0
         if idle >= settings.patience or program.deadline.passed():
             break
@@ -170,6 +172,8 @@ def _round(program: MotionProgram, objective: Objective, iterate: _Iterate) -> _
     costs = program.costs(rows, sweep)
     keyframe_rows = tuple(each for limit in program.limits for each in limit.keyframe_rows(sweep, program.u))
     equations = tuple(each for limit in program.limits for each in limit.keyframe_equations(sweep, program.u))
+
+    # Rows are linearised once; what is tried again is the QP, with more damping and higher prices.
     for _ in range(settings.tries):
         problem = KeyframeProgram(
             sweep,
@@ -191,6 +195,9 @@ def _round(program: MotionProgram, objective: Objective, iterate: _Iterate) -> _
             return following
         if program.deadline.passed():
             return None
+
+        # A price for each interval: one for all would either leave a bottleneck uncertified or freeze the rest of the
+        # motion.
         prices = iterate.prices.copy()
         prices[failing] *= settings.price_rise
         damping = settings.refused_growth * max(iterate.damping, settings.raised_damping)
@@ -209,16 +216,25 @@ def _part_taken(
     settings = program.settings.optimisation
     start = problem.sweep
     failed = _NONE
+
+    # The merit is an exact l∞ penalty, an interval at a time: slack of the QP is what it foresees of the worst row.
     before = merit(problem, rows, start)
     foreseen = before - _foreseen_cost(problem, step) - float(problem.prices @ step.slack)
+
+    # By convexity of the model a share of the step gains at least that share of what the whole step promises; the ratio
+    # of true to promised gain decides, as in a trust-region method.
     for share in settings.shortenings:
         sweep = Sweep(program.space, program.ended(start.coordinates + share * step.change))
         gain = (before - merit(problem, rows, sweep)) / max(share * foreseen, 1e-12)
+        # The certificate costs most and is asked last.
         if gain <= settings.sufficient or not program.feasible(sweep, start):
             continue
         failing = program.failures(sweep.headings)
         if len(failing) == 0:
+            # The multipliers with the tip's among them make the Hessian that of the Lagrangian; without the tip's,
+            # steps reach a small part of what they promise.
             curvature = RowCurvature(*problem.rows.curvature(sweep, step.multipliers, step.pull))
+            # Where longer steps failed, slack was too cheap, even though this shorter one passes.
             prices = problem.prices.copy()
             prices[failed] *= settings.price_rise
             gained = _cost(problem, start) - _cost(problem, sweep)
@@ -240,6 +256,7 @@ def _cost(problem: KeyframeProgram, sweep: Sweep) -> float:
 
 def merit(problem: KeyframeProgram, rows: IntervalRows, sweep: Sweep) -> float:
     """Objective plus the price of the worst row of every interval."""
+    # All rows count here, not only the thinned ones of the QP: a row that was left out may have become the worst.
     worst = np.zeros(len(sweep.turns))
     np.maximum.at(worst, rows.interval, rows.values(sweep) / problem.nominal_length)
     return _cost(problem, sweep) + float(problem.prices @ worst)

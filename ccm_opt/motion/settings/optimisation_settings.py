@@ -53,8 +53,8 @@ class OptimisationSettings:
     """Numbers of the optimisation of a motion.
 
     Attributes:
-        intervals: least number of intervals; a motion that needs more legs to be certified keeps them. Measured by
-            tests/benchmarks/bench_optimisation.py.
+        intervals: least number of intervals; a motion that needs more legs to be certified keeps them. Measured:
+            twice as many shortened motions by 5 % at most.
         moved_intervals: numbers of intervals that are tried where keyframes have to be moved onto limits, until the
             motion through them is certified. Taste.
         leg_depth: bisections that a leg of the thinned motion may need for its certificate. Taste.
@@ -65,7 +65,7 @@ class OptimisationSettings:
         active: rows nearer to their bound than this many such links enter the QP. Taste.
         sectors: directions that count as different when rows are thinned. Taste.
         groups: arms with more links than this have rows for groups of neighbouring joints. Taste.
-        rounds: most steps that are taken. Measured by tests/benchmarks/bench_optimisation.py.
+        rounds: most steps that are taken. Taste.
         moved_rounds: the same where keyframes have to be moved onto limits. Taste.
         tries: QPs of one round before it is given up. Taste.
         worth: share of the objective that a round has to gain. Taste.

@@ -20,7 +20,7 @@ class StepSettings:
             more than a step turns a joint.
         ridge: keeps the step's Hessian definite where no term reaches. Taste.
         iterations_a_row: most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need
-            more than 24 in all. Measured by tests/benchmarks/bench_ompl.py.
+            more than 24 in all. Taste.
         backtracks: halvings of a step before it is given up. Taste.
     """
 
