@@ -86,11 +86,13 @@ class DaskWorkers:
             distributed: Any = import_module("distributed")  # an extra, and slow to load
         except ImportError as error:
             raise ProblemError("--dask needs the extra 'cluster': pip install ccm-opt[cluster]") from error
+
         timeout = self.settings.cluster_timeout
         try:
             client = distributed.Client(self.address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise ProblemError(f"no Dask scheduler answers at {self.address}: {error}") from error
+
         with client:
             try:
                 client.wait_for_workers(1, timeout=timeout)

@@ -51,6 +51,7 @@ class Journal:
             written = os.write(self._descriptor, line)
         except OSError as error:
             raise ProblemError(f"cannot write {self._path}: {error.strerror or error}") from error
+        # A line written in part must not be completed by a second call: another line could come between.
         if written != len(line):
             raise ProblemError(f"cannot write {self._path}: only {written} of {len(line)} bytes; is the device full?")
         self.runs[run.key] = run

@@ -155,6 +155,7 @@ def execute(task: Task) -> Run:
             run = _solved(task, problem, planner)
         except Exception as error:  # noqa: BLE001 - a defect of a method must not end the comparison
             run = failed_run(task, error)
+
         figures = dict(run.figures)
         if planner is not None:
             figures["planning_cpu_s"] = planner.seconds

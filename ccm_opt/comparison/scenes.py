@@ -94,7 +94,7 @@ def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
 
 def random_headings(rng: np.random.Generator, arm: Arm, bend: float = 3.0) -> FloatArray:
     """Link headings of a smooth random pose, shape (links,) [rad]; curvature has standard deviation ``bend`` [1/m]."""
-    # Six normal curvatures along the arm, linear between them, give a pose that is smooth but arbitrary.
+    # Six normally distributed curvatures along the arm, linear between them, give a pose that is smooth but arbitrary.
     knots = rng.normal(0.0, bend, 6)
     middles = (np.arange(arm.links) + 0.5) / arm.links
     bends = np.interp(middles, np.linspace(0.0, 1.0, 6), knots) * arm.link_length

@@ -90,7 +90,7 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
             raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
         return cases[:count]
     scene_maker(suite)
-    # No scene is made yet: workers make their own from the seed, so that only its number travels.
+    # No scene is made yet: workers make their own from the seed, so that only the seed travels.
     wanted = DEFAULT_COUNT if count is None else count
     seeds = range(first_seed, first_seed + wanted)
     return tuple(

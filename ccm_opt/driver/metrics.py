@@ -33,6 +33,7 @@ def metrics(
         "keyframes": float(len(path.keyframes)),
         "tracking_error_rad": simulated.tracking_error,
     }
+
     if isinstance(problem.goal, TipGoal):
         figures["tip_error_m"] = float(np.hypot(*(tip - problem.goal.position)))
         if problem.goal.heading is not None:

@@ -61,6 +61,7 @@ def timings(
             settings=settings,
         )
         return
+
     turn = partial(
         retime_paul,
         path,
@@ -71,5 +72,6 @@ def timings(
         arm=arm,
         settings=paul,
     )
+    # From wide transitions, which are fast, to narrow ones, which stay nearer to the polygon.
     for window in paul.windows:
         yield turn(window=window)

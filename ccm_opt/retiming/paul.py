@@ -167,7 +167,7 @@ def _stretch_of_legs(legs: Legs, limits: Sequence[MotionLimit], step: float, lon
     stretch = np.zeros(len(legs.times))
     if not limits:
         return stretch
-    # So slow a motion would fill the memory with samples, and serves nobody.
+    # So slow a motion would fill the memory with samples, and is of no use.
     if legs.duration > longest * step:
         raise _too_slow(legs.duration)
     samples = _sampled(legs, step)

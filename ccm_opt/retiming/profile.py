@@ -81,7 +81,7 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
         steps: of the dense points in an interval.
         allowed: share of each limit that may be used.
     """
-    # Every grid point stands in two rows, as end and as begin, for s̈ jumps there.
+    # Every grid point stands in two rows, as an end and as a start, for s̈ jumps there.
     at = steps * np.arange(len(profile.acceleration))[:, None] + np.arange(steps + 1)
     squared = profile.squared[:-1, None] + np.diff(profile.squared)[:, None] * np.linspace(0.0, 1.0, steps + 1)
     speed = np.sqrt(squared)

@@ -105,7 +105,7 @@ def reachable_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> Flo
 
 def _scaled_rows(rows: PathRows, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
     """β and γ of every interval, each of shape (N, 4 R): rows at its begin and at its end, upper and lower side."""
-    # With s̈ = (y − x) / 2Δ a row has β = b − a / 2Δ and γ = a / 2Δ at the begin of its interval,
+    # With s̈ = (y − x) / 2Δ a row has β = b − a / 2Δ and γ = a / 2Δ at the start of its interval,
     # and β = −a / 2Δ and γ = b + a / 2Δ at its end.
     width = 2.0 * np.diff(rows.s)[:, None]
     sides = []

@@ -124,7 +124,7 @@ def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordin
     places = np.union1d(s, np.clip(spline.t, 0.0, 1.0))
     weight = coordinates.travel(np.asarray(spline(places, 2)), link_length)
     at = np.searchsorted(places, s)
-    # ``reduceat`` covers an interval's begin and the knots in it, but not its end, which is taken below; its last entry
+    # ``reduceat`` covers an interval's start and the knots in it, but not its end, which is taken below; its last entry
     # is the end of the path alone.
     inside = np.maximum.reduceat(weight, at)[:-1]
     return np.asarray(0.125 * np.diff(s) ** 2 * np.maximum(inside, weight[at[1:]]))

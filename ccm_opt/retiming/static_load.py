@@ -32,6 +32,7 @@ def too_weak(number: int, share: float, place: float, limits: Limits, coordinate
     kind = "torque" if turning else "force"
     unit = "N m" if turning else "N"
     part = "joint" if turning else "axis"
+
     limit = float(limits.of_drives(coordinates).effort[number])
     load = share * limit
     return RetimingError(

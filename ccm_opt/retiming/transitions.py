@@ -45,7 +45,7 @@ class Legs:
     @cached_property
     def passed(self) -> FloatArray:
         """When each via point is passed, or would be without its transition, shape (K,) [s]."""
-        # Time counts from the begin of the first transition, τ₀ before the first via point.
+        # Time counts from the start of the first transition, τ₀ before the first via point.
         return np.asarray(self.halves[0] + np.concatenate(([0.0], np.cumsum(self.times))))
 
     @property
@@ -73,6 +73,8 @@ class Legs:
         before = self.speeds[via]
         after = self.speeds[via + 1]
         tau = self.halves[via][:, None]
+
+        # A piece is evaluated in both ways, as a transition and as a leg, and the one that holds is picked.
         h = np.clip((since + tau) / (2.0 * tau), 0.0, 1.0)
         start = -before * tau  # Paul's ΔB
         bend = after * tau + start  # Paul's ΔC τ/T + ΔB
@@ -82,6 +84,7 @@ class Legs:
             3.0 * bend * (1.0 - h) * h / tau**2,
         )
         straight = (self.vias[via] + after * since, after, np.zeros_like(after))
+
         pick = turning[:, None]
         q, qd, qdd = (np.where(pick, one, other) for one, other in zip(turn, straight, strict=True))
         return q, qd, qdd

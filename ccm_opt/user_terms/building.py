@@ -22,6 +22,7 @@ def _expression(term: Constraint | Cost, kind: str, quantities: Quantities) -> A
     except Exception as error:
         # A user's function may raise anything; whatever it is, the message has to name the term.
         raise ProblemError(f"{kind} '{term.name}' fails when it is built: {type(error).__name__}: {error}") from error
+
     try:
         column = ca.vec(ca.SX(made))
     except (NotImplementedError, RuntimeError, TypeError) as error:
@@ -29,6 +30,7 @@ def _expression(term: Constraint | Cost, kind: str, quantities: Quantities) -> A
         raise ProblemError(
             f"{kind} '{term.name}': expected a CasADi SX expression of the quantities, got {got}"
         ) from error
+
     if column.numel() == 0:
         raise ProblemError(f"{kind} '{term.name}': the expression is empty, expected at least one entry")
     # Without allow_free CasADi would refuse the foreign symbols too, but with an error that does not name the term.

@@ -119,5 +119,5 @@ def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> Non
 
 
 def _holds_at_the_goal(where: Where) -> bool:
-    # Of the named places each includes the goal: it is the end of the motion and a keyframe.
+    # Every named place includes the goal, which is the end of the motion and a keyframe.
     return not isinstance(where, Interval) or where.last == 1.0

@@ -43,6 +43,7 @@ class TimedConstraint:
     compiled: CompiledConstraint
 
     def __post_init__(self) -> None:
+        # Refused rather than ignored in silence: planners know nothing of speeds.
         constraint = self.compiled.constraint
         if constraint.soft:
             raise ProblemError(

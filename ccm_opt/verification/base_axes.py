@@ -47,6 +47,7 @@ def check_base_axes(
             trajectory.base_accelerations[:, number],
             joints.base_forces[:, number],
         )
+
         checks.append(_range(motion, settings))
         checks.append(_held(problem.arm, motion, trajectory, settings))
         checks += _limits(problem, motion, settings.limit_tolerance)
@@ -101,10 +102,12 @@ def _limits(problem: Problem, motion: _AxisMotion, tolerance: float) -> list[Che
     limited = partial(_limit, tolerance=tolerance)
     speeds = _slopes(motion.positions, time)
     gains = _slopes(motion.velocities, time)
+
     checks = [
         limited(f"{name} velocity", "m/s", limits.feed_velocity, time, motion.velocities, speeds),
         limited(f"{name} acceleration", "m/s²", limits.feed_acceleration, time, motion.accelerations, gains),
     ]
+
     if limits.feed_jerk is not None:
         # The base rests before the motion and after it.
         around = np.concatenate(([2.0 * time[0] - time[1]], time, [2.0 * time[-1] - time[-2]]))
@@ -166,6 +169,7 @@ def _forces(
         trajectory.velocities,
         trajectory.accelerations,
     )
+
     error = np.abs(expected - motion.forces)
     k = int(np.argmax(error))
     allowed = settings.effort_share * float(np.max(np.abs(expected))) + settings.effort_floor

@@ -103,7 +103,7 @@ def prove_apart(
         nearest: the least gap known so far.
         settings: resolutions, and how much work may be done.
     """
-    # Breadth first: all pairs of one depth are evaluated at once, which numpy does fast.
+    # Breadth first: all pairs of one depth are evaluated at once, where numpy is fast.
     nodes = motion.whole()
     while len(pairs):
         gap, travel = evaluate(nodes, pairs, motion.poses(nodes))

@@ -107,7 +107,7 @@ def _torques(
         trajectory.accelerations,
     )
     error = np.abs(expected - joints.torques)
-    # Torques differ by rounding in proportion to the greatest of them, not to each by itself.
+    # Torques are summed along the arm, so rounding is in proportion to the greatest, not to each by itself.
     allowed = settings.effort_share * float(np.max(np.abs(expected))) + settings.effort_floor
     k, j = np.unravel_index(np.argmax(error), error.shape)
     where = f"joint {j // 3 + 1} ({joints.names[j]}) at t = {trajectory.time[k]:.4f} s"

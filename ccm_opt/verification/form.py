@@ -42,6 +42,7 @@ def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) ->
     layout = arm.coordinates
     if trajectory.coordinates != layout:
         return f"the motion is of {len(trajectory.coordinates)} coordinates, not of the arm's {len(layout)}"
+
     for name in ("positions", "velocities", "accelerations"):
         shape = np.shape(getattr(trajectory, name))
         if shape != (count, len(layout)):
@@ -50,6 +51,7 @@ def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) ->
         shape = np.shape(getattr(joints, name))
         if shape != (count, layout.revolutes):
             return f"joint {name} have shape {shape}, expected {(count, layout.revolutes)}"
+
     wanted = (count, len(layout.base_names))
     if np.shape(joints.base_forces) != wanted:
         return f"forces on the base have shape {np.shape(joints.base_forces)}, expected {wanted}"
@@ -77,8 +79,9 @@ def _number_defect(trajectory: JointTrajectory, joints: JointStates) -> str:
         "joint torques": joints.torques,
         "forces on the base": joints.base_forces,
     }
+
     for name, values in fields.items():
-        # NaN compares as false with everything, so that it would pass most checks unseen.
+        # NaN makes every comparison false: a gap that is NaN would count as proved.
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             return f"{name} is not finite at sample {bad[0][0] + 1}"

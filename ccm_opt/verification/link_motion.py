@@ -127,7 +127,7 @@ class ChainMotion:
 
     def poses(self, nodes: Nodes) -> FloatArray:
         """Joint and tip positions at the middle of each stretch, shape (N, links + 1, 2) [m]."""
-        # Linear in time between samples; headings, as sums of bends, are so too.
+        # Bends are linear in time between samples, and so are headings, which are sums of them.
         headings = self._headings[nodes.interval] + nodes.centre[:, None] * self._heading_steps[nodes.interval]
         carried = self._carried[nodes.interval] + nodes.centre * np.diff(self._carried)[nodes.interval]
         return chain_points(self.arm, headings, carried)

@@ -34,6 +34,7 @@ def joint_torques(
     # φ̈ of the links, in the plane the running sum of the bends' accelerations.
     growth = np.cumsum(accelerations[:, : arm.links], axis=1)
     needed, carried = _forces(arm, gravity, headings, velocities, accelerations)
+
     # Of every joint's moment its three drives bear the components along their axes: across the link before, out of the
     # plane, and along (or for zyz across) the link itself.
     moments = _joint_moments(arm, along, needed, carried, growth)
@@ -41,6 +42,7 @@ def joint_torques(
     last = along if arm.axes == "zyx" else across
     projected = (np.sum(moments * _directions(before)[1], axis=2), moments @ _OUT, np.sum(moments * last, axis=2))
     torques = np.stack(projected, axis=2).reshape(len(positions), 3 * arm.links)
+
     # Rotors and friction turn with the revolute, which is minus the bend.
     geared = _of_bends(arm, arm.rotor_inertia) * accelerations[:, : arm.links]
     rubbed = _of_bends(arm, arm.friction) * velocities[:, : arm.links]

@@ -44,6 +44,7 @@ def verify(
     # What is malformed would make every further check fail in a way that explains nothing.
     if not (form.passed and names.passed):
         return form, names
+
     motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     checks = [form, names]
     # Walls are known by their edges alone: that the arm is on the right side of them is a check of its own.

@@ -144,7 +144,7 @@ def _candidates(poses: FloatArray, edges: WallEdges, exposed: FloatArray, links:
     grow = look.reshape(-1, 1)
     low = np.minimum(start, end) - grow
     high = np.maximum(start, end) + grow
-    # Boxes decide quickly and err on the safe side: a pair too many costs time, one too few the proof.
+    # Boxes decide quickly and err on the safe side: a pair too many costs time, a missing one would break the proof.
     found, other = edges.tree.query(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
     return Pairs(node[found], links[link[found]], other)
 

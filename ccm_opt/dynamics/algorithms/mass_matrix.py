@@ -67,7 +67,7 @@ def build_mass_factors(structure: Structure) -> Any:
     bodies, drives, world = model_symbols(structure.links)
 
     trig = sines_and_cosines(per_ball(q))
-    # R = 1, as a column, and p = 0.
+    # R is the identity, as a column, and p = 0.
     at_base = ca.vertcat(ca.vec(ca.DM.eye(3)), ca.DM.zeros(3))
     _, (axes, levers, places) = outward(_placement_step(structure.axes), at_base, [trig, bodies])
     # A point mass at the tip has neither first moment nor inertia about it.

@@ -13,6 +13,7 @@ from ccm_opt.dynamics.runtime.control_law import LoopParameters
 class _LoopStruct(ctypes.Structure):
     """``Loop`` of simulation.c."""
 
+    # Order and types are those of the struct in C, and no compiler compares the two.
     _fields_ = (
         ("plant", ctypes.c_void_p),
         ("model", ctypes.c_void_p),
@@ -65,6 +66,7 @@ class CompiledLoop:
         states = np.empty((count, 2, width))
         efforts = np.empty((count, width))
 
+        # C is given bare addresses, so every array must be contiguous and outlive the call.
         p = self._parameters
         gains = (p.proportional, p.derivative, p.feed_proportional, p.feed_derivative)
         numbers = (count, min(held, count), int(p.computed), p.step, *gains, p.feed_limit)

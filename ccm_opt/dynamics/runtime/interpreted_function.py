@@ -54,6 +54,7 @@ class InterpretedFunction:
             array.data[:] = value  # type: ignore[call-overload]  # memoryviews take any buffer of their shape
         self._feed[0] = feed
         self._evaluate()
+        # Copied, for the next call writes into the same buffers.
         return self._out.copy(), self._out_feed[0]
 
     def both(self, first: FloatArray, second: FloatArray, third: FloatArray, feed: float = 0.0) -> FloatArray:

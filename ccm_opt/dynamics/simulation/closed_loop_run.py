@@ -154,7 +154,7 @@ class _Run:
 
     def steps(self, state: FloatArray, options: SimulationOptions, size: int) -> Iterator[SimulatedSteps]:
         """All steps from a state on, shape (2, W), so many at a time."""
-        # Brakes hold the arm for so many steps while the reference moves on.
+        # Brakes hold the arm for this many steps while the reference moves on.
         held = round(options.disturbances.start_delay / options.step)
         for first in range(0, self.reference.steps, size):
             count = min(size, self.reference.steps - first)

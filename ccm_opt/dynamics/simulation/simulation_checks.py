@@ -58,6 +58,8 @@ def check_axes(
                 advice=('arm.axes = "zyx"', "gravity in the plane: simulation.gravity[1] = 0"),
             )
         )
+
+    # The bends are the second revolutes; at ±90° a Z-Y-X ball has its first and third axes in one line.
     largest = float(np.max(np.abs(angles[:, 1::3])))
     limit = settings.largest_bend
     if not planar and largest > limit:

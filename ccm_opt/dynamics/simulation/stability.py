@@ -92,6 +92,7 @@ def _check_fastest_mode(
     value = gain.derivative * fastest * options.step
     if value < 2.0:
         return
+
     advice: tuple[str, ...]
     if computed:
         advice = _computed_torque_advice(options, settings, 2.0 / value)

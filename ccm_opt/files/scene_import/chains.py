@@ -69,7 +69,7 @@ def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
 def _clusters(points: FloatArray, gap: float) -> np.ndarray:
     """A number for each point, the same for points that are joined by steps of at most ``gap``."""
     pairs = cKDTree(points).query_pairs(gap, output_type="ndarray")
-    # Points that are near each other are edges of a graph; its components are the places.
+    # Pairs of near points are the edges of a graph; its connected components are the places.
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     return np.asarray(connected_components(graph, directed=False)[1])
 

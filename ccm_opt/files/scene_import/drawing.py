@@ -65,6 +65,7 @@ def _content(path: Path, settings: ImportSettings) -> bytes:
     if path.suffix.lower() not in READERS:
         kinds = ", ".join(READERS)
         raise ProblemError(f"{path.name} is no drawing of a known kind; expected a file that ends in one of {kinds}")
+
     try:
         if not path.is_file():
             what = "is a directory" if path.is_dir() else "does not exist"
@@ -78,6 +79,7 @@ def _content(path: Path, settings: ImportSettings) -> bytes:
         content = path.read_bytes()
     except (OSError, ValueError) as error:
         raise ProblemError(f"{path.name} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
     if not content.strip():
         raise ProblemError(f"{path.name} is empty; expected a drawing")
     return content

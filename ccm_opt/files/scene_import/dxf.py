@@ -107,6 +107,7 @@ def _parsed(content: bytes) -> "Drawing":
 
 def _entities(drawing: "Drawing", refusals: list[str]) -> Iterator[_Placed]:
     """The visible entities of the model space, blocks taken apart, each upright."""
+    # Names of layers do not distinguish upper and lower case.
     hidden = {layer.dxf.name.lower() for layer in drawing.layers if layer.is_off() or layer.is_frozen()}
     hidden.add("defpoints")  # CAD programs never print this layer
     for entity in drawing.modelspace():
@@ -142,6 +143,7 @@ def _add(item: _Placed, distance: float, shapes: list[Shape], open_pieces: dict[
     if kind in IGNORED:
         return
     _turn_upright(entity)
+
     if kind == "CIRCLE":
         center = entity.dxf.center
         shapes.append(Disc(item.name, np.array((center.x, center.y)), float(entity.dxf.radius)))

@@ -33,8 +33,7 @@ def filled(rings: Sequence[FloatArray], rule: FillRule, settings: ImportSettings
     whole: shapely.Geometry = shapely.MultiPolygon()
     for k, (solid, _) in enumerate(solids):
         around = [turn for outer, turn in solids[: k + 1] if outer.covers(solid)]
-        # SVG 1.1, section 11.3: an odd number of rings around a place, or a sum of windings other than 0, is
-        # inside.
+        # Inside is an odd number of rings, or a sum of windings other than 0 (SVG 1.1, section 11.3).
         inside = len(around) % 2 if rule == "evenodd" else sum(around)
         whole = shapely.union(whole, solid) if inside else shapely.difference(whole, solid)
     return polygons_of(whole)

@@ -38,7 +38,7 @@ def _pieces(text: str) -> list[str]:
     piece = ""
     for line in text.splitlines():
         piece = f"{piece} {line}".strip()  # a geometry may go over several lines
-        # Balanced brackets end a geometry, also one without any, such as POINT EMPTY.
+        # Balanced brackets end a geometry; one without any, such as POINT EMPTY, ends with its line.
         if piece and piece.count("(") <= piece.count(")"):
             pieces.append(re.sub(r"^SRID=\d+;", "", piece.rstrip(";"), flags=re.IGNORECASE))
             piece = ""

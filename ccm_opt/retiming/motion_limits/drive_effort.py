@@ -53,7 +53,7 @@ class DriveEffort(MotionLimit):
         efforts = self._efforts
         c = efforts(q, rest, rest)
         d = efforts.damping(first)
-        # ``first`` and ``second`` stand for accelerations and velocities at s̈ = 1 and ṡ = 1; see the module.
+        # q' is the velocity at ṡ = 1 and the acceleration at s̈ = 1 alone; q'' is the acceleration at ṡ = 1 and s̈ = 0.
         a = efforts(q, rest, first) - c
         b = efforts(q, first, second) - c - d
         self._check_static_load(s, c)
