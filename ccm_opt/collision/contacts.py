@@ -222,7 +222,7 @@ class ContactFinder:
         a = self.walls.edges[edge, 0]
         b = self.walls.edges[edge, 1]
         along = np.einsum("ij,ij->i", place - a, b - a) / np.maximum(np.einsum("ij,ij->i", b - a, b - a), 1e-30)
-        # Where the foot lies beyond the edge the vertex is nearer, and a link has that already.
+        # Where the foot lies beyond the edge, its vertex is nearer, and ``_link_vertex`` reports that one.
         keep = (along > 0.0) & (along < 1.0)
         joint = joint[keep]
         edge = edge[keep]

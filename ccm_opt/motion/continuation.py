@@ -88,7 +88,7 @@ def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
     for pose in poses[1:]:
         if np.max(np.abs(pose.headings - kept[-1].headings)) >= least:
             kept.append(pose)
-    # The end takes the place of the last pose kept, which may be as good as there; the start never goes.
+    # The end replaces the last pose kept, which is nearly the same; the start is never replaced.
     if kept[-1] is not poses[-1]:
         kept[max(len(kept) - 1, 1) :] = [poses[-1]]
     return kept
@@ -110,8 +110,8 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
             return [*poses, final]
         before = pose
         jacobians = space.jacobians(pose.headings)
-        # The weight grows from step to step: standing still and smoothness would else balance the goal a little before
-        # it.
+        # The weight grows from step to step: standing still and smoothness would otherwise hold the arm a little short
+        # of the goal.
         onto_goal = goal.terms(space, pose, jacobians, 1.0 + settings.settle_growth * k)
         smooth = smoothness_terms(space, pose.v, settings.bending, settings.jerk)
         pose = stepper.step(pose, jacobians, [*onto_goal, still, *smooth])

@@ -75,7 +75,6 @@ class GoalPose:
             terms.append(Term(space.matrix[-1:], np.array([step]), settings.heading_weight * weight))
         for limit in self.limits:
             rows, wanted = limit.mending(space, pose.headings, settings.heading_step)
-            # Limits count turns of the whole arm, whose norm shares one turn out among all links.
             terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
         return terms
 

@@ -75,6 +75,7 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
 
 def _resampled(offset: FloatArray, links: int) -> FloatArray:
     """An offset of link headings at another number of links, shape (links,) [rad]."""
+    # An offset belongs to the middle of its link; beyond the outermost middles it is held constant.
     middles = (np.arange(len(offset)) + 0.5) / len(offset)
     wanted = (np.arange(links) + 0.5) / links
     return np.interp(wanted, middles, offset)

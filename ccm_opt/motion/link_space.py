@@ -168,8 +168,8 @@ class LinkSpace:
         """
         l = self.arm.link_length
         links = headings.shape[-1]
-        # ∂²x_j/∂φ_i² = −l (cos φ_i, sin φ_i) for every joint j beyond link i. The forces sum to 0, so those beyond link
-        # i are minus those up to it, and mixed derivatives vanish.
+        # ∂²x_j/∂φ_i² = −l (cos φ_i, sin φ_i) for every joint j beyond link i; mixed derivatives vanish, since every
+        # link adds a term of its own heading alone. The forces sum to 0: those beyond link i are minus those up to it.
         carried = np.cumsum(forces[..., :links, :], axis=-2)
         curvature: FloatArray = -l * (np.cos(headings) * carried[..., 0] + np.sin(headings) * carried[..., 1])
         return curvature

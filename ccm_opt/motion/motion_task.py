@@ -100,6 +100,8 @@ class MotionTask:
         gaps = [self._end_finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
         contact = allowed_contact(self.arm, self.workspace, self.settings.certificate)
         most = settings.spare * self.arm.length
+        # No certificate can ask for more than an end has; an end in contact gets a small depth below it, or its first
+        # interval would always fail.
         spare = np.clip(settings.spare_at_ends * min(gaps) - contact, -contact, most)
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
 
@@ -193,6 +195,8 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
     )
 
     def resampled(headings: FloatArray) -> FloatArray:
+        # Each new heading is the mean of the old ones over its stretch of the arm: differences of their running
+        # integral.
         covered = np.concatenate(([0.0], np.cumsum(headings)))
         edges = np.interp(np.linspace(0.0, many, links + 1), np.arange(many + 1), covered)
         return np.diff(edges) * links / many

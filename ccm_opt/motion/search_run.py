@@ -52,10 +52,12 @@ class SearchRun:
         goal = task.limited_goal
         guesses: Iterable[FloatArray] = CachedItems(_nearest_coordinates(space, guess) for guess in task.guesses)
         if task.goal_headings is not None:
+            # The first coordinates of the goal are fitted; the last, w, goes from 0 at the start to 1 there.
             space, end = space.blended_to(task.goal_headings)
             start = np.append(start, 0.0)
             goal = replace(goal, coordinates=end)
             guesses = (end,)
+
         settings = task.settings.search
         margin = margin_links * space.nominal_length
         finder = task.finder(margin, max(settings.reach * space.nominal_length, settings.reach_margins * margin))
@@ -97,6 +99,7 @@ class SearchRun:
         Raises:
             Stalled: when it cannot be certified.
         """
+        # Dropping poses cuts corners a little: where that loses the certificate, fewer are dropped.
         for pause in self.task.settings.continuation.pauses:
             fewer = without_pauses(poses, pause)
             if self._certified(fewer):
@@ -111,6 +114,7 @@ class SearchRun:
         except Stalled as stalled:
             if candidate.resume is None:
                 raise
+            # A guide that leads into a dead end may still have brought the arm near enough for the next.
             poses = stalled.poses
         if candidate.resume is None:
             return poses
@@ -201,4 +205,5 @@ def pose_headings(poses: list[Pose]) -> FloatArray:
 
 def _nearest_coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:
     """Coordinates in the space nearest to given link headings."""
+    # Only the curve's share: without the coordinate that would add what the curve cannot show.
     return space.blended_to(headings)[1][:-1]

@@ -216,7 +216,7 @@ def self_rows(sweep: Sweep, reach: float, margin: float) -> IntervalRows:
     need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
 
     # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
-    # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough: turning the base costs nothing.
+    # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough.
     return joined_rows(
         [
             IntervalRows(interval, np.full(len(i), side), j + t, i + s, j + 1, i, normal, need)

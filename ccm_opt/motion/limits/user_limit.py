@@ -127,7 +127,7 @@ class UserLimit(Limit):
         near = gaps < margin
         short = margin - gaps[near]
         urgency = np.where(gaps[near] < 0.0, self.settings.urgency, 1.0)
-        # Half of a small shortfall a step is smoother and gets there too; a broken gap has to go at once.
+        # Half of a shortfall at a time moves the arm gently; a broken gap has to be opened at once.
         wanted = np.where(gaps[near] < 0.0, short, 0.5 * short)
         return Term(urgency[:, None] * rows[near], urgency * np.minimum(wanted, turn), self.settings.pull_weight)
 
@@ -198,7 +198,7 @@ class UserLimit(Limit):
             if np.max(np.abs(change), initial=0.0) <= self.settings.met:
                 return v
             v = v + _least_change(space, slopes, change)
-            # Farther away the certified neighbourhood is lost, and another branch of the equations may be met.
+            # Farther away lies perhaps another branch of the equations, and nothing is known of what is between.
             if np.max(np.abs(space.matrix @ (v - start))) > most:
                 return None
         return None

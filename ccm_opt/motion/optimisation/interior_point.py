@@ -154,8 +154,7 @@ def _end_values(ca: Any, program: MotionProgram, sweep: Sweep, v: Any, points: t
     tip = ca.vertcat(points[0][links, -1] - goal.position[0], points[1][links, -1] - goal.position[1])
     if goal.heading is None:
         return tip
-    # Linear, with the turn still to go taken from the last iterate: a heading of the goal is known but for multiples of
-    # 2π.
+    # Linear, with the turn still to go taken from the last iterate: a goal heading is given only up to multiples of 2π.
     turn = goal.turn(pose_in(program.space, sweep.coordinates[-1]))
     heading = ca.DM(program.space.matrix[-1:]) @ (v[:, -1] - ca.DM(sweep.coordinates[-1])) - turn
     return ca.vertcat(tip, heading)

@@ -9,13 +9,13 @@ class SearchSettings:
 
     Attributes:
         margins: planning margins that are tried in turn, in nominal links: the wide one finds smoother motions, the
-            narrow one gets through. Measured: below the narrow one a scene needed a second candidate.
+            narrow one gets through. Measured: with less than the narrow one, the first candidate failed in one scene.
         tree_margins: margins that trees of poses are grown with, in nominal links: a wide one moves on faster, a
             narrow one gets through. Taste.
         reach: contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less.
         reach_margins: the same in planning margins, where that is more. Taste.
         design_links: arms with more links are planned with this many and lifted, where passages are wide. Measured:
-            34 of 38 motions found in clutter with this many could be lifted without repair.
+            of 38 motions found in clutter with this many, 34 held on finer arms as they were.
         many_links: times that number of links from which lifting pays. Taste.
         lift_margin: gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length.
             Taste: about what an arm of 24 links leaves the curve by.
