@@ -18,6 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.kinematics import integrate_positions
+from ccm_opt.continuum.segment_settings import DEFAULT_SEGMENTS, SegmentSettings
 from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import heading_of, unit_vector, wrap
 from ccm_opt.geometry.rounding import ROUNDING
@@ -118,11 +119,13 @@ class CubicSpiral:
         return self.start + integrate_positions(self.heading_at, arc, np.array([0.0, self.length]))
 
 
-_PLACES = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, 41)))
-"""Places of mean poses, as shares of their range, that are compared before the best is refined; denser at its ends."""
-
-
-def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: float) -> tuple[CubicSpiral, ...]:
+def join_poses(
+    start: FloatArray,
+    heading: float,
+    end: FloatArray,
+    end_heading: float,
+    settings: SegmentSettings = DEFAULT_SEGMENTS,
+) -> tuple[CubicSpiral, ...]:
     """One cubic spiral between symmetric poses, two between others.
 
     A mean pose that is symmetric to both ends lies on an arc through them (on their chord when the headings are
@@ -136,6 +139,7 @@ def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: 
         heading: at the start [rad].
         end: another point, shape (2,) [m].
         end_heading: at the end, up to whole turns [rad].
+        settings: how many mean poses are compared.
 
     Returns:
         One or two turns, end to end.
@@ -163,7 +167,8 @@ def join_poses(start: FloatArray, heading: float, end: FloatArray, end_heading: 
             f"{heading:.4g} rad and ({end[0]:.4g}, {end[1]:.4g}), {end_heading:.4g} rad; go through a pose between them"
         )
     # The cost may have several minima, the least of them close to an end, where one turn does nearly all.
-    places = low + (high - low) * _PLACES
+    denser_at_ends = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, settings.mean_places)))
+    places = low + (high - low) * denser_at_ends
     least = int(np.argmin([cost(place) for place in places]))
     bounds = (places[max(least - 1, 0)], places[min(least + 1, len(places) - 1)])
     best = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-10})

@@ -14,11 +14,9 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import PIECES, POWERS, CurvatureSegment, Knots
+from ccm_opt.continuum.segment_settings import DEFAULT_SEGMENTS, SegmentSettings
 from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.rounding import ROUNDING, SHORTEST
-
-_FIT_SAMPLES = 65
-"""Headings that a least-squares fit looks at: thirteen for each value that it finds."""
 
 
 def add_segment(configuration: Configuration, segment: CurvatureSegment) -> Configuration:
@@ -57,7 +55,9 @@ def divide_segment(configuration: Configuration, index: int, at: float) -> Confi
     return _replaced(configuration, index, index + 1, parts)
 
 
-def merge_segments(configuration: Configuration, index: int, tolerance: float = 1e-9) -> Configuration:
+def merge_segments(
+    configuration: Configuration, index: int, tolerance: float = 1e-9, settings: SegmentSettings = DEFAULT_SEGMENTS
+) -> Configuration:
     """The same curve with two neighbours merged.
 
     Two segments have up to seven inner knots, one has three. Where the knots that count are three or fewer, as after a
@@ -67,15 +67,22 @@ def merge_segments(configuration: Configuration, index: int, tolerance: float = 
         configuration: the curve.
         index: of the first of the two.
         tolerance: how far the heading may move [rad].
+        settings: of the fit.
 
     Raises:
         ProblemError: one segment cannot follow the two within the tolerance.
     """
-    merged = _joined(configuration, index).fitted(tolerance)
+    merged = _joined(configuration, index).fitted(tolerance, settings)
     return _replaced(configuration, index, index + 2, (merged,))
 
 
-def move_boundary(configuration: Configuration, index: int, length: float, tolerance: float = 1e-9) -> Configuration:
+def move_boundary(
+    configuration: Configuration,
+    index: int,
+    length: float,
+    tolerance: float = 1e-9,
+    settings: SegmentSettings = DEFAULT_SEGMENTS,
+) -> Configuration:
     """The same curve with the boundary between two neighbours elsewhere: one becomes longer, the other shorter.
 
     Args:
@@ -83,6 +90,7 @@ def move_boundary(configuration: Configuration, index: int, length: float, toler
         index: of the first of the two.
         length: the first will have [m].
         tolerance: how far the heading may move [rad].
+        settings: of the fit.
 
     Raises:
         ProblemError: nothing is left of one of the two, or a segment cannot follow its part within the tolerance.
@@ -90,8 +98,8 @@ def move_boundary(configuration: Configuration, index: int, length: float, toler
     stretch = _joined(configuration, index)
     if not SHORTEST * stretch.length <= length <= (1.0 - SHORTEST) * stretch.length:
         raise ProblemError(f"the two segments share {stretch.length:g} m; got {length:g} m for the first of them")
-    first = stretch.part(0.0, length).fitted(tolerance)
-    second = replace(stretch.part(length, stretch.length).fitted(tolerance), heading=first.end_heading)
+    first = stretch.part(0.0, length).fitted(tolerance, settings)
+    second = replace(stretch.part(length, stretch.length).fitted(tolerance, settings), heading=first.end_heading)
     return _replaced(configuration, index, index + 2, (first, second))
 
 
@@ -271,7 +279,7 @@ class _Stretch:
             made.extend(part.part(float(a), float(b)).segment() for a, b in pairwise(cuts))
         return tuple(made)
 
-    def fitted(self, tolerance: float) -> CurvatureSegment:
+    def fitted(self, tolerance: float, settings: SegmentSettings) -> CurvatureSegment:
         """One segment for the stretch: exact where that is possible, else the least-squares fit of its headings.
 
         Raises:
@@ -280,7 +288,7 @@ class _Stretch:
         exact = self._exact()
         if exact is not None:
             return exact
-        fit, error = self._fit()
+        fit, error = self._fit(settings.fit_samples)
         if error > tolerance:
             raise ProblemError(
                 f"one segment cannot follow the two: its heading would be {error:.3g} rad off, {tolerance:.3g} rad are "
@@ -288,9 +296,9 @@ class _Stretch:
             )
         return fit
 
-    def _fit(self) -> tuple[CurvatureSegment, float]:
+    def _fit(self, samples: int) -> tuple[CurvatureSegment, float]:
         """The natural spline with even knots whose headings come nearest; the last heading is met exactly."""
-        arc = np.linspace(0.0, self.length, _FIT_SAMPLES)
+        arc = np.linspace(0.0, self.length, samples)
         wanted = np.array([self._heading_at(float(s)) for s in arc]) - self.heading
         basis = np.stack(
             [CurvatureSegment(self.length, 0.0, unit).heading_at(arc) for unit in np.eye(PIECES + 1)], axis=1

@@ -8,13 +8,12 @@ from scipy.special import j0
 
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.segment import CurvatureSegment
+from ccm_opt.continuum.segment_settings import DEFAULT_SEGMENTS, SegmentSettings
 from ccm_opt.errors import ProblemError
 from ccm_opt.geometry.angles import heading_of, wrap
 
 _FIRST_ZERO_OF_J0 = 2.404825557695773
 """Where the chord of a modal curve vanishes [rad]."""
-_SAMPLES_PER_PIECE = 32
-"""Headings at which the signs of a segment's curvature are looked for, on each of its cubic pieces."""
 SINE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
 """A whole wave of the sine at a segment's five knots."""
 
@@ -37,17 +36,20 @@ class SegmentType(StrEnum):
 _OTHER_SIDE = {"straight": "straight", "left": "right", "right": "left"}
 
 
-def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType:
+def classify(
+    segment: CurvatureSegment, least_turn: float = 1e-3, settings: SegmentSettings = DEFAULT_SEGMENTS
+) -> SegmentType:
     """The type of a segment by the signs of its curvature.
 
     Args:
         segment: the segment.
         least_turn: a stretch of one sign counts when it turns the heading by more than this [rad].
+        settings: how densely signs are looked for.
 
     Raises:
         ProblemError: the curvature changes sign more than once; the segment must be divided first.
     """
-    arc = np.unique(np.linspace(segment.breakpoints[:-1], segment.breakpoints[1:], _SAMPLES_PER_PIECE + 1))
+    arc = np.unique(np.linspace(segment.breakpoints[:-1], segment.breakpoints[1:], settings.sign_samples + 1))
     heading = segment.heading_at(arc)
     turning = heading[np.concatenate(([0], _extrema(heading), [len(arc) - 1]))]
     turns = np.diff(turning)

@@ -7,13 +7,14 @@ import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
 LINK_MARGIN_SHARE = 0.2
 """Share of the free length between two distant links that planning keeps as a margin between them (taste)."""
-HELD_TOLERANCE = 1e-9
+HELD_TOLERANCE = ROUNDING
 """A joint as near as this to the hole counts as having passed it [m]."""
 
 

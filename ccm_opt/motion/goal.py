@@ -6,13 +6,11 @@ import numpy as np
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.angles import wrap
+from ccm_opt.geometry.rounding import TINY
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term, pose_in
 from ccm_opt.motion.settings.step_settings import GoalSettings
-
-_SMALLEST = 1e-12
-"""Keeps divisions by distances finite [m]."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class GoalPose:
         unit = space.nominal_length
         error = self.position - pose.points[-1]
         # A far goal is asked for a stretch at a time: beyond that the linearised tip says nothing of use.
-        error = error * min(1.0, settings.distance_step * unit / max(float(np.hypot(*error)), _SMALLEST))
+        error = error * min(1.0, settings.distance_step * unit / max(float(np.hypot(*error)), TINY))
         terms = [Term(jacobians[-1] / unit, error / unit, weight)]
         if self.heading is not None:
             step = np.clip(self.turn(pose), -settings.heading_step, settings.heading_step)
@@ -124,6 +122,6 @@ def _solved(matrix: FloatArray, error: FloatArray, least_share: float, *, indepe
 def _least_squares(matrix: FloatArray, error: FloatArray, least_share: float) -> FloatArray:
     """The solution of least squares of scaled equations, whose units differ."""
     # Metres, radians and units of the user stand side by side: a unit diagonal lets one threshold decide the rank.
-    scale = np.sqrt(np.maximum(np.diag(matrix), _SMALLEST**2))
+    scale = np.sqrt(np.maximum(np.diag(matrix), TINY**2))
     scaled: FloatArray = np.linalg.lstsq(matrix / np.outer(scale, scale), error / scale, rcond=least_share)[0]
     return scaled / scale

@@ -14,13 +14,12 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.geometry.angles import heading_of, sweep_on_side, unit_vector
 from ccm_opt.geometry.polyline import path_length
+from ccm_opt.geometry.rounding import SHORTEST
 
 _ARC_STEP = 0.3
 """Angle between points on an arc round the base [rad]; the arc is drawn taut, only its class counts."""
 _ARC_RADIUS = 1e-3
 """Radius of that arc as a share of how far the shorter path strays from the base: well inside every obstacle's gap."""
-_STRAIGHT = 1e-6
-"""A corner nearer than this to the line between its neighbours is left out [m]: rounding."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +116,7 @@ def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> Floa
     outside = _beyond(route, min(free_space.inflation + 2.0 * shrink, 0.5 * span))
     inside = route[: len(route) - len(outside) + 1]
     path = np.vstack((inside, free_space.taut_path(outside, shrink=shrink)))
-    return shapely.get_coordinates(shapely.LineString(path).simplify(_STRAIGHT))
+    return shapely.get_coordinates(shapely.LineString(path).simplify(SHORTEST))
 
 
 def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:

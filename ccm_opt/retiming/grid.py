@@ -7,14 +7,6 @@ from ccm_opt.arrays import FloatArray
 from ccm_opt.geometry.polyline import leg_lengths
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, GridSettings
 
-SUBSTEPS = 5
-"""Steps of the dense check inside one grid interval."""
-_RAMP = 0.5 ** np.arange(8, 0, -1)
-"""Places of extra points in the first and last interval, where a slow joint may reach its speed at once."""
-
-_STOP_RAMP = 0.7 ** np.arange(1, 11)
-"""Places of extra points beside a stop, as shares of the intervals beside it."""
-
 
 def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> FloatArray:
     """Grid points of the path parameter, 0 and 1 included.
@@ -38,8 +30,10 @@ def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> 
     pieces = np.maximum(1, np.ceil(count * share - 1e-9)).astype(int)
     # Read over the running count of pieces, the knots turn into spans cut into equal pieces.
     points = np.interp(np.arange(np.sum(pieces) + 1), np.concatenate(([0], np.cumsum(pieces))), knots)
-    points = np.concatenate(([0.0], points[1] * _RAMP, points[1:-1], 1.0 - (1.0 - points[-2]) * _RAMP[::-1], [1.0]))
-    return _around_stops(points, stops(spline, knots, settings.stopped))
+    # A slow joint may reach its speed at once, in the first interval or in the last.
+    ramp = 0.5 ** np.arange(settings.end_halvings, 0, -1)
+    points = np.concatenate(([0.0], points[1] * ramp, points[1:-1], 1.0 - (1.0 - points[-2]) * ramp[::-1], [1.0]))
+    return _around_stops(points, stops(spline, knots, settings.stopped), settings)
 
 
 def stops(spline: BSpline, knots: FloatArray, share: float) -> FloatArray:
@@ -48,10 +42,11 @@ def stops(spline: BSpline, knots: FloatArray, share: float) -> FloatArray:
     return np.asarray(knots[1:-1][rates[1:-1] < share * np.max(rates)])
 
 
-def _around_stops(points: FloatArray, places: FloatArray) -> FloatArray:
+def _around_stops(points: FloatArray, places: FloatArray, settings: GridSettings) -> FloatArray:
     """Grid points drawn closer and closer to stops from both sides, where the path speed grows without bound."""
     at = np.searchsorted(points, places)
-    near = [points[at, None] + (points[at + side] - points[at])[:, None] * _STOP_RAMP for side in (-1, 1)]
+    ramp = settings.stop_ratio ** np.arange(1, settings.stop_points + 1)
+    near = [points[at, None] + (points[at + side] - points[at])[:, None] * ramp for side in (-1, 1)]
     return np.union1d(points, np.concatenate(near).ravel())
 
 

@@ -11,11 +11,9 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.geometry.rounding import TINY
 from ccm_opt.retiming.motion_limits import MotionLimit
 from ccm_opt.retiming.motion_limits.motion_limit import SpeedRows
-
-_NO_FRICTION = 1e-12
-"""Half the friction below this share of a limit counts as none: the tangent's slope is a quotient by it."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,8 @@ class PathRows:
         constant = np.clip(self.c + 0.5 * self.d * speed[:, None], -most, most)
 
         half = constant - self.c
-        present = np.abs(half) > _NO_FRICTION
+        # Without friction there is no tangent, and half of it, as a share of the limit, would be divided by.
+        present = np.abs(half) > TINY
         # With half = d v / 2 the slope d / 2 v is d² / (4 half); a clipped half stands for a slower v.
         slope = np.where(present, self.d**2 / (4.0 * np.where(present, half, 1.0)), 0.0)
         return replace(self, b=self.b + slope, c=constant, d=None)

@@ -13,14 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.retiming.path_rows import PathRows
-
-_NEWTON = 60
-"""Most steps of Newton's method; a handful is usual."""
-_NO_EFFECT = 1e-9
-"""A row on which y has less effect than this is a bound on x; as a bound on y it would magnify rounding of x."""
-_SLOWEST = 1e-6
-"""What stands for a squared speed of zero inside, as a share of the least that is not; slowing down mends the rows."""
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 
 
 class _Lines(NamedTuple):
@@ -54,9 +49,10 @@ class _Stage:
 
     @classmethod
     def from_rows(cls, beta: FloatArray, gamma: FloatArray, most: float, reach: float) -> "_Stage":
-        # γ > 0 bounds y from above, y ≤ (1 − β x) / γ; γ < 0 bounds −y in the same way.
-        up = gamma * reach > _NO_EFFECT
-        down = gamma * reach < -_NO_EFFECT
+        # γ > 0 bounds y from above, y ≤ (1 − β x) / γ; γ < 0 bounds −y in the same way. A row on which y has no more
+        # effect than rounding bounds x only: as a bound on y it would magnify the rounding of x.
+        up = gamma * reach > ROUNDING
+        down = gamma * reach < -ROUNDING
         above = _Lines(1.0 / gamma[up], -beta[up] / gamma[up])
         below = _Lines(-1.0 / gamma[down], beta[down] / gamma[down])
         with np.errstate(divide="ignore"):
@@ -70,10 +66,10 @@ class _Stage:
         low, fall = self.below.least(x, 0.0)
         return high, -low, rise, -fall
 
-    def greatest(self) -> float:
+    def greatest(self, most_steps: int) -> float:
         """The greatest x that leaves some y."""
         x = self.most
-        for _ in range(_NEWTON):
+        for _ in range(most_steps):
             high, low, rise, fall = self.room(x)
             # There is room for y; or a smaller x gains none, and what is missing is rounding.
             if high >= low or rise >= fall:
@@ -82,7 +78,9 @@ class _Stage:
         return x
 
 
-def reachable_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray:
+def reachable_profile(
+    rows: PathRows, slack: FloatArray, cap: FloatArray, settings: ProfileSettings = DEFAULT_TIMING.profile
+) -> FloatArray:
     """Squared path speeds of the fastest motion from rest to rest; arguments and result as for ``fastest_profile``."""
     beta, gamma = _scaled_rows(rows, slack)
     count = len(rows.s) - 1
@@ -91,15 +89,16 @@ def reachable_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> Flo
     # Backward: the greatest ṡ² at each point from which rest at the end can still be reached.
     for k in range(count - 1, -1, -1):
         stages.append(_Stage.from_rows(beta[k], gamma[k], cap[k], reach[k + 1]))
-        reach[k] = stages[-1].greatest()
+        reach[k] = stages[-1].greatest(settings.newton_steps)
 
     # Forward: from rest as fast as the rows allow, within what can still be braked.
     squared = np.zeros(count + 1)
     for k, stage in enumerate(reversed(stages)):
         high, low, _, _ = stage.room(min(squared[k], stage.most))
         squared[k + 1] = min(max(high, low, 0.0), stage.reach)
-    # Zero inside would be a stop for ever; see ``_SLOWEST``.
-    squared[1:-1] = np.maximum(squared[1:-1], _SLOWEST * np.min(squared, where=squared > 0.0, initial=np.max(cap)))
+    # Zero inside would be a stop for ever.
+    slowest = settings.slowest * np.min(squared, where=squared > 0.0, initial=np.max(cap))
+    squared[1:-1] = np.maximum(squared[1:-1], slowest)
     return squared
 
 

@@ -3,9 +3,7 @@
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-
-_LEAST_ROOM = 1e-9
-"""Room above the static part that is reckoned with where there is none; a guard against division by zero."""
+from ccm_opt.geometry.rounding import ROUNDING
 
 
 def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
@@ -34,8 +32,9 @@ def slowings(moving: FloatArray, static: FloatArray, allowed: float, damping: Fl
     share = share_allowed(static, allowed)
     if damping is not None:
         return _damped_slowings(moving, damping, static, share)
-    # The static part helps where it points against the moving one, and hinders where it does not.
-    room = np.maximum(share - np.sign(moving) * static, _LEAST_ROOM)
+    # The static part helps where it points against the moving one, and hinders where it does not; where it leaves no
+    # room, a little keeps the quotient finite.
+    room = np.maximum(share - np.sign(moving) * static, ROUNDING)
     return np.asarray(np.sqrt(np.abs(moving) / room))
 
 
@@ -46,7 +45,7 @@ def _damped_slowings(moving: FloatArray, damping: FloatArray, static: FloatArray
     factors = np.ones_like(moving)
     # Upper and lower side of a row; the lower one is the upper one of the row negated.
     for sign in (1.0, -1.0):
-        room = np.maximum(share - sign * static, _LEAST_ROOM)
+        room = np.maximum(share - sign * static, ROUNDING)
         root = damping * damping + 4.0 * sign * moving * room
         longer = sign * damping + np.sqrt(np.maximum(root, 0.0))
         # Without a real root the row keeps this side at every λ.

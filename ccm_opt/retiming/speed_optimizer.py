@@ -14,29 +14,30 @@ import numpy as np
 from ccm_opt.arrays import FloatArray
 from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.reachability import reachable_profile
-
-SPEED_CAP = 1e6
-"""Bound on the scaled ṡ² where no limit bounds it, on stretches of the path where nothing moves."""
+from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 
 
-def fastest_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray:
+def fastest_profile(
+    rows: PathRows, slack: FloatArray, cap: FloatArray, settings: ProfileSettings = DEFAULT_TIMING.profile
+) -> FloatArray:
     """Squared path speeds of the fastest motion from rest to rest.
 
     Args:
         rows: limits at the grid points, shape (N + 1, R).
         slack: what is left of each row's limit, shape (N + 1, R), above |c|.
         cap: bound on ṡ², shape (N + 1,) [1/s²].
+        settings: of the speed profile.
 
     Returns:
         ṡ² at the grid points, shape (N + 1,) [1/s²]; positive inside.
     """
     unit = _time_unit(rows)
-    capped = np.minimum(cap, SPEED_CAP / unit**2)
+    capped = np.minimum(cap, settings.speed_cap / unit**2)
     solver = _build(rows, slack, capped * unit**2, unit)
     _, speeds, _, _ = solver.compute_parameterization(0.0, 0.0, return_data=True)
     # Two neighbouring speeds of zero would mean a stop for ever, so they count as a failure, like NaN.
     if speeds is None or np.any(np.isnan(speeds)) or np.any(speeds[1:] + speeds[:-1] <= 0.0):
-        return reachable_profile(rows, slack, capped)
+        return reachable_profile(rows, slack, capped, settings)
     return np.asarray((speeds / unit) ** 2)
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-from ccm_opt.retiming.grid import SUBSTEPS, refine
+from ccm_opt.retiming.grid import refine
 from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.profile import DenseCheck, SpeedProfile, check_profile
 from ccm_opt.retiming.speed_optimizer import fastest_profile
@@ -28,11 +28,12 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
     """The fastest profile of all rounds, each stretched until it keeps the limits.
 
     Args:
-        dense: the limits at ``SUBSTEPS`` equal steps of every interval of the grid.
+        dense: the limits at ``settings.substeps`` equal steps of every interval of the grid.
         settings: shares and rounds.
     """
-    rows = dense.every(SUBSTEPS)
-    bounds = _Bounds.before_the_first_round(dense, settings.grid_share)
+    substeps = settings.substeps
+    rows = dense.every(substeps)
+    bounds = _Bounds.before_the_first_round(dense, substeps, settings.grid_share)
     # No speed is known before the first round, so its tangent leaves friction out.
     speed = np.zeros(len(rows.s))
     duration = np.inf
@@ -40,8 +41,8 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
 
     for number in range(settings.rounds):
         tangent = rows.with_friction(speed, settings.friction_share)
-        profile = SpeedProfile(rows.s, fastest_profile(tangent, bounds.slack(tangent), bounds.cap))
-        check = check_profile(profile, dense, SUBSTEPS, settings.dense_share)
+        profile = SpeedProfile(rows.s, fastest_profile(tangent, bounds.slack(tangent), bounds.cap, settings))
+        check = check_profile(profile, dense, substeps, settings.dense_share)
         stretched.append(profile.slowed(check.stretch))
         settled = rows.d is None or abs(profile.duration - duration) <= settings.settled * duration
         if check.stretch <= settings.negligible and settled:
@@ -49,8 +50,8 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
 
         if rows.d is not None:
             # Rows must not be tightened for friction that the tangent missed: the next tangent will not miss it.
-            between = dense.with_friction(np.sqrt(refine(speed**2, SUBSTEPS)), settings.friction_share)
-            check = check_profile(profile, between, SUBSTEPS, settings.dense_share)
+            between = dense.with_friction(np.sqrt(refine(speed**2, substeps)), settings.friction_share)
+            check = check_profile(profile, between, substeps, settings.dense_share)
         bounds = bounds.tightened_by(check) if number < settings.tightenings else bounds.capped_by(check, profile)
         speed = np.sqrt(profile.squared)
         duration = profile.duration
@@ -73,13 +74,13 @@ class _Bounds:
     share: float
 
     @classmethod
-    def before_the_first_round(cls, dense: PathRows, share: float) -> "_Bounds":
+    def before_the_first_round(cls, dense: PathRows, substeps: int, share: float) -> "_Bounds":
         """Nothing tightened; ṡ bounded by the velocity limits, whose greatest share in an interval bounds both ends.
 
         ṡ² is linear in an interval, so the bound holds inside too.
         """
-        inside = dense.slowness[:-1].reshape(-1, SUBSTEPS).max(axis=1)
-        widest = _to_ends(np.maximum(inside, dense.slowness[SUBSTEPS::SUBSTEPS]), 0.0)
+        inside = dense.slowness[:-1].reshape(-1, substeps).max(axis=1)
+        widest = _to_ends(np.maximum(inside, dense.slowness[substeps::substeps]), 0.0)
         return cls(np.zeros(len(widest)), (share / np.maximum(widest, 1e-12)) ** 2, share)
 
     def slack(self, rows: PathRows) -> FloatArray:

@@ -13,7 +13,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
-from ccm_opt.retiming.grid import SUBSTEPS, path_grid, refine, span_lengths
+from ccm_opt.retiming.grid import path_grid, refine, span_lengths
 from ccm_opt.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.path_limits import likely_coordinates
@@ -109,7 +109,8 @@ class _Timing:
 
     def fastest(self) -> SpeedProfile:
         """The fastest speeds along the path."""
-        return fastest_within(self.rows(refine(self._grid, SUBSTEPS)), self.settings.profile)
+        settings = self.settings.profile
+        return fastest_within(self.rows(refine(self._grid, settings.substeps)), settings)
 
     def smooth(self, fastest: SpeedProfile) -> SmoothProfile:
         """The motion with bounded jerk, slowed down until all limits hold at every look."""

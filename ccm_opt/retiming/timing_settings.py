@@ -13,6 +13,10 @@ class GridSettings:
         most_intervals: most grid intervals, whatever the number of knots. Taste; it bounds the time.
         even_share: share of the intervals that is spread evenly over the spans, for those where the path turns rather
             than moves; the others go by length. Taste.
+        end_halvings: extra points in the first interval and in the last, each half as far from the end of the path as
+            the one before. Taste.
+        stop_points: extra points on either side of a stop. Taste.
+        stop_ratio: distance of each of them from the stop, as a share of that of the one before. Taste.
         stopped: share of the greatest ``|q'|`` of all knots below which the path stops at a knot. Taste, far above
             rounding and far below what a path that moves has.
     """
@@ -20,6 +24,9 @@ class GridSettings:
     intervals: int = 200
     most_intervals: int = 1500
     even_share: float = 0.3
+    end_halvings: int = 8
+    stop_points: int = 10
+    stop_ratio: float = 0.7
     stopped: float = 1e-6
 
 
@@ -41,6 +48,12 @@ class ProfileSettings:
             knots. Taste.
         friction_share: share of the room above the static part that half the friction may take in the rows. Derived:
             below 1, so that some room is left for moving; at terminal velocity half the friction takes 0.5.
+        substeps: steps of the dense check inside one grid interval. Taste.
+        speed_cap: bound on ṡ², in units in which a motion takes about 1 s, where nothing moves and so no limit bounds
+            it. Taste.
+        newton_steps: most steps of Newton's method for one controllable speed. Taste; a handful is usual.
+        slowest: what stands for a squared speed of zero inside, as a share of the least that is not. Taste; slowing
+            down mends the rows.
         directions: of the rows that stand for the bound on the acceleration of a point, over half a turn. Derived:
             the polygon of twice as many sides leaves the circle by 1 / cos(π / 32) − 1 = 0.5 %, which the grid's share
             covers.
@@ -54,6 +67,10 @@ class ProfileSettings:
     settled: float = 2e-3
     jerk_share: float = 0.7
     friction_share: float = 0.7
+    substeps: int = 5
+    speed_cap: float = 1e6
+    newton_steps: int = 60
+    slowest: float = 1e-6
     directions: int = 16
 
 

@@ -14,7 +14,7 @@ from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.collision.contacts import WALL, ContactFinder, Contacts
 from ccm_opt.motion.limits.clearance_rows import IntervalRows, motion_rows
-from ccm_opt.motion.limits.limit import Limit, LimitRows
+from ccm_opt.motion.limits.limit import UNBOUNDED, Limit, LimitRows
 from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
@@ -22,9 +22,6 @@ from ccm_opt.motion.settings.step_settings import StepSettings
 
 if TYPE_CHECKING:
     from ccm_opt.motion.swept_motion import Sweep
-
-_UNBOUNDED = 1e30
-"""What the QP takes for no bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +59,7 @@ class ContactLimit(Limit):
             return keeps_clear(after, allowed, settings.keep_share) and not finder.crosses(trial.points)
 
         push = self._push(space, contacts, rows)
-        return LimitRows(rows, lower, np.full(len(rows), _UNBOUNDED), pulls=(push,), keeps=keeps)
+        return LimitRows(rows, lower, np.full(len(rows), UNBOUNDED), pulls=(push,), keeps=keeps)
 
     def _push(self, space: LinkSpace, contacts: Contacts, rows: FloatArray) -> Term:
         """Ask contacts inside their margin to be mended."""

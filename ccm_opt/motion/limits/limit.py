@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from ccm_opt.motion.limits.clearance_rows import IntervalRows
     from ccm_opt.motion.swept_motion import Sweep
 
+UNBOUNDED = 1e30
+"""What QPs take for no bound."""
+
 
 def always(pose: Pose) -> bool:
     """The true check of a limit whose linearised rows are exact."""

@@ -15,10 +15,8 @@ import shapely
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.geometry.rounding import SHORTEST
 from ccm_opt.motion.swept_motion import Sweep
-
-_TOUCHING = 1e-6
-"""Hulls nearer to a wall than this have no shortest line to speak of [m]."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +125,7 @@ def _directions(
     lines: Any = shapely.shortest_line(hulls[q], walls.tree.geometries[wall])
     # The hull of the three poses is wider than the sweep at a bend and may touch a wall that the link clears; the
     # shortest line then has no direction.
-    touching = shapely.length(lines) < _TOUCHING
+    touching = shapely.length(lines) < SHORTEST
     at = interval[q[touching]]
     of = link[q[touching]]
     halfway = shapely.linestrings(np.stack((sweep.middles[at, of], sweep.middles[at, of + 1]), axis=1))

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.geometry.rounding import TINY
 from ccm_opt.motion.limits.joint_limit import overbent
-from ccm_opt.motion.limits.limit import KeyframeRows, Limit, LimitRows, MotionCost
+from ccm_opt.motion.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows, MotionCost
 from ccm_opt.motion.limits.user_costs import UserCosts
 from ccm_opt.motion.limits.user_ends import refuse_broken_goal, refuse_broken_start
 from ccm_opt.motion.limits.user_gaps import intervals_with_broken_gaps
-from ccm_opt.motion.limits.user_slopes import SMALLEST, slope_norms
+from ccm_opt.motion.limits.user_slopes import slope_norms
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.settings.user_limit_settings import UserLimitSettings
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     from ccm_opt.motion.swept_motion import Sweep
     from ccm_opt.user_terms.compiled_terms import UserTerms
     from ccm_opt.user_terms.row_set import RowSet, RowValues
-
-_UNBOUNDED = 1e30
-"""What the QPs take for no bound."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +113,7 @@ class UserLimit(Limit):
         return LimitRows(
             np.vstack((equations, rows)),
             np.concatenate((target, lower)),
-            np.concatenate((target, np.full(len(rows), _UNBOUNDED))),
+            np.concatenate((target, np.full(len(rows), UNBOUNDED))),
             len(target),
             (self._pull(rows, gaps, turn),),
             keeps,
@@ -143,18 +141,18 @@ class UserLimit(Limit):
         # Dependent equations would make the QP degenerate. With J = U S Vᵀ, J δ = −c becomes Vᵀ δ = −S⁻¹ Uᵀ c on the
         # directions whose singular value counts.
         left, sizes, right = np.linalg.svd(slopes, full_matrices=False)
-        kept = sizes > self.settings.rank * max(float(sizes[0]), SMALLEST)
+        kept = sizes > self.settings.rank * max(float(sizes[0]), TINY)
         target = -(left.T @ values.equations)[kept] / sizes[kept]
 
         most = float(np.max(np.abs(space.matrix @ (right[kept].T @ target)), initial=0.0))
-        return right[kept], target * min(1.0, 0.5 * turn / max(most, SMALLEST))
+        return right[kept], target * min(1.0, 0.5 * turn / max(most, TINY))
 
     def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
         """Whether every gap keeps its share of the margin, or no less than it had, and equations are met or nearer."""
         settings = self.settings
         # A pose that begins inside the margin may stay there, but not lose more.
         floor = np.minimum(settings.keep_share * settings.margin * slope_norms(before.gap_slopes), before.gaps)
-        if not np.isfinite(after.violation) or not np.all(after.gaps >= floor - SMALLEST):
+        if not np.isfinite(after.violation) or not np.all(after.gaps >= floor - TINY):
             return False
 
         # Far from the equations the sum decides: one of them may grow for a step while the others shrink.
@@ -261,7 +259,7 @@ class UserLimit(Limit):
             least.append(np.minimum(self.settings.margin - values.gaps[near] / scale, 0.0))
             keyframes += [k] * len(scale)
         lower = np.concatenate(least)
-        upper = np.full(len(lower), _UNBOUNDED)
+        upper = np.full(len(lower), UNBOUNDED)
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), lower, upper),)
 
     def costs(self, space: LinkSpace, u: FloatArray) -> tuple[MotionCost, ...]:
@@ -352,7 +350,7 @@ def _least_change(space: LinkSpace, slopes: FloatArray, change: FloatArray) -> F
     """Least change of the links that changes rows by given amounts, shape (p,)."""
     # min ½ δᵀ M δ subject to S δ = c, M the metric of the turns of the links: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares,
     # because the user may ask for the same thing twice.
-    scale = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST)
+    scale = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
     scaled = slopes / scale[:, None]
     spread = space.inverse_metric @ scaled.T
     least: FloatArray = spread @ np.linalg.lstsq(scaled @ spread, change / scale, rcond=1e-10)[0]

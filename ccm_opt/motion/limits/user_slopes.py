@@ -3,12 +3,10 @@
 import numpy as np
 
 from ccm_opt.arrays import FloatArray
-
-SMALLEST = 1e-12
-"""Keeps divisions by norms of slopes finite."""
+from ccm_opt.geometry.rounding import TINY
 
 
 def slope_norms(slopes: FloatArray) -> FloatArray:
     """Norm of every row's slope by the link headings, shape (m,); never 0."""
-    norms: FloatArray = np.maximum(np.linalg.norm(slopes, axis=1), SMALLEST)
+    norms: FloatArray = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
     return norms

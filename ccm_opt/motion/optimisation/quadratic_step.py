@@ -16,14 +16,11 @@ import scipy.sparse as sp
 from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.limits.clearance_rows import IntervalRows
-from ccm_opt.motion.limits.limit import KeyframeRows, MotionCost, Quadratic
+from ccm_opt.motion.limits.limit import UNBOUNDED, KeyframeRows, MotionCost, Quadratic
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.optimisation.objective import Objective
 from ccm_opt.motion.settings.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.swept_motion import Sweep
-
-_FREE = 1e30
-"""What the QP takes for no bound."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +189,7 @@ class KeyframeProgram:
 
     def lower_bounds(self) -> FloatArray:
         """Slack is at least 0, shape (K width,)."""
-        bounds = np.full((len(self.sweep.turns), self.width), -_FREE)
+        bounds = np.full((len(self.sweep.turns), self.width), -UNBOUNDED)
         bounds[:, -1] = 0.0
         return bounds.ravel()
 
@@ -232,7 +229,7 @@ class KeyframeProgram:
         m = len(self.rows)
         shape = (m, len(self.sweep.turns) * self.width)
         matrices = [sp.csc_matrix((data, (row, column)), shape=shape)]
-        lower = [np.full(m, -_FREE)]
+        lower = [np.full(m, -UNBOUNDED)]
         upper = [-self.rows.values(self.sweep) / self.nominal_length]
         for rows in self.keyframe_rows:
             matrices.append(self._at_keyframes(rows.keyframe, rows.slopes))
@@ -281,7 +278,7 @@ def _solve(
     settings.eps_duality_gap_abs = options.qp_gap
     settings.eps_duality_gap_rel = 0.1 * options.qp_gap
     settings.max_iter = options.qp_iterations
-    most = np.full(len(gradient), _FREE)
+    most = np.full(len(gradient), UNBOUNDED)
     solver.setup(hessian, gradient, equal, np.zeros(equal.shape[0]), matrix, lower, upper, least, most)
     solver.solve()
     return solver.result

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.arrays import FloatArray
+from ccm_opt.geometry.rounding import TINY
 from ccm_opt.retiming.efforts import Efforts
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
 from ccm_opt.retiming.motion_samples import MotionSamples
@@ -18,9 +19,6 @@ from ccm_opt.retiming.slowing import slowings
 from ccm_opt.retiming.static_load import too_weak
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import ProfileSettings
-
-_NO_ROW = 1e-12
-"""A row whose entries are all below this share of its limit is left out (joints that turn out of the plane)."""
 
 
 class DriveEffort(MotionLimit):
@@ -58,7 +56,8 @@ class DriveEffort(MotionLimit):
         b = efforts(q, first, second) - c - d
         self._check_static_load(s, c)
 
-        kept = np.flatnonzero(np.max([np.max(np.abs(row), axis=0) for row in (a, b, c, d)], axis=0) > _NO_ROW)
+        # Joints that turn out of the plane have rows of rounding only, as shares of their limits.
+        kept = np.flatnonzero(np.max([np.max(np.abs(row), axis=0) for row in (a, b, c, d)], axis=0) > TINY)
         return SpeedRows(a[:, kept], b[:, kept], c[:, kept], d[:, kept] if efforts.damped else None)
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
