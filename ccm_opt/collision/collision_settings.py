@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
+
 
 @dataclass(frozen=True)
 class CertificateSettings:
@@ -30,10 +32,12 @@ class ContactSettings:
         slack: of the neighbour list beyond the reach, as a multiple of it. Taste: a longer list is renewed less often.
         moved: share of that slack by which a coordinate of a joint may have moved before the list is renewed. Derived:
             below 1/√8, so that two joints together move by less than the slack.
+        link_margins: of the margins between distant links.
     """
 
     slack: float = 1.5
     moved: float = 0.35
+    link_margins: LinkMarginSettings = DEFAULT_LINK_MARGINS
 
 
 DEFAULT_CERTIFICATE = CertificateSettings()

@@ -78,7 +78,7 @@ class ContactFinder:
         clearance: gap to keep to walls beyond the radius [m].
         margin: planning margin m on top of it [m].
         reach: pairs with a gap below this are reported [m].
-        settings: of the neighbour list.
+        settings: of the neighbour list and of margins between links.
     """
 
     def __init__(
@@ -94,6 +94,7 @@ class ContactFinder:
         self.walls = walls
         self.margin = margin
         self.reach = reach
+        self.settings = settings
         self._slack = settings.slack * reach
         self._renewed_at = settings.moved * self._slack
         self._wall_gap = arm.radius + clearance + walls.rounding
@@ -101,7 +102,7 @@ class ContactFinder:
         i, j = arm.self_pairs
         self._pairs = i, j
         self._self_margin = np.zeros((arm.links, arm.links))
-        self._self_margin[i, j] = arm.link_margins(i, j, margin)
+        self._self_margin[i, j] = arm.link_margins(i, j, margin, settings.link_margins)
         self._near: _NeighbourList | None = None
         self._latest: tuple[FloatArray, Contacts] | None = None
         self._edge_mid = self.walls.edges.mean(axis=1)

@@ -12,8 +12,8 @@ class SegmentSettings:
             Taste.
         fit_samples: headings that a least-squares fit of one segment looks at. Taste: thirteen for each value that it
             finds.
-        mean_places: places of mean poses that are compared before the best is refined. Taste; the least cost often
-            lies in a narrow valley near an end.
+        mean_places: places of mean poses that are compared before the best is refined. Taste; they stand
+            denser at the ends, near which the least of several minima lies.
     """
 
     sign_samples: int = 32

@@ -30,6 +30,10 @@ class FreeSpaceSettings:
         portal_trials: crossings of the string at which a portal is tried, at most. Taste.
         overlap_thickness: least thickness of an overlap, as a share of the width that its portal should have. Taste.
         stations: evenly spaced sample places along a taut string, beside its vertices and crossings. Taste.
+        arc_step: angle between points on an arc round a punctured base [rad]. Taste; the arc is drawn taut, only its
+            class counts.
+        arc_radius: radius of that arc as a share of how far the shorter path strays from the base. Taste; well inside
+            every obstacle's gap.
         least_squareness: squareness that a chord is credited with where the string only touches it. Taste.
     """
 
@@ -49,6 +53,8 @@ class FreeSpaceSettings:
     portal_trials: int = 6
     overlap_thickness: float = 0.2
     stations: int = 200
+    arc_step: float = 0.3
+    arc_radius: float = 1e-3
     least_squareness: float = 1e-3
 
 

@@ -9,11 +9,10 @@ from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.geometry.angles import unit_vector
 from ccm_opt.geometry.rounding import ROUNDING
 from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
+from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
-LINK_MARGIN_SHARE = 0.2
-"""Share of the free length between two distant links that planning keeps as a margin between them (taste)."""
 HELD_TOLERANCE = ROUNDING
 """A joint as near as this to the hole counts as having passed it [m]."""
 
@@ -139,7 +138,13 @@ class Arm:
         none = np.zeros(0, dtype=np.intp)
         return none, none
 
-    def link_margins(self, first: IntArray, second: IntArray, margin: float) -> FloatArray:
+    def link_margins(
+        self,
+        first: IntArray,
+        second: IntArray,
+        margin: float,
+        settings: LinkMarginSettings = DEFAULT_LINK_MARGINS,
+    ) -> FloatArray:
         """Gap that planning keeps between the surfaces of distant links, shape (p,) [m].
 
         Links that are not far apart along the arm cannot keep the whole margin round a tight bend: they keep a share of
@@ -149,9 +154,10 @@ class Arm:
             first: links nearer to the base, shape (p,).
             second: the others, shape (p,).
             margin: that planning keeps from walls [m].
+            settings: the share that is kept.
         """
         between = (second - first - 1) * self.link_length - 2.0 * self.radius
-        return np.clip(LINK_MARGIN_SHARE * between, 0.0, margin)
+        return np.clip(settings.share * between, 0.0, margin)
 
     @property
     def mount_end(self) -> tuple[int, float]:

@@ -1,4 +1,4 @@
-"""The numbers of the mappings from the curve to the jointed arm and of the check of single poses, in one place."""
+"""The numbers of the mappings from the curve to the jointed arm, of margins between links and of checks of poses."""
 
 from dataclasses import dataclass
 
@@ -23,6 +23,17 @@ class MappingSettings:
 
 
 @dataclass(frozen=True)
+class LinkMarginSettings:
+    """What planning keeps between two distant links that cannot keep the whole margin.
+
+    Attributes:
+        share: of the free length between the two that is kept as a margin between them. Taste.
+    """
+
+    share: float = 0.2
+
+
+@dataclass(frozen=True)
 class PoseCheckSettings:
     """What counts as a bad pose in three dimensions.
 
@@ -36,5 +47,7 @@ class PoseCheckSettings:
 
 DEFAULT_MAPPING = MappingSettings()
 """The mappings' numbers unless others are passed."""
+DEFAULT_LINK_MARGINS = LinkMarginSettings()
+"""The margins' numbers unless others are passed."""
 DEFAULT_POSE_CHECK = PoseCheckSettings()
 """The pose check's numbers unless others are passed."""

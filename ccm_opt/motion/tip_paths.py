@@ -11,15 +11,11 @@ import shapely
 
 from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.geometry.angles import heading_of, sweep_on_side, unit_vector
 from ccm_opt.geometry.polyline import path_length
 from ccm_opt.geometry.rounding import SHORTEST
-
-_ARC_STEP = 0.3
-"""Angle between points on an arc round the base [rad]; the arc is drawn taut, only its class counts."""
-_ARC_RADIUS = 1e-3
-"""Radius of that arc as a share of how far the shorter path strays from the base: well inside every obstacle's gap."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +103,7 @@ def taut_round_base(
     """The taut path in the class of: back along joints to the base, round it, out along a route; shape (k, 2) [m]."""
     if len(points) < 2:
         return _taut_route(free_space, route, shrink)
-    return free_space.taut_path(round_base(points, route, side), shrink=shrink)
+    return free_space.taut_path(round_base(points, route, side, free_space.settings), shrink=shrink)
 
 
 def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
@@ -116,30 +112,34 @@ def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> Floa
     outside = _beyond(route, min(free_space.inflation + 2.0 * shrink, 0.5 * span))
     inside = route[: len(route) - len(outside) + 1]
     path = np.vstack((inside, free_space.taut_path(outside, shrink=shrink)))
+    # Corners that lie on the line between their neighbours, but for rounding, are left out.
     return shapely.get_coordinates(shapely.LineString(path).simplify(SHORTEST))
 
 
-def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
+def round_base(
+    points: FloatArray, route: FloatArray, side: int, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
+) -> FloatArray:
     """Back along the arm, round its base on one side, out along a route.
 
     Args:
         points: joints from the base outwards, shape (m ≥ 2, 2) [m].
         route: from the base outwards, shape (k, 2) [m].
         side: +1 turns counter-clockwise from the arm to the route, -1 clockwise.
+        settings: how finely and how near to the base the arc is drawn.
 
     Returns:
         Shape (·, 2) [m].
     """
     base = points[0]
     strays = [np.linalg.norm(path - base, axis=1).max() for path in (points, route)]
-    radius = _ARC_RADIUS * min(strays)
+    radius = settings.arc_radius * min(strays)
     inwards = _beyond(points, radius)[::-1]
     outwards = _beyond(route, radius)
 
     first = heading_of(inwards[-1] - base)
     last = heading_of(outwards[0] - base)
     sweep = sweep_on_side(last - first, side)
-    angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / _ARC_STEP) + 2))
+    angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / settings.arc_step) + 2))
     arc = base + radius * unit_vector(angles)
     return np.vstack((inwards, arc[1:-1], outwards))
 

@@ -15,6 +15,7 @@ import numpy as np
 from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.collision.contacts import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
 from ccm_opt.motion.limits.sweep_regions import HalfPlanes, WallSegments, sweep_regions
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.swept_motion import Sweep
@@ -133,7 +134,12 @@ def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
 
 
 def motion_rows(
-    sweep: Sweep, workspace: Workspace, segments: WallSegments, margin: float, reach: float
+    sweep: Sweep,
+    workspace: Workspace,
+    segments: WallSegments,
+    margin: float,
+    reach: float,
+    settings: LinkMarginSettings = DEFAULT_LINK_MARGINS,
 ) -> IntervalRows:
     """All rows of a motion, from regions about its own sweep; poses at the fixed start keep clear without margin.
 
@@ -143,11 +149,12 @@ def motion_rows(
         segments: its walls' segments.
         margin: gap to keep beyond contact [m].
         reach: what is farther apart makes no rows [m].
+        settings: of margins between links.
     """
     arm = sweep.space.arm
     planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach)
     need = arm.radius + workspace.clearance + margin
-    rows = joined_rows([wall_rows(planes, sweep.space, need), self_rows(sweep, reach, margin)])
+    rows = joined_rows([wall_rows(planes, sweep.space, need), self_rows(sweep, reach, margin, settings)])
 
     # The start is given and may stand nearer than the margin; with it these rows could never hold.
     at_start = rows.interval + rows.side == 0
@@ -189,13 +196,16 @@ def wall_rows(planes: HalfPlanes, space: LinkSpace, need: float) -> IntervalRows
     return joined_rows(parts)
 
 
-def self_rows(sweep: Sweep, reach: float, margin: float) -> IntervalRows:
+def self_rows(
+    sweep: Sweep, reach: float, margin: float, settings: LinkMarginSettings = DEFAULT_LINK_MARGINS
+) -> IntervalRows:
     """Rows that keep distant links apart along the direction that is closest half-way through the interval.
 
     Args:
         sweep: the motion.
         reach: pairs with a gap above this are left out [m].
         margin: gap to keep beyond two radii, where the links between leave that much [m].
+        settings: what is kept where they leave less.
     """
     arm = sweep.space.arm
     interval, i, j = _near_pairs(sweep, *sweep.space.self_pairs, reach + 2.0 * arm.radius)
@@ -213,7 +223,7 @@ def self_rows(sweep: Sweep, reach: float, margin: float) -> IntervalRows:
     distance = distance[close]
 
     normal = apart / np.maximum(distance, 1e-12)[:, None]
-    need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
+    need = 2.0 * arm.radius + arm.link_margins(i, j, margin, settings)
 
     # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
     # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough.

@@ -80,7 +80,9 @@ class ContactLimit(Limit):
     def interval_rows(self, sweep: "Sweep") -> tuple[IntervalRows, ...]:
         """Rows from the regions about a motion's own sweep, and of its near pairs of links."""
         workspace = self.certificate.workspace
-        return (motion_rows(sweep, workspace, self._segments, self.finder.margin, self.finder.reach),)
+        finder = self.finder
+        link_margins = finder.settings.link_margins
+        return (motion_rows(sweep, workspace, self._segments, finder.margin, finder.reach, link_margins),)
 
     @cached_property
     def _segments(self) -> WallSegments:
