@@ -6,10 +6,10 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Axes, MappingName
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.jointed.drive_limits import DriveLimits, Limits, PointLimit

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
 

@@ -16,7 +16,6 @@ import numpy as np
 import shapely
 
 import ccm_opt
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.files.plotting.corridor_concept import CorridorScene, corridor_png
 from ccm_opt.files.plotting.gap_concept import gaps_png
@@ -25,6 +24,7 @@ from ccm_opt.files.plotting.sag_concept import SagScene, sag_png
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Deadline, follow
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.guides.hairpin import Hairpin

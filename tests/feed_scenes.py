@@ -13,7 +13,7 @@ from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem
 from .arms import plain_arm
 
 if TYPE_CHECKING:
-    from ccm_opt.arrays import FloatArray
+    from ccm_opt.ground.arrays import FloatArray
 
 LINKS = 16
 LINK = 0.05

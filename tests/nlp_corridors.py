@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.freespace.corridor import ConvexRegion, Corridor, Route
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 
 ANY_HEADING = (-2.0 * np.pi, 2.0 * np.pi)

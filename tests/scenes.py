@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.collision.walls import Walls
@@ -23,6 +22,7 @@ from ccm_opt.comparison.scenes import (
 )
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends

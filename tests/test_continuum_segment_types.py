@@ -5,7 +5,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.continuum.segment_types import (
@@ -17,6 +16,7 @@ from ccm_opt.continuum.segment_types import (
     wrap,
 )
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 
 BENT = [SegmentType.LEFT, SegmentType.RIGHT, SegmentType.LEFT_RIGHT, SegmentType.RIGHT_LEFT]
 angles = st.floats(-3.1, 3.1)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import RetimingError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.jointed.frames import revolute_angles

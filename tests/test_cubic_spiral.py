@@ -8,7 +8,7 @@ from scipy.integrate import quad, solve_ivp
 
 from ccm_opt.continuum.cubic_spiral import LARGEST_TURN, CubicSpiral, chord_ratio, join_poses
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.angles import wrap
+from ccm_opt.ground.angles import wrap
 
 COORDINATE = st.floats(-2.0, 2.0)
 POINT = st.tuples(COORDINATE, COORDINATE).map(np.array)

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, arm_structure
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime import compiled_library
@@ -25,6 +24,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.jacobian import tip_jacobian
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import UNLIMITED_EFFORT, urdf_text
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.frames import joint_names, joint_positions_3d, revolute_angles
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck

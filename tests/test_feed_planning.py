@@ -10,12 +10,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.walls import Walls
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.spline_path import clamped_spline

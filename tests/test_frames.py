@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Axes
 from ccm_opt.jointed.frames import (
     base_position,

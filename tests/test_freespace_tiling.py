@@ -13,7 +13,7 @@ from ccm_opt.freespace.inflation import free_set
 from ccm_opt.freespace.regions import grow
 from ccm_opt.freespace.triangulation import Triangulation, triangulate
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.geometry.polygons import chords, clip, half_planes, is_convex, signed_area
+from ccm_opt.ground.polygons import chords, clip, half_planes, is_convex, signed_area
 from tests.freespace_scenes import clutter, divided_room, mixed_room, sheets
 
 MARGIN = 0.02

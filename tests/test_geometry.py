@@ -6,7 +6,7 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ccm_opt.geometry.angles import (
+from ccm_opt.ground.angles import (
     WHOLE_TURN,
     heading_of,
     sweep_on_side,
@@ -15,7 +15,7 @@ from ccm_opt.geometry.angles import (
     whole_turns,
     wrap,
 )
-from ccm_opt.geometry.polyline import (
+from ccm_opt.ground.polyline import (
     arc_lengths,
     leg_headings,
     legs_at,

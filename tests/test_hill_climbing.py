@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, DistanceWeights, Precision, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, Strategy, climb, end_of

@@ -6,10 +6,10 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.contacts import WALL, ContactFinder, Contacts, closest_on_segments
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 
 from .scenes import ROOM, clutter, distant_pairs, free_axis, make_arm, mixed_walls, random_headings, self_gap, wall_gaps

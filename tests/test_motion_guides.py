@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.guides.hairpin import Hairpin, fold_track

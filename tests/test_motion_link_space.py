@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.mapping import mean_headings
 from ccm_opt.motion.link_space import KNOTS, SEGMENTS, LinkSpace, mean_heading_matrix
 

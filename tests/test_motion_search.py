@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends

@@ -6,10 +6,10 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.contacts import WALL, ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.limits.contact_limit import allowed_shortfall, contact_rows, keeps_clear
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.settings.step_settings import StepSettings

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Deadline, Stalled
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import CachedItems, MotionTask

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import PIECES
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp import constraints
 from ccm_opt.nlp.curve_ode import CONTROLS, STATES, SUBSTEPS, SegmentFlow, segment_function
 from tests.nlp_corridors import region

@@ -8,19 +8,19 @@ import shapely
 from scipy.interpolate import make_interp_spline
 
 import ccm_opt
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.solution_assembly import PACKAGES
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 from ccm_opt.retiming.timing_settings import SamplingSettings, TimingSettings
 from ccm_opt.solution import JointPath, Solution
-from ccm_opt.stages import Stages
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 from .conftest import PROBLEMS, SMALL_PROBLEM

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.cli.commands import app
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
@@ -20,6 +19,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.files.problem_file.problem_data import problem_data
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.point_on_arm import PointOnArm
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem

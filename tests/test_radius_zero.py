@@ -9,11 +9,11 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.passage_widths import passage_widths
 from ccm_opt.motion.tip_paths import find_tip_paths, turning_by
 from ccm_opt.planners.curve import CurvePlanner

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.problem import Limits, TipGoal
 from ccm_opt.solution import JointTrajectory, Solution

@@ -8,8 +8,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names
 from ccm_opt.problem import JointPose, Problem

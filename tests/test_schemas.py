@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import add_segment, start_of
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.continuum.segment_types import SegmentType, classify
-from ccm_opt.geometry.angles import wrap
+from ccm_opt.ground.angles import wrap
+from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.curve_track import SegmentTrack
 from ccm_opt.hill_climbing.distance import TipPose

@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigvals
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.c_compiler import COMPILER_VARIABLE
 from ccm_opt.dynamics.runtime.compiled_library import CACHE_VARIABLE
@@ -21,6 +20,7 @@ from ccm_opt.dynamics.simulation.reference import hermite, step_reference
 from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
 from ccm_opt.errors import SimulationError
 from ccm_opt.files.export.mjcf import mjcf_text
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.arrays import FloatArray
 from ccm_opt.cli.solving import TermReferences, solve_files
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.user_terms.compiled_terms import compile_terms
 from ccm_opt.user_terms.quantities import Quantities

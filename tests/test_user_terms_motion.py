@@ -8,9 +8,9 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 import ccm_opt
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import NoPlanFound, VerificationError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.limits.user_costs import UserCosts

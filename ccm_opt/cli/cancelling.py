@@ -6,7 +6,7 @@ Where Ctrl-C strikes decides who handles it and what remains on disk:
 while                                handled in                       what remains
 ===================================  ===============================  =================================================
 modules are loaded                   ``cli.main``, ``CommandGroup``   nothing is written
-IPOPT runs in CasADi                 ``ccm_opt/ipopt_call.py``        it is kept and raised again, as in the next line
+IPOPT runs in CasADi                 ``ground/ipopt_call.py``         it is kept and raised again, as in the next line
 ``solve`` plans a problem            ``solving``, ``outcome``         ``solution.json`` with the status ``cancelled``;
                                                                       plans of earlier files stay, later ones are not
                                                                       tried

@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.stage_clock import StageClock
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import Check, Solution
 
 SUMMARY = {

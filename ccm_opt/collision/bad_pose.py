@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate, allowed_contact
 from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE
 from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 
 

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE, CertificateSettings
 from ccm_opt.collision.contacts import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 
 _Links: TypeAlias = tuple[IntArray, IntArray]  # stretch and link

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.collision.collision_settings import DEFAULT_CONTACTS, ContactSettings
 from ccm_opt.collision.walls import Walls
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 
 WALL = -1

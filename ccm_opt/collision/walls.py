@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from types import MappingProxyType
 from typing import Any, cast
 
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Problem
-from ccm_opt.stages import Stages
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import numpy as np
 import shapely
 from scipy.optimize import brentq
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal
 

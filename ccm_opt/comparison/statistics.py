@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.comparison.runs import QUANTITIES, Quantity, Run
+from ccm_opt.ground.arrays import FloatArray
 
 LEVEL = 0.95
 """Confidence of every interval."""

@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.kinematics import integrate_headings, integrate_positions
 from ccm_opt.continuum.segment import EVEN_KNOTS, CurvatureSegment, Knots
+from ccm_opt.ground.arrays import FloatArray
 
 
 @dataclass(frozen=True)

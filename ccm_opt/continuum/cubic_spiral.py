@@ -16,12 +16,12 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.kinematics import integrate_positions
 from ccm_opt.continuum.segment_settings import DEFAULT_SEGMENTS, SegmentSettings
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.angles import heading_of, unit_vector, wrap
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.angles import heading_of, unit_vector, wrap
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import ROUNDING
 
 LARGEST_TURN = 4.0
 """Turns beyond this are refused [rad]: the chord of a cubic spiral shrinks to nothing a little later."""

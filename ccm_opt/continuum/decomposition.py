@@ -11,12 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import PIECES, POWERS, CurvatureSegment, Knots
 from ccm_opt.continuum.segment_settings import DEFAULT_SEGMENTS, SegmentSettings
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.rounding import ROUNDING, SHORTEST
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import ROUNDING, SHORTEST
 
 
 def add_segment(configuration: Configuration, segment: CurvatureSegment) -> Configuration:

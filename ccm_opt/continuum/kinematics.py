@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 """Gauss points of positions."""

@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.spline import piece_coefficients
+from ccm_opt.ground.arrays import FloatArray
 
 PIECES = 4
 """Cubic pieces of a segment's curvature: it has five knots."""

@@ -6,11 +6,11 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import j0
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.continuum.segment_settings import DEFAULT_SEGMENTS, SegmentSettings
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.angles import heading_of, wrap
+from ccm_opt.ground.angles import heading_of, wrap
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 _FIRST_ZERO_OF_J0 = 2.404825557695773
 """Where the chord of a modal curve vanishes [rad]."""

@@ -5,13 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
 from ccm_opt.diagnosis.words import millimetres, point
 from ccm_opt.errors import Finding
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle
-from ccm_opt.geometry.angles import unit_vector
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal, Tolerances
 

@@ -5,15 +5,15 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TightnessSettings
 from ccm_opt.diagnosis.words import at, degrees, listed, metres, millimetres, point
 from ccm_opt.errors import ConfigurationNotFound, Finding, NoPlanFound
 from ccm_opt.freespace.bottleneck import narrowest_passage, nearest_walls
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.geometry.polygons import cross
-from ccm_opt.geometry.polyline import leg_lengths
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polygons import cross
+from ccm_opt.ground.polyline import leg_lengths
 from ccm_opt.motion.ends import Ends, resolve_ends
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.curve_guesses import configuration_task

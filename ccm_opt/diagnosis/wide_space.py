@@ -6,11 +6,11 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.geometry.rounding import SHORTEST
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.problem import Problem
 
 

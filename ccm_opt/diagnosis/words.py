@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 
 
 def millimetres(length: float) -> str:

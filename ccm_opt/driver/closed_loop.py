@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.frames import bends_from_revolutes
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory, SimulatedMotion

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ccm_opt.geometry.angles import wrap
-from ccm_opt.geometry.polyline import path_length
+from ccm_opt.ground.angles import wrap
+from ccm_opt.ground.polyline import path_length
 from ccm_opt.planners.following.deviation import Deviation, deviation
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion

@@ -14,12 +14,12 @@ from ccm_opt.driver.verified_plan import timed_and_verified, verified_plan
 from ccm_opt.dynamics.runtime.compiled_library import prepare
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
 from ccm_opt.errors import NoPlanFound
+from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.legs import plan_legs
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
-from ccm_opt.stages import Stages
 from ccm_opt.user_terms.compiled_terms import UserTerms, compile_terms
 from ccm_opt.user_terms.terms import Constraint, Cost
 

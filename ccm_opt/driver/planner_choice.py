@@ -2,12 +2,12 @@
 
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.baseline import HillClimbingPlanner
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.planners.feed import FeedPlanner
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Problem
-from ccm_opt.stages import Stages
 from ccm_opt.user_terms.compiled_terms import UserTerms
 
 

@@ -15,11 +15,11 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verifie
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.legs import Leg, whole_path
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Goal, JointPose, Problem, Stop, Tolerances
 from ccm_opt.solution import JointPath, JointTrajectory, Solution
-from ccm_opt.stages import Stages
 from ccm_opt.user_terms.terms import Constraint, Cost
 
 

@@ -10,6 +10,7 @@ from ccm_opt import retiming, verification
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
+from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.planners.following.gating import feed_limits
@@ -17,7 +18,6 @@ from ccm_opt.planners.legs import Leg, plan_legs, whole_path
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory
-from ccm_opt.stages import Stages
 from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.term_checks import checks_of_terms, metrics_of_terms

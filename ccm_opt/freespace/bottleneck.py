@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.triangulation import Triangulation
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
 
 
 @dataclass(frozen=True)

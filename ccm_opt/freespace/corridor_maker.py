@@ -10,7 +10,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion, Corridor, Route
 from ccm_opt.freespace.cover import Cover, RegionSpan
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
@@ -18,6 +17,7 @@ from ccm_opt.freespace.partition import Partition, merge
 from ccm_opt.freespace.regions import grow
 from ccm_opt.freespace.taut_stations import TautString
 from ccm_opt.freespace.triangulation import Triangulation
+from ccm_opt.ground.arrays import FloatArray
 
 
 @dataclass(frozen=True)

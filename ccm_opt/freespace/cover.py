@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.taut_stations import TautString
-from ccm_opt.geometry.polygons import after_each, chords, intersection, nearest_on_segments, signed_area
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polygons import after_each, chords, intersection, nearest_on_segments, signed_area
+from ccm_opt.ground.rounding import ROUNDING
 
 UNUSABLE = -1.0
 """Marks a pair of regions whose overlap is away from the string: taken where nothing else leads on."""

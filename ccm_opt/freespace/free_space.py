@@ -6,7 +6,6 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.freespace import sleeve as sleeves
 from ccm_opt.freespace.bottleneck import Bottleneck, missing_link, narrowest_passage
 from ccm_opt.freespace.corridor import Corridor, Route
@@ -18,8 +17,9 @@ from ccm_opt.freespace.junctions import EdgeMetric
 from ccm_opt.freespace.routes import shortest_routes
 from ccm_opt.freespace.triangulation import Triangulation, triangulate
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.geometry.polyline import path_length
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.polyline import path_length
+from ccm_opt.ground.rounding import ROUNDING
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 
 Point: TypeAlias = tuple[float, float]
 

@@ -13,9 +13,9 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.csgraph import dijkstra
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.junctions import Chain, EdgeMetric, chains_between, min_plus
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.rounding import TINY
 
 
 @dataclass(frozen=True, order=True)

@@ -10,12 +10,12 @@ import itertools
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.geometry.angles import heading_of, unit_vector
-from ccm_opt.geometry.polygons import cross
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.angles import heading_of, unit_vector
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polygons import cross
+from ccm_opt.ground.rounding import TINY
 
 
 def free_set(

@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE
 from ccm_opt.freespace.triangulation import WALL, Triangulation
+from ccm_opt.ground.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.triangulation import Triangulation
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.rounding import TINY
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ result holds the cell.
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.freespace.corridor import ConvexRegion
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
-from ccm_opt.geometry.polygons import (
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.polygons import (
     after_each,
     clip,
     half_planes,
@@ -18,7 +18,7 @@ from ccm_opt.geometry.polygons import (
     signed_area,
     without_short_edges,
 )
-from ccm_opt.geometry.rounding import ROUNDING, SHORTEST
+from ccm_opt.ground.rounding import ROUNDING, SHORTEST
 
 
 def region_of(vertices: FloatArray) -> ConvexRegion:

@@ -8,14 +8,14 @@ import itertools
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.funnel import taut_string
 from ccm_opt.freespace.homotopy_classes import homotopy_classes
 from ccm_opt.freespace.junctions import EdgeMetric
 from ccm_opt.freespace.triangulation import Triangulation
-from ccm_opt.geometry.polyline import path_length
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.polyline import path_length
 
 
 def shortest_routes(

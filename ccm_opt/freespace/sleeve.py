@@ -8,10 +8,10 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE
 from ccm_opt.freespace.triangulation import WALL, Triangulation
+from ccm_opt.ground.arrays import FloatArray
 
 Point: TypeAlias = tuple[float, float]
 

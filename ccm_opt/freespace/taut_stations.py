@@ -5,10 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
-from ccm_opt.geometry.polygons import cross
-from ccm_opt.geometry.polyline import arc_lengths, leg_lengths, points_at
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polygons import cross
+from ccm_opt.ground.polyline import arc_lengths, leg_lengths, points_at
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ import scipy.sparse
 import shapely
 from scipy.sparse.csgraph import connected_components
 
-from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.geometry.polygons import cross, nearest_on_segments
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.polygons import cross, nearest_on_segments
 
 WALL = -1
 """Stands for the triangle across an edge that is a wall."""

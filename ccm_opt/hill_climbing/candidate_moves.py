@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import PIECES, POWERS, CurvatureSegment
-from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 """Gauss points of a piece."""

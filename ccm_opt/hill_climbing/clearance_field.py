@@ -6,8 +6,8 @@ import numpy as np
 import shapely
 from scipy.ndimage import map_coordinates
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.hill_climbing.climbing_settings import DEFAULT_CLIMBING
 
 

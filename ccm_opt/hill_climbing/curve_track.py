@@ -6,14 +6,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.cubic_spiral import chord_ratio
 from ccm_opt.continuum.decomposition import rest_of, start_of
 from ccm_opt.continuum.segment import EVEN_KNOTS, CurvatureSegment
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.angles import vector_headings, wrap
-from ccm_opt.geometry.rounding import SHORTEST
+from ccm_opt.ground.angles import vector_headings, wrap
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import SHORTEST
 
 _EVEN = np.array([0.0, *EVEN_KNOTS, 1.0])
 """Even knots, the ends included."""

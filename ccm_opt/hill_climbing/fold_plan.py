@@ -6,11 +6,11 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.angles import heading_of
+from ccm_opt.ground.angles import heading_of
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.hill_climbing.curve_track import SegmentTrack
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_4, scm_6, scm_7, scm_8

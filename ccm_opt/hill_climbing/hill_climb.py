@@ -7,8 +7,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.climbing_settings import ClimbSettings
 from ccm_opt.hill_climbing.operators import Moves

@@ -5,7 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 
 

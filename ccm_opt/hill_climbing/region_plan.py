@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.geometry.angles import heading_of, unit_vector
-from ccm_opt.geometry.polyline import arc_lengths
+from ccm_opt.ground.angles import heading_of, unit_vector
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import arc_lengths
 from ccm_opt.hill_climbing.curve_track import SegmentTrack, track_through, without_near
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import REACH, Folds, staged, subgoals, trace

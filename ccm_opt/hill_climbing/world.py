@@ -6,9 +6,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.geometry.angles import WHOLE_TURN
+from ccm_opt.ground.angles import WHOLE_TURN
+from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.climbing_settings import DEFAULT_CLIMBING, ClimbingSettings
 

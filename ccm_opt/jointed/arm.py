@@ -5,9 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.geometry.angles import unit_vector
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
 from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
 

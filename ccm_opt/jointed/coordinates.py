@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 FEED = "feed"
 """Name of the coordinate of a feed axis."""

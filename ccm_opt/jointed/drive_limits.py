@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.coordinates import Coordinates
 
 

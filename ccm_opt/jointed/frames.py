@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Axes
 
 REVOLUTE_NAMES: dict[Axes, tuple[str, str, str]] = {"zyx": ("yaw", "bend", "roll"), "zyz": ("yaw", "bend", "spin")}

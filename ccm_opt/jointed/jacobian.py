@@ -7,7 +7,7 @@ of frame j − 1.
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import base_rotation, frame_transforms
 

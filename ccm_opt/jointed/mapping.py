@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, MappingName
 from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING, MappingSettings
 from ccm_opt.jointed.mapping_even_joints import even_joint_headings

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.angles import vector_headings, wrap
-from ccm_opt.geometry.polygons import cross
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.angles import vector_headings, wrap
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polygons import cross
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING, MappingSettings
 
 

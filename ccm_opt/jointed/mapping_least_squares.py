@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING, MappingSettings
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names
 from ccm_opt.jointed.jointed_settings import DEFAULT_POSE_CHECK, PoseCheckSettings

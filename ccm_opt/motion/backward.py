@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Stalled, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.link_space import fit_coordinates

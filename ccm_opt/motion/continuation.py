@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.step import Stepper, smoothness_terms

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.bad_pose import refuse_bad_pose
 from ccm_opt.collision.contacts import WALL, ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import Diagnosis, UnreachableGoal
-from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.goal import GoalPose

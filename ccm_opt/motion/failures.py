@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.motion_task import MotionTask
 from ccm_opt.motion.tree.tree_search import TREES
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.angles import wrap
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.angles import wrap
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import TINY
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term, pose_in

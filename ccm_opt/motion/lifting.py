@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.goal import polish
 from ccm_opt.motion.link_space import LinkSpace, mean_heading_matrix
 from ccm_opt.motion.motion_task import Motion, MotionTask

@@ -7,11 +7,11 @@ from itertools import count
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate, allowed_contact
 from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose

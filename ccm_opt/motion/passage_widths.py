@@ -3,10 +3,10 @@
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.walls import Walls
-from ccm_opt.geometry.polygons import cross
-from ccm_opt.geometry.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polygons import cross
+from ccm_opt.ground.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import MotionTask
 from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES

@@ -7,7 +7,7 @@ halving the spans in which the equations are missed brings the path back onto th
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.limits.joint_limit import overbent
 from ccm_opt.motion.limits.limit import Limit

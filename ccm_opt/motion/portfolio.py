@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.polyline import leg_headings, path_length, without_repeats
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import leg_headings, path_length, without_repeats
 from ccm_opt.motion.continuation import Guide
 from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.link_space import LinkSpace
 
 

@@ -6,7 +6,7 @@ from itertools import chain
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.backward import pose_at_goal
 from ccm_opt.motion.continuation import Stalled, follow, settle, without_pauses
 from ccm_opt.motion.failures import Failure

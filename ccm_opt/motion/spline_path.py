@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
 from ccm_opt.motion.settings.search_settings import SmoothPathSettings
 

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.link_space import LinkSpace
 
 

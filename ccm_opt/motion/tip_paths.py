@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.geometry.angles import heading_of, sweep_on_side, unit_vector
-from ccm_opt.geometry.polyline import path_length
-from ccm_opt.geometry.rounding import SHORTEST
+from ccm_opt.ground.angles import heading_of, sweep_on_side, unit_vector
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import path_length
+from ccm_opt.ground.rounding import SHORTEST
 
 
 @dataclass(frozen=True)

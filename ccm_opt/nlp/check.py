@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.geometry.angles import wrap
+from ccm_opt.ground.angles import wrap
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP
 
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.corridor import Corridor
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.configuration_settings import DEFAULT_CONFIGURATION, ConfigurationSettings
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.segment import PIECES
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.curve_ode import SUBSTEPS, SegmentFlow
 
 

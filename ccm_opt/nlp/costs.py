@@ -6,7 +6,7 @@ leave no direction of the variables without curvature.
 
 import casadi as ca
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.configuration_settings import DEFAULT_CONFIGURATION, ConfigurationSettings
 
 

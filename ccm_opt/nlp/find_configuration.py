@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ConfigurationNotFound
-from ccm_opt.geometry.angles import WHOLE_TURN
+from ccm_opt.ground.angles import WHOLE_TURN
 from ccm_opt.nlp.check import shortfalls
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.infeasibility import FailedAttempt, beyond_reach, diagnose

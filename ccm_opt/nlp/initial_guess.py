@@ -13,11 +13,11 @@ import shapely
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import struve
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.segment import PIECES
 from ccm_opt.continuum.segment_types import SegmentType, end_angle
 from ccm_opt.freespace.corridor import ConvexRegion
-from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.configuration_settings import ConfigurationSettings
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, pack_variables

@@ -6,9 +6,9 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.segment import PIECES
 from ccm_opt.freespace.corridor import ConvexRegion
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp import constraints
 from ccm_opt.nlp.configuration_settings import DEFAULT_CONFIGURATION, ConfigurationSettings
 from ccm_opt.nlp.configuration_task import ConfigurationTask

@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.angles import WHOLE_TURN, wrap
-from ccm_opt.geometry.polyline import arc_lengths, leg_headings, legs_at, points_at, without_repeats
+from ccm_opt.ground.angles import WHOLE_TURN, wrap
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import arc_lengths, leg_headings, legs_at, points_at, without_repeats
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import POWERS, Knots
 from ccm_opt.continuum.spline import piece_coefficients
-from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, unpack_variables
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)

@@ -7,8 +7,8 @@ from weakref import WeakKeyDictionary
 import casadi as ca
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.ipopt_call import ipopt_call
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.ipopt_call import ipopt_call
 from ccm_opt.nlp.configuration_settings import ConfigurationSettings
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, ShootingProgram
 

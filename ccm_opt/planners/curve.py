@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.stages import Stages
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.limits.limit import Limit
@@ -26,7 +27,6 @@ from ccm_opt.planners.curve_routes import find_routes, route_inflation, tip_path
 from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
-from ccm_opt.stages import Stages
 from ccm_opt.user_terms.compiled_terms import UserTerms
 
 

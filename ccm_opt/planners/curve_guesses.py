@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.freespace.corridor import Corridor, Route
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.geometry.polyline import path_length
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import path_length
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.ends import Ends
 from ccm_opt.nlp.configuration_task import ConfigurationTask

@@ -3,12 +3,12 @@
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.geometry.angles import unit_vector
-from ccm_opt.geometry.polyline import path_length
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import path_length
 from ccm_opt.motion.ends import Ends
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by

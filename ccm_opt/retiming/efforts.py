@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.errors import Diagnosis, RetimingError
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING
 from ccm_opt.solution import JointTrajectory
 

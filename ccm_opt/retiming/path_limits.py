@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
 from ccm_opt.problem import Limits
 

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits

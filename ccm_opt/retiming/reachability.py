@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 

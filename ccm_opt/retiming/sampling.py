@@ -14,7 +14,7 @@ from typing import Protocol, Self
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, SamplingSettings

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import ROUNDING
 
 
 def share_allowed(static: FloatArray, allowed: float) -> FloatArray:

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline, PPoly
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.retiming.motion_limits.coordinate_jerk import sides_of_third
 from ccm_opt.retiming.path_limits import PathLimits
 from ccm_opt.retiming.profile import SpeedProfile

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.reachability import reachable_profile
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.retiming.grid import refine
 from ccm_opt.retiming.path_rows import PathRows
 from ccm_opt.retiming.profile import DenseCheck, SpeedProfile, check_profile

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import CcmError, ProblemError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.terms import Constraint, Cost

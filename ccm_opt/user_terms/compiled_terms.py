@@ -7,8 +7,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.user_terms.building import compiled_constraint, compiled_cost, refuse_double_names
 from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost, as_cost

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.terms import Constraint, Cost, Where, applies_at
 

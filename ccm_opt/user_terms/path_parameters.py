@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import JointPath
 from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
 

@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.polygons import counter_clockwise, half_planes, is_convex
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polygons import counter_clockwise, half_planes, is_convex
 from ccm_opt.jointed.arm import Arm
 
 

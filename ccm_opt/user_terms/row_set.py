@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.rounding import TINY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BPoly
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import Check, JointPath, JointTrajectory
 from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from ccm_opt.user_terms.quantities import Quantities

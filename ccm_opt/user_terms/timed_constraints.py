@@ -7,8 +7,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.user_terms.functions import CompiledConstraint
 from ccm_opt.user_terms.terms import Interval
 

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.verification_settings import VerificationSettings
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import joint_torques

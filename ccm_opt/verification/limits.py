@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Limits
 from ccm_opt.solution import Check, JointStates, JointTrajectory

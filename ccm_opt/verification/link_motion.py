@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Limits, PointLimit
 from ccm_opt.solution import Check, JointTrajectory

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray
 
 CHUNK = 65_536
 """Pairs handled at a time, so that the intermediate arrays stay in the processor's cache."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import Check
 from ccm_opt.verification.bisection import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart

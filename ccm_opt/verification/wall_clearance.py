@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import Check
 from ccm_opt.verification.bisection import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart

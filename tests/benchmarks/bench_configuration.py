@@ -14,7 +14,7 @@ import numpy as np
 from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.geometry.polyline import path_length
+from ccm_opt.ground.polyline import path_length
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.nlp.multiple_shooting import build_configuration_nlp

@@ -21,7 +21,6 @@ import pinocchio as pin
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from ccm_opt import load_problem, solve
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime import compiled_library
@@ -37,6 +36,7 @@ from ccm_opt.dynamics.simulation.closed_loop_run import simulate, simulated_stat
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.files.plotting.arm_3d import ArmView
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
 from ccm_opt.jointed.inverse_kinematics import ball_angles

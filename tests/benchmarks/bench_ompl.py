@@ -18,8 +18,8 @@ from functools import partial
 import numpy as np
 
 from ccm_opt import retiming, verification
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound, RetimingError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import JointPose, Problem

@@ -22,9 +22,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import RetimingError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.problem import Limits

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.planners.following.slide import pose_on

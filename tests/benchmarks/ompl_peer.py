@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from tests.crossings import CrossingCheck, densely
 from tests.ompl_scenes import SCENES

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from tests.scenes import Scene, make_arm, random_headings, random_polygon, self_gap, swept, wall_gaps

@@ -8,7 +8,6 @@ path through one against the other.
 import ctypes
 from typing import Literal, Protocol
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, Structure
 from ccm_opt.dynamics.runtime.compiled_function import CompiledFunction
 from ccm_opt.dynamics.runtime.compiled_library import load_library
@@ -16,6 +15,7 @@ from ccm_opt.dynamics.runtime.compiled_loop import CompiledLoop
 from ccm_opt.dynamics.runtime.control_law import ClosedLoop, LoopParameters
 from ccm_opt.dynamics.runtime.interpreted_function import InterpretedFunction
 from ccm_opt.dynamics.runtime.interpreted_loop import InterpretedLoop
+from ccm_opt.ground.arrays import FloatArray
 
 DynamicsKind = Literal["inverse_dynamics", "forward_dynamics"]
 """From accelerations to torques, or from torques to accelerations."""

@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
+from ccm_opt.ground.arrays import FloatArray
 
 _POINTER = ctypes.c_void_p
 JointsCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]

@@ -23,7 +23,7 @@ their torques and the thrust, u = (τ, F). Each step of length h does three thin
 from dataclasses import dataclass
 from typing import Protocol
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.runtime.back_end import BackEnd, DynamicsKind, choose_back_end
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 
 MISFIT = (TypeError, ValueError, NotImplementedError)
 """What memory views raise for anything but contiguous doubles of their own shape."""

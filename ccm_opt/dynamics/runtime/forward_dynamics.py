@@ -1,8 +1,8 @@
 """Joint accelerations under given torques."""
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 
 

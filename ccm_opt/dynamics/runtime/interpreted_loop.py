@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.runtime.control_law import LoopParameters
 from ccm_opt.dynamics.runtime.interpreted_function import InterpretedFunction
+from ccm_opt.ground.arrays import FloatArray
 
 
 class InterpretedLoop:

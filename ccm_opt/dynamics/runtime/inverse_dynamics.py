@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.solution import JointStates, JointTrajectory

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_BRAKING, BrakingSettings
 from ccm_opt.errors import Diagnosis, RetimingError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.jointed.point_on_arm import PointOnArm

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.back_end import choose_back_end
 from ccm_opt.dynamics.runtime.control_law import ClosedLoop
@@ -21,6 +20,7 @@ from ccm_opt.dynamics.simulation.simulation_checks import check_axes, check_fini
 from ccm_opt.dynamics.simulation.simulation_record import SimulatedSteps, SimulationRecord
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.dynamics.simulation.stability import check_stability
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion

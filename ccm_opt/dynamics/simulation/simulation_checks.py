@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.simulation.disturbances import disturbed_arm
 from ccm_opt.dynamics.simulation.simulation_record import SimulatedSteps
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.errors import Diagnosis, ProblemError, SimulationError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import SimulationOptions
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.simulation.reference import hermite
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits
 from ccm_opt.solution import SimulatedMotion

@@ -10,11 +10,11 @@ the reference would leave gravity's own stiffness in the loop, which soft gains 
 import numpy as np
 from scipy.linalg import eigvalsh
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.simulation.controller import Gains, feed_gains, gains
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import Diagnosis, SimulationError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import SimulationOptions
 

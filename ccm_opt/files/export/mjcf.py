@@ -5,8 +5,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.files.export.arm_description import FEED, Revolute, number, numbers, revolutes, visual_radius
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import base_position
 

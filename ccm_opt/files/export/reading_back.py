@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError, VerificationError
 from ccm_opt.files.export.folder import ARRAYS, RECORD
 from ccm_opt.files.export.solution_json import SCHEMA
 from ccm_opt.files.problem_file import problem_from_mapping
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import bends_from_revolutes, joint_names
 from ccm_opt.problem import Problem

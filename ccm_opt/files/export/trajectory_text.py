@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.files.export.arm_description import FEED
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import JointStates, JointTrajectory
 
 _QUANTITIES = ("angle", "velocity", "acceleration", "torque")

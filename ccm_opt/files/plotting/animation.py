@@ -10,11 +10,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.arm_drawing import draw_tip_path
 from ccm_opt.files.plotting.picture_settings import FILM, FilmSettings
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import Solution
 
 _FIGURE_SIDE = 4.8

@@ -7,8 +7,8 @@ import numpy.typing as npt
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.files.plotting import style
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 
 _SIDE = 4.8

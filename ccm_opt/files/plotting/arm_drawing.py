@@ -6,9 +6,9 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.workspace_drawing import polygon_patch
+from ccm_opt.ground.arrays import FloatArray
 
 
 def draw_body(

@@ -7,7 +7,6 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.concept_panels import (
@@ -22,7 +21,8 @@ from ccm_opt.files.plotting.concept_panels import (
 from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 from ccm_opt.freespace.corridor import Corridor, Route
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
 
 HEIGHT = 6.0
 BESIDE_ROUTE = 0.05

@@ -9,12 +9,12 @@ import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.concept_panels import draw_obstacles, look_at, panels, picture, title
 from ccm_opt.files.plotting.workspace_drawing import polygon_patch
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.geometry.polyline import leg_lengths
+from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.polyline import leg_lengths
 
 HEIGHT = 5.0
 LETTERS = "abcdefgh"

@@ -6,13 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.arm_drawing import draw_body, draw_poses, draw_tip_path
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
-from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.problem import Goal, TipGoal
 from ccm_opt.solution import Solution
 

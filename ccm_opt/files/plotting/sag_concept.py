@@ -13,11 +13,11 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.concept_panels import SMALL, draw_obstacles, look_at, panels, picture, title
 from ccm_opt.files.plotting.workspace_drawing import polygon_patch
+from ccm_opt.ground.arrays import FloatArray
 
 HEIGHT = 2.75
 SAMPLES = 101

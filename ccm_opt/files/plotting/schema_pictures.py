@@ -8,14 +8,14 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_obstacle
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import TipGoal
 
 _SIDE = 2.5

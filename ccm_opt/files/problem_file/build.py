@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.problem_file.named_poses import folded_bends, straight_bends
 from ccm_opt.files.problem_file.schema import (
@@ -25,6 +24,7 @@ from ccm_opt.files.problem_file.schema import (
     WorkspaceTable,
 )
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.problem import (
     CurvePose,

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file.reading_settings import FOLD, FoldSettings
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 
 

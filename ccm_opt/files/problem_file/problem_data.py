@@ -6,13 +6,13 @@ from dataclasses import asdict
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.files.problem_file.reading import parse_problem
 from ccm_opt.files.problem_file.reading_settings import READING
 from ccm_opt.files.problem_file.scene_file import obstacle_table
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import (
     Disturbances,

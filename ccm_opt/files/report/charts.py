@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.solution import Solution
 
 Chart = dict[str, object]

@@ -6,10 +6,10 @@ from importlib.resources import files
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.files.report.charts import charts
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.room_svg import goal_marks, scene_paths, view_box
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.problem import Goal, TipGoal
 from ccm_opt.solution import Check, Solution
 

@@ -5,9 +5,9 @@ from html import escape
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.geometry.angles import unit_vector
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
 
 
 def view_box(workspace: Workspace, margin_share: float) -> str:

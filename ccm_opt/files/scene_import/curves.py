@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray
 
 MAX_STEPS = 20_000
 """A single curve of more chords than this is taken for a mistake in scale."""

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.formats import READERS
 from ccm_opt.files.scene_import.found_shapes import Disc, Line, Region, Shape
 from ccm_opt.files.scene_import.import_settings import IMPORT, ImportOptions, ImportSettings
 from ccm_opt.files.scene_import.obstacles import obstacles_of, with_unique_names
 from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.ground.arrays import FloatArray
 
 
 def import_scene(

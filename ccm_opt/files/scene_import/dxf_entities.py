@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.chains import Piece, joined_pieces
 from ccm_opt.files.scene_import.curves import flatten_arc, flatten_bulges, flatten_ellipse, flatten_spline
+from ccm_opt.ground.arrays import FloatArray
 
 if TYPE_CHECKING:
     from ezdxf.math import BSpline

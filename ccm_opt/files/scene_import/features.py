@@ -3,9 +3,9 @@
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.found_shapes import Line, Region, Shape
+from ccm_opt.ground.arrays import FloatArray
 
 
 def shapes_of(geometry: shapely.Geometry, name: str) -> list[Shape]:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 
 FillRule = Literal["polygon", "evenodd", "nonzero"]
 """How rings within rings count, see ``Region``."""

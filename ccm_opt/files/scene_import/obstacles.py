@@ -8,12 +8,12 @@ from itertools import count
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.found_shapes import Disc, Line, Shape
 from ccm_opt.files.scene_import.import_settings import IMPORT, ImportSettings
 from ccm_opt.files.scene_import.rings import filled, polygons_of
 from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.ground.arrays import FloatArray
 
 MAX_COORDINATE = 1e9
 """Largest coordinate; beyond it double precision no longer resolves a millionth."""

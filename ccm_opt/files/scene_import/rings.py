@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.found_shapes import FillRule
 from ccm_opt.files.scene_import.import_settings import IMPORT, ImportSettings
+from ccm_opt.ground.arrays import FloatArray
 
 
 def filled(rings: Sequence[FloatArray], rule: FillRule, settings: ImportSettings = IMPORT) -> list[shapely.Polygon]:

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.curves import flatten_bezier, flatten_ellipse
 from ccm_opt.files.scene_import.found_shapes import Disc, FillRule, Line, Region, Shape
+from ccm_opt.ground.arrays import FloatArray
 
 if TYPE_CHECKING:
     import svgelements

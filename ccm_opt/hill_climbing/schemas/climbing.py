@@ -3,7 +3,7 @@
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.geometry.angles import wrap
+from ccm_opt.ground.angles import wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, DistanceWeights, Precision, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, Strategy, climb

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import EVEN_KNOTS
 from ccm_opt.continuum.segment_types import natural_segment, select_segment_type
-from ccm_opt.geometry.angles import wrap
+from ccm_opt.ground.angles import wrap
+from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, end_of

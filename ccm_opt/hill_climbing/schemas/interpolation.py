@@ -4,7 +4,7 @@ import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import interpolate
-from ccm_opt.geometry.angles import heading_of, whole_turns, wrap
+from ccm_opt.ground.angles import heading_of, whole_turns, wrap
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.climbing_settings import SchemaSettings
 from ccm_opt.hill_climbing.steps import Schema, SchemaStep, SchemaStopped

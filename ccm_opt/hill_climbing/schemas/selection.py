@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import j0
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.continuum.segment_types import SINE, SegmentType, end_angle, natural_segment, select_segment_type
 from ccm_opt.errors import ProblemError
-from ccm_opt.geometry.angles import heading_of, whole_turns, wrap
+from ccm_opt.ground.angles import heading_of, whole_turns, wrap
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, end_of

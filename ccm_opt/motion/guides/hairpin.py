@@ -31,9 +31,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.polyline import arc_lengths
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import arc_lengths
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term

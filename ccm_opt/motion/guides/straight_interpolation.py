@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, InterpolationSettings

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.angles import vector_headings, wrap
+from ccm_opt.ground.angles import vector_headings, wrap
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term

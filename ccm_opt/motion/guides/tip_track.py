@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.angles import whole_turns
-from ccm_opt.geometry.polyline import arc_lengths, leg_headings, nearest_place, points_at, without_repeats
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.angles import whole_turns
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import arc_lengths, leg_headings, nearest_place, points_at, without_repeats
+from ccm_opt.ground.rounding import ROUNDING
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.collision.contacts import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
 from ccm_opt.motion.limits.sweep_regions import HalfPlanes, WallSegments, sweep_regions
 from ccm_opt.motion.link_space import LinkSpace

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.collision.contacts import WALL, ContactFinder, Contacts
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.limits.clearance_rows import IntervalRows, motion_rows
 from ccm_opt.motion.limits.limit import UNBOUNDED, Limit, LimitRows
 from ccm_opt.motion.limits.sweep_regions import WallSegments

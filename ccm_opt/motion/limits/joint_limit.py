@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.limits.limit import KeyframeRows, Limit, LimitRows
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose

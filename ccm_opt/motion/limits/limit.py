@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.geometry.rounding import SHORTEST
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.motion.swept_motion import Sweep
 
 

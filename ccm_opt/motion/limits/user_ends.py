@@ -8,7 +8,7 @@ from ccm_opt.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.user_terms.terms import Interval
 
 if TYPE_CHECKING:
-    from ccm_opt.arrays import FloatArray
+    from ccm_opt.ground.arrays import FloatArray
     from ccm_opt.user_terms.compiled_terms import UserTerms
     from ccm_opt.user_terms.functions import CompiledConstraint
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.motion.limits.user_slopes import slope_norms
 from ccm_opt.motion.settings.user_limit_settings import UserLimitSettings
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.rounding import TINY
 from ccm_opt.motion.limits.joint_limit import overbent
 from ccm_opt.motion.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows, MotionCost
 from ccm_opt.motion.limits.user_costs import UserCosts

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import TINY
 
 
 def slope_norms(slopes: FloatArray) -> FloatArray:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.ipopt_call import ipopt_call
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.ipopt_call import ipopt_call
 from ccm_opt.motion.limits.clearance_rows import IntervalRows
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.optimisation.nearness import WallNearness

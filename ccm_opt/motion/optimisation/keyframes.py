@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 Failures = Callable[[FloatArray], IntArray]
 """Intervals of a piecewise-linear motion in coordinates, shape (K, p), that are not certified."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.limits.clearance_rows import IntervalRows
 from ccm_opt.motion.limits.limit import Quadratic
 from ccm_opt.motion.link_space import NOMINAL_LINKS

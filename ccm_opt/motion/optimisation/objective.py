@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.link_space import KNOTS, NOMINAL_LINKS, LinkSpace
 from ccm_opt.motion.motion_task import JointSlowness
 from ccm_opt.motion.settings.optimisation_settings import ObjectiveSettings

@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.polyline import arc_lengths, path_length
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import arc_lengths, path_length
 from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.interior_point import interior_point

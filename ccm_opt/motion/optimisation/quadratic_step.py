@@ -13,7 +13,7 @@ import numpy as np
 import piqp
 import scipy.sparse as sp
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.limits.clearance_rows import IntervalRows
 from ccm_opt.motion.limits.limit import UNBOUNDED, KeyframeRows, MotionCost, Quadratic

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.limits.clearance_rows import IntervalRows, joined_rows, representatives

@@ -6,9 +6,9 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Guide
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed

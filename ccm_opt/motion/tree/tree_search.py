@@ -11,7 +11,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Deadline, Guide, Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.guides.straight_interpolation import Interpolation

@@ -10,12 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import Diagnosis, ProblemError, TimeLimitReached
 from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.clearance_field import ClearanceField
 from ccm_opt.hill_climbing.world import World

@@ -8,10 +8,11 @@ import numpy as np
 import shapely
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import TINY
+from ccm_opt.ground.stages import Stages
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import Folds, fold_plan, subgoals
@@ -26,7 +27,6 @@ from ccm_opt.planners.baseline.baseline_settings import DEFAULT_BASELINE, Baseli
 from ccm_opt.planners.baseline.follower import Follower
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
-from ccm_opt.stages import Stages
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.errors import Diagnosis, UnreachableGoal
-from ccm_opt.geometry.angles import unit_vector
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.ends import refuse_blocked_tip
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings

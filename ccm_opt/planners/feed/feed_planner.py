@@ -8,6 +8,7 @@ from itertools import product
 from scipy.interpolate import BSpline
 
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
+from ccm_opt.ground.stages import Stages
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
@@ -17,7 +18,6 @@ from ccm_opt.planners.feed.tactics import ProposedMotion, following, reshaping, 
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import JointPath
-from ccm_opt.stages import Stages
 
 
 @dataclass(frozen=True)

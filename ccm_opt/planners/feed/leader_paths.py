@@ -11,15 +11,15 @@ from itertools import islice
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.walls import Walls
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.geometry.angles import unit_vector
-from ccm_opt.geometry.polyline import path_length
-from ccm_opt.geometry.rounding import SHORTEST
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import path_length
+from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.nlp.configuration_task import ConfigurationTask

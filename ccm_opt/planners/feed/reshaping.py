@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import shapely
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.reshaping import Reshaping

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from ccm_opt.arrays import BoolArray, FloatArray
-from ccm_opt.geometry.polyline import arc_lengths, leg_headings
+from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.polyline import arc_lengths, leg_headings
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.following_settings import DEFAULT_DEVIATION, DeviationSettings
 

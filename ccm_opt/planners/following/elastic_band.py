@@ -13,12 +13,12 @@ import daqp
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ccm_opt.arrays import BoolArray, FloatArray
 from ccm_opt.collision.walls import Walls
-from ccm_opt.geometry.angles import heading_of, unit_vector
-from ccm_opt.geometry.polygons import nearest_on_segments
-from ccm_opt.geometry.polyline import arc_lengths, points_at
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.angles import heading_of, unit_vector
+from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.polygons import nearest_on_segments
+from ccm_opt.ground.polyline import arc_lengths, points_at
+from ccm_opt.ground.rounding import TINY
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, ElasticBandSettings
 
 

@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
 from ccm_opt.collision.certificate import Certificate, allowed_contact
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings

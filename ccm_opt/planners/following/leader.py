@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.angles import unit_vector, vector_headings, whole_turns
+from ccm_opt.ground.angles import unit_vector, vector_headings, whole_turns
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, ChordSettings
 
 

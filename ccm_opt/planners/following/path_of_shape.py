@@ -7,10 +7,10 @@ import numpy as np
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.angles import unit_vector, vector_headings, whole_turns
-from ccm_opt.geometry.polyline import arc_lengths
-from ccm_opt.geometry.rounding import SHORTEST
+from ccm_opt.ground.angles import unit_vector, vector_headings, whole_turns
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import arc_lengths
+from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.leader import LeaderPath

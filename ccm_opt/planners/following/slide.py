@@ -5,8 +5,8 @@ Keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.rounding import ROUNDING
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.planners.following.leader import LeaderPath

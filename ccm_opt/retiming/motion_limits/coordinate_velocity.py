@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit
 from ccm_opt.retiming.motion_samples import MotionSamples, mean_rates, of_samples
 from ccm_opt.retiming.timed_path import TimedPath

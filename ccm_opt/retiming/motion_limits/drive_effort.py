@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.arrays import FloatArray
-from ccm_opt.geometry.rounding import TINY
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import TINY
 from ccm_opt.retiming.efforts import Efforts
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
 from ccm_opt.retiming.motion_samples import MotionSamples

@@ -4,7 +4,7 @@ from typing import overload
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray
 
 WHOLE_TURN = 2.0 * np.pi
 """One turn round the circle [rad]."""

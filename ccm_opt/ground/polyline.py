@@ -5,8 +5,8 @@ Points may have any number of coordinates unless a function says ``(k, 2)``: a m
 
 import numpy as np
 
-from ccm_opt.arrays import FloatArray, IntArray
-from ccm_opt.geometry.angles import vector_headings
+from ccm_opt.ground.angles import vector_headings
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 
 def leg_lengths(points: FloatArray) -> FloatArray:

@@ -1,1 +1,0 @@
-"""Plane geometry in NumPy: the ground that everything else stands on."""
