@@ -152,6 +152,7 @@ class PlannerOptions:
         optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.
         retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
         weights: what counts how much when configurations and motions are optimised.
+        wanted_gap: room beyond radius and clearance that the goal pose and the motion keep where there is so much [m].
     """
 
     method: MethodName = "nlp"
@@ -162,6 +163,7 @@ class PlannerOptions:
     optimiser: OptimiserName = "sequential-convex"
     retiming: RetimingName = "toppra"
     weights: Weights = field(default_factory=Weights)
+    wanted_gap: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,11 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
             blended = task.goal_headings - matrix @ last[:p]
         return LinkSpace(task.arm, np.column_stack((matrix, blended - offset)), offset)
 
+    if len(first) > p and first[-1] == 0.0:
+        # Blended to an end that the planner chose for the coarse arm: its column is taken over, the start stays exact.
+        extra = np.column_stack([_resampled(column, task.arm.links) for column in motion.space.matrix[:, p:].T])
+        return LinkSpace(task.arm, np.column_stack((matrix, extra)), at_start - extra @ first[p:])
+
     if len(first) > p:
         offset = _resampled(motion.space.offset, task.arm.links)
         return LinkSpace(task.arm, np.column_stack((matrix, at_start - offset)), offset)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.settings.motion_settings import MotionSettings
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.problem import OptimiserName, Weights
+
+EndPose: TypeAlias = Callable[[Arm, FloatArray, FloatArray], FloatArray | None]
+"""Offers a better pose at the goal."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,9 @@ class MotionTask:
         weights: what counts how much when the motion is optimised.
         slowness: of the joints; None when all are alike.
         user_limits: what the user asks of the motion; usually nothing.
+        end_pose: link headings of a better pose at the goal than one that the search arrived at, for an arm and the
+            headings at both ends of the motion found, each of shape (links,) [rad]; None where there is none.
+        wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
         settings: numbers of every stage of the search.
     """
 
@@ -87,6 +94,8 @@ class MotionTask:
     weights: Weights = field(default_factory=Weights)
     slowness: JointSlowness | None = None
     user_limits: tuple[Limit, ...] = ()
+    end_pose: EndPose = field(default=lambda _arm, _start, _end: None)
+    wanted_gap: float = 0.0
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @cached_property

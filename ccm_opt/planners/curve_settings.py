@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from ccm_opt.motion.settings.motion_settings import MotionSettings
+from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.configuration_settings import ConfigurationSettings
 
 
@@ -30,6 +31,7 @@ class CurvePlannerSettings:
         planning_share: share of the time limit that the search may use. Taste: timing and checks need the rest.
         configuration: of the configuration NLP.
         motion: of the search for a motion.
+        goal_pose: of the goal pose's NLP.
     """
 
     route_inflation: float = 1e-3
@@ -47,6 +49,7 @@ class CurvePlannerSettings:
     planning_share: float = 0.9
     configuration: ConfigurationSettings = field(default_factory=ConfigurationSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
+    goal_pose: PoseSettings = field(default_factory=PoseSettings)
 
 
 DEFAULT_CURVE_PLANNER = CurvePlannerSettings()

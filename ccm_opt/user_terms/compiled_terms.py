@@ -52,7 +52,12 @@ class UserTerms:
     @cached_property
     def goal_rows(self) -> RowSet:
         """Rows of the hard constraints that hold at the goal, those of the whole motion among them."""
-        return self._rows([c for c in self.hard if _holds_at_the_goal(c.constraint.where)])
+        return self._rows(self.hard_at_goal)
+
+    @cached_property
+    def hard_at_goal(self) -> tuple[CompiledConstraint, ...]:
+        """Constraints that must hold at the goal, those of the whole motion among them."""
+        return tuple(c for c in self.hard if _holds_at_the_goal(c.constraint.where))
 
     @cached_property
     def all_costs(self) -> tuple[CompiledCost, ...]:

@@ -239,6 +239,7 @@ class PlannerTable(Table):
     seed: Annotated[int, Field(ge=0)] = PlannerOptions.seed
     optimiser: OptimiserName = PlannerOptions.optimiser
     retiming: RetimingName = PlannerOptions.retiming
+    wanted_gap: NonNegativeLength = PlannerOptions.wanted_gap
     weights: WeightsTable = WeightsTable()
 
 

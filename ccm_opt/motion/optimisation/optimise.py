@@ -54,7 +54,7 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None) -> M
         optimised = _with_keyframes(motion, solve(program, start), motion.u)
         # With default weights the objective is close to the length but not the same; with others a longer path may be
         # what was asked for.
-        plain = task.weights == Weights()
+        plain = task.weights == Weights() and task.wanted_gap == 0.0
         return optimised if not plain or travel(optimised) < travel(motion) else motion
     return motion
 
@@ -134,9 +134,10 @@ def _program(motion: Motion, task: MotionTask, margin: float) -> MotionProgram:
         motion.space,
         task.limited_goal,
         task.goal_headings is not None,
-        task.limits(task.finder(margin * length, settings.reach * link)),
+        # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
+        task.limits(task.finder(max(margin * length, task.wanted_gap), settings.reach * link + task.wanted_gap)),
         np.zeros(0),
-        settings.active * link,
+        settings.active * link + task.wanted_gap,
         task.deadline,
         normalised(task.weights),
         task.slowness,

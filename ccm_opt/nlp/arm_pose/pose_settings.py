@@ -1,0 +1,63 @@
+"""The numbers of the goal-pose NLP: the size of the curve, weights of the objective, and the solver's limits."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PoseSettings:
+    """How a goal pose is asked for; lengths are in units of the arm's length unless a unit is given.
+
+    Attributes:
+        segments: curvature segments of the curve; as many as the coordinates of the motion have, so that the pose that
+            the search arrived at is a starting point without a fit (derived).
+        window: spline pieces on either side of the one in which a joint lies at first, among which the joint may come
+            to lie while knots move. A wider one costs building time, a narrower one holds the knots (measured: with 2
+            building takes a fifth of the time that all pieces take).
+        least_piece: least share of its segment that a piece between knots keeps (as the configuration NLP has it).
+        wanted_share: the wanted gap, as a share of the arm's length; half the radius where that is less (taste).
+        torque_share: share of a torque limit that holding the pose may take, so that moving and feedback have the rest
+            (taste).
+        limit_share: share of a joint limit that a pose may use (as the steps of the motion have it).
+        room_weight: cost of having no room at all, of the wanted gap; beside it bending costs little (taste).
+        bending_weight: of ∫κ² ds, twice the elastic energy of a unit rod (taste).
+        knot_weight: of uneven knots; leaves no direction of the variables without curvature (as the configuration NLP).
+        bow_weight: of what the curvature leaves its chords by between knots; likewise (taste).
+        travel_weight: of the squared turns of all joints from the start of the motion [1/rad²] (measured: with 0.5 the
+            motions of the shared problems last no longer than with ends that the optimisation chooses for itself).
+        distance_weight: of the mean square turn of the links from the pose that the search arrived at [1/rad²] (taste).
+        torque_weight: of the mean square torque, as shares of its limits (taste).
+        tolerance: of the solver, relative (taste).
+        iterations: most iterations of one solution (measured: clutter takes 15 to 60).
+        first_barrier: where the barrier starts; small, for a pose of the arm is known (taste).
+        rounds: most solutions, the regions drawn anew about the links between them (measured: one is enough in clutter,
+            two in ducts).
+        reach: walls farther away than this from a link make no side of its region (taste).
+        feasible: largest violation of a row that counts as kept; one millionth of the arm (derived: below the
+            certificate's own spare).
+        binding: a multiplier above this, beside an objective of order one, marks a row that shapes the pose (taste).
+        region_sizes: numbers of sides that programs are built for, so that poses share solvers (taste).
+        enough: share of the wanted gap at which no further round is worth its time (taste).
+    """
+
+    segments: int = 5
+    window: int = 2
+    least_piece: float = 0.08
+    wanted_share: float = 0.015
+    torque_share: float = 0.9
+    limit_share: float = 0.98
+    room_weight: float = 10.0
+    bending_weight: float = 0.02
+    knot_weight: float = 0.05
+    bow_weight: float = 1e-3
+    travel_weight: float = 0.5
+    distance_weight: float = 0.02
+    torque_weight: float = 0.1
+    tolerance: float = 1e-4
+    iterations: int = 100
+    first_barrier: float = 1e-2
+    rounds: int = 3
+    reach: float = 0.25
+    feasible: float = 1e-6
+    binding: float = 1e-4
+    region_sizes: tuple[int, ...] = (8, 12, 16, 24, 32, 48, 64, 96, 128)
+    enough: float = 0.999

@@ -1,0 +1,261 @@
+"""Solves the goal-pose NLP: numbers for its symbols, a start from a pose of the arm, IPOPT, and what came of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.continuum.segment import PIECES
+from ccm_opt.continuum.spline import second_derivatives
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.ipopt_call import ipopt_call
+from ccm_opt.nlp.arm_pose.pose_program import PARTS, PoseProgram
+from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
+from ccm_opt.nlp.arm_pose.pose_task import PoseTask
+
+_SILENT: dict[str, Any] = {
+    "print_time": False,
+    "error_on_fail": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.constr_viol_tol": 1e-8,
+    "ipopt.acceptable_iter": 0,
+    "ipopt.mu_strategy": "adaptive",
+    "ipopt.nlp_scaling_method": "none",
+}
+_solvers: WeakKeyDictionary[PoseProgram, dict[PoseSettings, ca.Function]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class ArmPose:
+    """What the goal-pose NLP found.
+
+    Attributes:
+        headings: of the links, shape (links,) [rad].
+        curve: the curve whose mean headings they are.
+        gap: least room of any link in its region beyond radius and clearance, at most the wanted gap [m].
+        costs: weighted parts of the objective by name; they sum to it.
+        multipliers: of the rows that shape the pose, by name: how much the objective would fall for one unit of the
+            row (one arm's length, one radian, one unit of the user's); the largest first.
+        status: the solver's own word for how it stopped.
+        iterations: of the solver.
+        violation: largest violation of any row, in units of the arm's length.
+        worst_row: name of that row.
+        size: numbers of variables and rows.
+    """
+
+    headings: FloatArray
+    curve: Configuration
+    gap: float
+    costs: Mapping[str, float]
+    multipliers: Mapping[str, float]
+    status: str
+    iterations: int
+    violation: float
+    worst_row: str
+    size: tuple[int, int] = field(default=(0, 0))
+
+    @property
+    def cost(self) -> float:
+        """The objective."""
+        return float(sum(self.costs.values()))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseQuestion:
+    """A task put to a program.
+
+    Attributes:
+        program: symbols, perhaps with user terms.
+        task: the numbers.
+        weights: of the parts of the objective, in the order of ``PARTS``.
+        settings: of the solver.
+    """
+
+    program: PoseProgram
+    task: PoseTask
+    weights: FloatArray
+    settings: PoseSettings
+
+    def solve(self, curve: Configuration) -> ArmPose:
+        """Solve from the task's start and a curve near it; never raises on failure, the result says how it went.
+
+        Args:
+            curve: with as many segments as the program's, for the start.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C was pressed meanwhile.
+        """
+        lower, upper = self._variable_bounds()
+        row_lower, row_upper = self.program.bounds
+        start = np.clip(self._start(curve), lower, upper)
+        with ipopt_call():
+            solver = built_solver(self.program, self.settings)
+            answer = solver(x0=start, p=self._parameters(), lbx=lower, ubx=upper, lbg=row_lower, ubg=row_upper)
+            statistics = solver.stats()
+        if statistics["return_status"] == "User_Requested_Stop":
+            raise KeyboardInterrupt
+        return self._read(answer, statistics)
+
+    @cached_property
+    def _length(self) -> float:
+        return self.task.arm.length
+
+    @property
+    def _free_from(self) -> FloatArray:
+        """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
+        arm = self.task.arm
+        shares: FloatArray = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
+        return shares
+
+    def _parameters(self) -> FloatArray:
+        """Numbers for ``PoseParameters.column``."""
+        task = self.task
+        arm = task.arm
+        offsets = (task.regions.offsets - task.regions.normals @ arm.base) / self._length
+        # The part of a link that belongs to the mount may lie anywhere: its region says nothing.
+        offsets = np.where((self._free_from < 1.0)[:, None], offsets, 2.0)
+        limits = self.settings.limit_share * arm.bend_limits
+        if task.clamped:
+            limits[0] = max(limits[0], abs(float(arm.bends(task.start)[0])))
+        normals = np.where((self._free_from < 1.0)[:, None, None], task.regions.normals, 0.0)
+        values: list[FloatArray | list[float]] = [
+            self.weights,
+            [task.wanted_gap / self._length],
+            task.near,
+            task.origin,
+            [arm.base_heading],
+            limits,
+            np.minimum(self._free_from, 1.0),
+            normals.reshape(-1),
+            offsets.reshape(-1),
+        ]
+        if self.program.size.loaded and task.torque_limits is not None:
+            forces = arm.masses[:, None] * task.gravity
+            values += [forces.reshape(-1), arm.payload * task.gravity, task.torque_limits / self._length]
+        return np.concatenate(values)
+
+    def _variable_bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the variables: the ends of the curve, the base, the goal and the gap are held by them."""
+        program = self.program
+        task = self.task
+        knots = program.curve.count + 1
+        curve_size = program.curve.variables.numel()
+        upper = np.full(program.variables.numel(), np.inf)
+        lower = -upper
+        lower[0] = upper[0] = 0.0
+        lower[knots - 1] = upper[knots - 1] = 1.0
+        first_integral = 3 * knots
+        lower[first_integral] = upper[first_integral] = 0.0
+        links = program.size.links
+        headings = slice(curve_size, curve_size + links)
+        points = slice(curve_size + links, curve_size + links + 2 * (links + 1))
+        if task.clamped:
+            lower[headings.start] = upper[headings.start] = task.start[0]
+        if task.heading is not None:
+            lower[headings.stop - 1] = upper[headings.stop - 1] = task.heading
+        lower[points.start : points.start + 2] = upper[points.start : points.start + 2] = 0.0
+        goal = (task.position - task.arm.base) / self._length
+        lower[points.stop - 2 : points.stop] = upper[points.stop - 2 : points.stop] = goal
+        upper[-1] = task.wanted_gap / self._length
+        return lower, upper
+
+    def _start(self, curve: Configuration) -> FloatArray:
+        """Values of the variables at the pose to start from and the curve near it."""
+        task = self.task
+        arcs = curve.breakpoints / self._length
+        widths = np.diff(arcs).reshape(-1, PIECES)
+        values = np.array([segment.curvature for segment in curve.segments]) * self._length
+        curvatures = np.append(values[:, :-1].ravel(), values[-1, -1])
+        moments = [second_derivatives(*pair)[1:-1] for pair in zip(widths, values, strict=True)]
+        bows = np.concatenate(moments) / self.program.curve.moment_scale
+        headings = curve.heading_at(curve.breakpoints)
+        integrals = curve.heading_integral_at(curve.breakpoints) / self._length
+        points = task.arm.joint_positions(task.start)
+        gap = min(task.regions.gap(self._free_from, points), task.wanted_gap) / self._length
+        from_base = (points - task.arm.base) / self._length
+        knots = (arcs, curvatures, headings, integrals, bows)
+        return np.concatenate((*knots, task.start, from_base.ravel(), [gap]))
+
+    def _read(self, answer: Mapping[str, Any], statistics: Mapping[str, Any]) -> ArmPose:
+        program = self.program
+        variables = np.asarray(answer["x"], dtype=np.float64).ravel()
+        rows = np.asarray(answer["g"], dtype=np.float64).ravel()
+        lower, upper = program.bounds
+        violation = np.nan_to_num(np.maximum(lower - rows, rows - upper), nan=np.inf)
+        worst = int(np.argmax(violation))
+        names = program.row_names
+        curve_size = program.curve.variables.numel()
+        links = program.size.links
+        return ArmPose(
+            variables[curve_size : curve_size + links],
+            self._curve(variables[:curve_size]),
+            float(variables[-1]) * self._length,
+            self._costs(variables),
+            _largest(names, np.asarray(answer["lam_g"], dtype=np.float64).ravel(), self.settings.binding),
+            str(statistics["return_status"]),
+            int(statistics["iter_count"]),
+            max(float(violation[worst]), 0.0),
+            names[worst],
+            (len(variables), len(rows)),
+        )
+
+    def _curve(self, variables: FloatArray) -> Configuration:
+        knots = self.program.curve.count + 1
+        arcs = variables[:knots] * self._length
+        curvatures = variables[knots : 2 * knots] / self._length
+        lengths = []
+        values = []
+        shares = []
+        for segment in range(self.program.size.segments):
+            inside = slice(PIECES * segment, PIECES * (segment + 1) + 1)
+            lengths.append(float(arcs[inside][-1] - arcs[inside][0]))
+            values.append(curvatures[inside])
+            inner = (arcs[inside][1:-1] - arcs[inside][0]) / lengths[-1]
+            shares.append((float(inner[0]), float(inner[1]), float(inner[2])))
+        return Configuration.chain(self.task.arm.base, float(variables[2 * knots]), lengths, values, shares)
+
+    def _costs(self, variables: FloatArray) -> dict[str, float]:
+        program = self.program
+        parts = ca.vertcat(*program.parts.values())
+        values = ca.Function("parts", [program.variables, program.parameters.column], [parts])
+        weights = [*self.weights, *np.ones(len(program.parts) - len(PARTS))]
+        amounts = np.asarray(values(variables, self._parameters()), dtype=np.float64).ravel() * weights
+        return dict(zip(program.parts, amounts.tolist(), strict=True))
+
+
+def built_solver(program: PoseProgram, settings: PoseSettings) -> ca.Function:
+    """The IPOPT solver of a program; built once, kept as long as the program lives."""
+    kept = _solvers.setdefault(program, {})
+    if settings not in kept:
+        symbols = {
+            "x": program.variables,
+            "p": program.parameters.column,
+            "f": program.objective,
+            "g": program.constraints,
+        }
+        options = {
+            **_SILENT,
+            "ipopt.max_iter": settings.iterations,
+            "ipopt.tol": settings.tolerance,
+            "ipopt.mu_init": settings.first_barrier,
+        }
+        kept[settings] = ca.nlpsol("goal_pose", "ipopt", symbols, options)
+    return kept[settings]
+
+
+def _largest(names: tuple[str, ...], multipliers: FloatArray, least: float) -> dict[str, float]:
+    """Multipliers of the rows that shape the pose, the largest first; those of equations that tie variables aside."""
+    order = np.argsort(-np.abs(multipliers), kind="stable")
+    shaping = [int(row) for row in order if abs(multipliers[row]) > least and not _is_tie(names[row])]
+    return {names[row]: float(abs(multipliers[row])) for row in shaping}
+
+
+def _is_tie(name: str) -> bool:
+    """Whether a row only ties variables together and asks nothing of the pose."""
+    return name.startswith("mapping") or "gap in" in name or "spline at" in name or "of its end" in name

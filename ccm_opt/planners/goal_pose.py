@@ -1,0 +1,168 @@
+"""The best pose of the arm at a goal for the tip, from a pose nearby: the goal-pose NLP, its regions drawn anew."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ccm_opt.collision.contacts import ContactFinder
+from ccm_opt.collision.walls import Walls
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.ends import Ends
+from ccm_opt.motion.link_space import nearest_curve
+from ccm_opt.nlp.arm_pose.pose_program import PoseProgram, PoseSize, pose_program
+from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
+from ccm_opt.nlp.arm_pose.pose_solver import ArmPose, PoseQuestion
+from ccm_opt.nlp.arm_pose.pose_task import PoseTask
+from ccm_opt.nlp.arm_pose.pose_user_terms import with_user_terms
+from ccm_opt.planners.link_regions import link_regions
+from ccm_opt.problem import JointPose, Problem
+from ccm_opt.user_terms.compiled_terms import UserTerms
+
+
+@dataclass(frozen=True, eq=False)
+class GoalPoseSearch:
+    """Improves poses at the goal of one problem.
+
+    Attributes:
+        problem: with a goal for the tip.
+        ends: its ends as planning takes them.
+        origin: link headings at the start of the motion, shape (links,) [rad].
+        terms: the user's constraints and costs, or None.
+        settings: of the NLP.
+    """
+
+    problem: Problem
+    ends: Ends
+    origin: FloatArray
+    terms: UserTerms | None = None
+    settings: PoseSettings = field(default_factory=PoseSettings)
+
+    def improved(self, near: FloatArray) -> tuple[ArmPose, ...]:
+        """Solutions of the NLP from a pose, each from the one before with its regions drawn anew about it.
+
+        Args:
+            near: link headings of a pose at or near the goal, shape (links,) [rad].
+
+        Returns:
+            At least one; the last is the best when it is feasible. One that is not says why.
+        """
+        found: list[ArmPose] = []
+        start = near
+        for _ in range(self.settings.rounds):
+            pose = self._solved(near, start)
+            found.append(pose)
+            if not self.feasible(pose) or pose.gap >= self.settings.enough * self.wanted_gap:
+                break
+            start = pose.headings
+        return tuple(found)
+
+    def best(self, near: FloatArray) -> ArmPose | None:
+        """The best feasible pose of ``improved``; None when there is none."""
+        feasible = [pose for pose in self.improved(near) if self.feasible(pose)]
+        return min(feasible, key=lambda pose: pose.cost, default=None)
+
+    def feasible(self, pose: ArmPose) -> bool:
+        """Whether a pose keeps every row, and touches nothing by the contacts that motions are planned with."""
+        if pose.violation > self.settings.feasible:
+            return False
+        return self.gap(pose.headings) > -self.settings.feasible * self.problem.arm.length
+
+    def gap(self, headings: FloatArray) -> float:
+        """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
+        arm = self.problem.arm
+        reach = self.settings.reach * arm.length
+        finder = ContactFinder(
+            arm, Walls.from_workspace(self.problem.workspace), self.problem.workspace.clearance, 0.0, reach
+        )
+        points = arm.joint_positions(headings)
+        if finder.crosses(points):
+            return -np.inf
+        return float(finder.find(points).gap.min(initial=reach))
+
+    @property
+    def wanted_gap(self) -> float:
+        """Room beyond radius and clearance above which more is worth nothing [m].
+
+        That of the problem; where it says none, 1.5 % of the length or half the radius, whichever is less. An arm of no
+        radius asks for the former.
+        """
+        arm = self.problem.arm
+        if self.problem.planner.wanted_gap > 0.0:
+            return self.problem.planner.wanted_gap
+        share = self.settings.wanted_share * arm.length
+        return share if arm.radius == 0.0 else min(share, 0.5 * arm.radius)
+
+    def _solved(self, near: FloatArray, start: FloatArray) -> ArmPose:
+        problem = self.problem
+        arm = problem.arm
+        regions = link_regions(arm, problem.workspace, start, self.settings)
+        torque = problem.limits.torque
+        goal = self.ends.goal
+        task = PoseTask(
+            arm=arm,
+            position=goal.position,
+            heading=_winding_of(goal.heading, start),
+            near=near,
+            origin=self.origin,
+            start=start,
+            regions=regions,
+            wanted_gap=self.wanted_gap,
+            clamped=self.ends.clamped,
+            gravity=problem.simulation.gravity[[0, 2]],
+            torque_limits=None if torque is None else self.settings.torque_share * torque[1::3],
+        )
+        question = PoseQuestion(
+            self._program(regions.sides, loaded=torque is not None), task, self._weights, self.settings
+        )
+        return question.solve(nearest_curve(arm, start))
+
+    def _program(self, sides: int, *, loaded: bool) -> PoseProgram:
+        program = pose_program(
+            PoseSize.from_settings(self.problem.arm.links, sides, loaded=loaded, settings=self.settings)
+        )
+        return program if self.terms is None else with_user_terms(program, self.terms)
+
+    @property
+    def _weights(self) -> FloatArray:
+        """Of the parts of the objective: the settings' times those that the problem gives."""
+        settings = self.settings
+        given = self.problem.planner.weights
+        return np.array(
+            [
+                settings.room_weight,
+                settings.bending_weight * given.bending,
+                settings.travel_weight * given.path_length,
+                settings.distance_weight,
+                settings.torque_weight,
+                settings.knot_weight,
+                settings.bow_weight,
+            ]
+        )
+
+
+def _winding_of(heading: float | None, headings: FloatArray) -> float | None:
+    """A goal heading with the whole turns that a pose's last link has."""
+    if heading is None:
+        return None
+    turns = np.round((headings[-1] - heading) / (2.0 * np.pi))
+    return heading + 2.0 * np.pi * float(turns)
+
+
+def for_arm(problem: Problem, arm: Arm) -> Problem:
+    """The problem for an arm in place of its own: the same one clamped, or one as long with fewer links."""
+    if arm.links == problem.arm.links:
+        return replace(problem, arm=arm)
+    fewer = arm.links
+    limits = problem.limits
+    # Of the limits the pose needs torques alone: a joint bears what the joint at its place on the real arm bears.
+    places = np.minimum(np.arange(3 * fewer) // 3 * problem.arm.links // fewer, problem.arm.links - 1)
+    at = 3 * places + np.arange(3 * fewer) % 3
+    resampled = replace(
+        limits,
+        velocity=limits.velocity[at],
+        acceleration=limits.acceleration[at],
+        torque=None if limits.torque is None else limits.torque[at],
+        jerk=None if limits.jerk is None else limits.jerk[at],
+    )
+    return replace(problem, arm=arm, limits=resampled, start=JointPose(np.zeros(fewer)))

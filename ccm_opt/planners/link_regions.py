@@ -1,0 +1,80 @@
+"""A convex free region about every link of a pose: what the goal-pose NLP keeps each link in."""
+
+import numpy as np
+
+from ccm_opt.collision.contacts import closest_on_segments
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.rounding import TINY
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.limits.sweep_regions import WallSegments, sweep_regions
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.swept_motion import Sweep
+from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
+from ccm_opt.nlp.arm_pose.pose_task import LinkRegions
+
+Sides = tuple[IntArray, FloatArray, FloatArray]
+"""Link, outward normal and offset of every side, shapes (m,), (m, 2), (m,)."""
+
+
+def link_regions(arm: Arm, workspace: Workspace, headings: FloatArray, settings: PoseSettings) -> LinkRegions:
+    """Half-planes between every link of a pose and the walls, and between links that must be kept apart.
+
+    Between a link and a wall the side touches the wall; between two links it lies half-way, and both get one. A pose
+    whose links all keep to their regions touches nothing.
+
+    Args:
+        arm: the arm.
+        workspace: the room.
+        headings: of the links, shape (links,) [rad].
+        settings: how far away walls and links make sides, and numbers of sides that programs are built for.
+    """
+    reach = settings.reach * arm.length
+    parts = [_wall_sides(arm, workspace, headings, reach)]
+    if arm.self_collision:
+        parts.append(_link_sides(arm, headings, reach))
+    link, normal, offset = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return _padded(arm, link, normal, offset, settings.region_sizes)
+
+
+def _wall_sides(arm: Arm, workspace: Workspace, headings: FloatArray, reach: float) -> Sides:
+    """Sides before the walls, as the optimisation of motions draws them about a motion that stands still."""
+    space, coordinates = LinkSpace.through(arm, headings)
+    resting = Sweep(space, np.stack((coordinates, coordinates)))
+    found = sweep_regions(resting, WallSegments.from_workspace(workspace), 0, reach)
+    return found.link, found.normal, found.bound - arm.radius - workspace.clearance
+
+
+def _link_sides(arm: Arm, headings: FloatArray, reach: float) -> Sides:
+    """Sides half-way between links that must be kept apart, for both of them."""
+    points = arm.joint_positions(headings)
+    first, second = np.triu_indices(arm.links, arm.first_self_pair)
+    at_first, at_second, apart = closest_on_segments(
+        points[first], points[first + 1], points[second], points[second + 1]
+    )
+    distance = np.hypot(apart[:, 0], apart[:, 1])
+    near = (distance > TINY) & (distance < reach)
+    first = first[near]
+    second = second[near]
+    on_first = points[first] + at_first[near, None] * (points[first + 1] - points[first])
+    on_second = points[second] + at_second[near, None] * (points[second + 1] - points[second])
+    towards = -apart[near] / distance[near, None]
+    half_way = np.einsum("md,md->m", towards, 0.5 * (on_first + on_second))
+    links = np.concatenate((first, second))
+    normals = np.concatenate((towards, -towards))
+    offsets = np.concatenate((half_way, -half_way)) - arm.radius
+    return links, normals, offsets
+
+
+def _padded(arm: Arm, link: IntArray, normal: FloatArray, offset: FloatArray, sizes: tuple[int, ...]) -> LinkRegions:
+    """The sides in one array for each link, filled up with sides that say nothing."""
+    count = np.bincount(link, minlength=arm.links)
+    most = int(count.max(initial=1))
+    sides = next((size for size in sizes if size >= most), most)
+    normals = np.zeros((arm.links, sides, 2))
+    offsets = np.full((arm.links, sides), 2.0 * arm.length)
+    order = np.argsort(link, kind="stable")
+    place = np.arange(len(link)) - np.repeat(np.cumsum(count) - count, count)
+    normals[link[order], place] = normal[order]
+    offsets[link[order], place] = offset[order]
+    return LinkRegions(normals, offsets)

@@ -1,0 +1,59 @@
+"""Motions that keep room: ``planner.wanted_gap`` for the end of the motion and the way to it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ccm_opt import load_problem, solve
+from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.planners.goal_pose import GoalPoseSearch
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Solution
+
+from .conftest import PROBLEMS
+from .scenes import clutter
+
+
+def with_gap(name: str, gap: float) -> Problem:
+    """A problem of the folder that asks for room [m]."""
+    problem = load_problem(PROBLEMS / f"{name}.toml")
+    return replace(problem, planner=replace(problem.planner, wanted_gap=gap))
+
+
+def gaps_of(solution: Solution) -> np.ndarray:
+    """Least gap at every fourth sample and at the last [m]."""
+    problem = solution.problem
+    ends = resolve_ends(problem)
+    search = GoalPoseSearch(problem, ends, ends.start)
+    headings = problem.arm.headings(solution.trajectory.bend_angles)
+    return np.array([search.gap(pose) for pose in [*headings[::4], headings[-1]]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "gap"), [("fork", 0.010), ("swan-neck", 0.009)])
+def test_motions_keep_the_wanted_gap_where_there_is_room(name: str, gap: float) -> None:
+    """The motion and its end keep nine tenths of the wanted gap, where without it they come within 3 mm of walls."""
+    close = solve(with_gap(name, 0.0), explain=False)
+    wide = solve(with_gap(name, gap), explain=False)
+    assert gaps_of(close).min() < 0.003
+    assert gaps_of(wide).min() > 0.9 * gap
+    assert gaps_of(wide)[-1] > 0.95 * gap
+    assert all(check.passed for check in wide.checks)
+
+
+@pytest.mark.slow
+def test_a_narrow_passage_gives_what_it_has() -> None:
+    """A wanted gap that a passage does not have is no obstacle: the motion goes through, nearer to its walls."""
+    solution = solve(with_gap("horn-wide", 0.02), explain=False)
+    assert all(check.passed for check in solution.checks)
+
+
+@pytest.mark.slow
+def test_many_links_keep_the_wanted_gap_too() -> None:
+    """A motion that is planned with few links and lifted keeps most of the wanted gap on its own links."""
+    problem = clutter(92_000, 20, 96).problem()
+    close = solve(problem, explain=False)
+    wide = solve(replace(problem, planner=replace(problem.planner, wanted_gap=0.0075)), explain=False)
+    assert "lifted" in wide.path.candidate
+    assert gaps_of(wide).min() > max(0.006, gaps_of(close).min())
