@@ -39,12 +39,14 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None) -> M
     settings = task.settings.optimisation
     moved = any(limit.moves_keyframes for limit in task.user_limits)
     whole = _program(motion, task, settings.margin if margin is None else margin)
-    # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
+    # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do. A
+    # motion whose keyframes no limit moves is optimised at the first number.
     for intervals in settings.moved_intervals if moved else (settings.intervals,):
         keyframes, u = thinned(motion, task.certificate, settings, intervals, _breaks(task))
         program = replace(whole, u=u)
         start = program.restored(keyframes)
-        # Thinned keyframes are certified; those that a limit has moved have to be judged anew.
+        # Thinned keyframes are certified; those that a limit has moved have to be judged anew. Where no limit moves
+        # any, restoring gives back the very same array.
         if start is not keyframes and not _certified(program, start):
             continue
         if moved:
