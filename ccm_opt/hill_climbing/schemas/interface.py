@@ -1,6 +1,7 @@
 """SCM-6: take the curvature out of a segment's end, so that another can go on from there (section 4.2)."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -89,6 +90,9 @@ def hold(
     relaxed, _ = end_of(anywhere, changed, relaxing)
     tries = [(anywhere, begin, 0.0) for begin in (*_reselected(changed, segment, held), relaxed, changed)]
     tries.append((watched, changed, settings.held_push))
+    # A climb may stop in a local minimum a hair from its end. From the middle between two beginnings it takes
+    # another path, on which that minimum does not lie.
+    tries += [(anywhere, middle, 0.0) for middle in _middles([begin for _, begin, _ in tries])]
     for guard, begin, push in tries:
         task = Climb(objective, distance.threshold, moves, push=push, patience=settings.held_patience)
         here, ending = end_of(guard, begin, task)
@@ -96,6 +100,19 @@ def hold(
             return here
     reason = "contact" if ending is Ending.ARRIVED else str(ending)
     raise SchemaStopped(schema, before, f"the segment of {changed.segments[segment].length:.3f} m: {reason}")
+
+
+def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
+    """Configurations half-way between each beginning and the next, coordinate by coordinate."""
+    middles = []
+    for one, other in pairwise(beginnings):
+        first = Shapes.from_configurations([one])
+        second = Shapes.from_configurations([other])
+        first.curvature[:] = 0.5 * (first.curvature + second.curvature)
+        first.knots[:] = 0.5 * (first.knots + second.knots)
+        first.heading[:] = 0.5 * (first.heading + second.heading)
+        middles.append(first.configuration(0))
+    return tuple(middles)
 
 
 def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Configuration, ...]:
