@@ -1,6 +1,7 @@
 """The best pose of the arm at a goal for the tip, from a pose nearby: the goal-pose NLP, its regions drawn anew."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -70,15 +71,18 @@ class GoalPoseSearch:
 
     def gap(self, headings: FloatArray) -> float:
         """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
-        arm = self.problem.arm
-        reach = self.settings.reach * arm.length
-        finder = ContactFinder(
-            arm, Walls.from_workspace(self.problem.workspace), self.problem.workspace.clearance, 0.0, reach
-        )
-        points = arm.joint_positions(headings)
-        if finder.crosses(points):
+        points = self.problem.arm.joint_positions(headings)
+        if self._finder.crosses(points):
             return -np.inf
-        return float(finder.find(points).gap.min(initial=reach))
+        return float(self._finder.find(points).gap.min(initial=self._finder.reach))
+
+    @cached_property
+    def _finder(self) -> ContactFinder:
+        """Of gaps beyond radius and clearance; flattens the walls once."""
+        arm = self.problem.arm
+        workspace = self.problem.workspace
+        reach = self.settings.reach * arm.length
+        return ContactFinder(arm, Walls.from_workspace(workspace), workspace.clearance, 0.0, reach)
 
     @property
     def wanted_gap(self) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -144,6 +144,12 @@ class PoseProgram:
     def constraints(self) -> ca.SX:
         """All rows in one column."""
         return ca.vertcat(*(block.expression for block in self.rows))
+
+    @cached_property
+    def parts_function(self) -> ca.Function:
+        """(variables, parameters) to the parts of the objective, unweighted, in one column."""
+        parts = ca.vertcat(*self.parts.values())
+        return ca.Function("parts", [self.variables, self.parameters.column], [parts])
 
     @property
     def row_names(self) -> tuple[str, ...]:

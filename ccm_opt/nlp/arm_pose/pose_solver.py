@@ -222,10 +222,8 @@ class PoseQuestion:
 
     def _costs(self, variables: FloatArray) -> dict[str, float]:
         program = self.program
-        parts = ca.vertcat(*program.parts.values())
-        values = ca.Function("parts", [program.variables, program.parameters.column], [parts])
         weights = [*self.weights, *np.ones(len(program.parts) - len(PARTS))]
-        amounts = np.asarray(values(variables, self._parameters()), dtype=np.float64).ravel() * weights
+        amounts = np.asarray(program.parts_function(variables, self._parameters()), dtype=np.float64).ravel() * weights
         return dict(zip(program.parts, amounts.tolist(), strict=True))
 
 

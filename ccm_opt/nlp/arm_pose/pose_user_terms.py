@@ -1,6 +1,7 @@
 """The user's constraints and costs as rows and terms of the goal-pose NLP: those that hold at the goal."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -14,6 +15,7 @@ GOAL = 1.0
 """Path parameter of the goal."""
 
 
+@lru_cache(maxsize=16)  # the regions are drawn anew several times for one question; its solver is built once
 def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
     """The program with the user's hard constraints as rows, and soft ones and costs in its objective.
 
