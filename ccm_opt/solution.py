@@ -23,6 +23,45 @@ def _left_out() -> FloatArray:
     return np.zeros((0, 0))
 
 
+@dataclass(frozen=True, eq=False)
+class GoalPoseRecord:
+    """What the goal-pose NLP said about where the arm ends, and whether the motion ends there.
+
+    Attributes:
+        reached: whether the motion ends in this pose.
+        reason: why it does not, in words; empty when it does.
+        headings: of the links, shape (links,) [rad]. An arm of many links may have been asked for with fewer.
+        curve: the curve whose mean headings they are.
+        gap: least room of any link beyond radius and clearance, at most the wanted gap [m].
+        wanted_gap: room beyond radius and clearance above which more was worth nothing [m].
+        costs: weighted parts of the objective by name; they sum to it.
+        multipliers: of the rows that shape the pose, by name: how much the objective would fall for one unit of the
+            row (one arm's length, one radian, one unit of the user's); the largest first.
+        iterations: of the solver.
+        size: numbers of variables and rows.
+        status: the solver's own word for how it stopped.
+        tried: how many poses were asked for, this one among them.
+    """
+
+    reached: bool
+    reason: str
+    headings: FloatArray
+    curve: Configuration
+    gap: float
+    wanted_gap: float
+    costs: Mapping[str, float]
+    multipliers: Mapping[str, float]
+    iterations: int
+    size: tuple[int, int]
+    status: str
+    tried: int = 1
+
+    @property
+    def cost(self) -> float:
+        """The objective."""
+        return float(sum(self.costs.values()))
+
+
 @dataclass(frozen=True)
 class JointPath:
     """An untimed, certified motion of the jointed arm.
@@ -34,6 +73,7 @@ class JointPath:
         candidate: name of the tactic that found the motion.
         leaders: paths that the arm follows joint by joint, in order, each of shape (m, 2) [m]; none when it does not.
         spare: gap beyond contact that the whole path is certified to keep [m]; timing may use it up.
+        goal_pose: what the goal-pose NLP said about the end; None where it was not asked, or gave no answer.
     """
 
     spline: "BSpline"
@@ -42,6 +82,7 @@ class JointPath:
     candidate: str = ""
     leaders: tuple[FloatArray, ...] = ()
     spare: float = 0.0
+    goal_pose: GoalPoseRecord | None = None
 
     def reversed(self) -> "JointPath":
         """The same motion from its end to its start; to draw the arm back is to reverse how it came."""
@@ -54,6 +95,8 @@ class JointPath:
             curves=self.curves[::-1],
             candidate=f"{self.candidate}, backwards" if self.candidate else "backwards",
             leaders=self.leaders[::-1],
+            # The pose at which the motion now begins says nothing about where it ends.
+            goal_pose=None,
         )
 
 
