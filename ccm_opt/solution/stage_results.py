@@ -1,4 +1,4 @@
-"""Frozen results of every stage, from the curve's keyframes to the simulated arm."""
+"""What every stage makes of a problem, from the path without time to the simulated arm, and the whole of it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,6 +10,8 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
+from ccm_opt.solution.goal_pose_record import GoalPoseRecord
+from ccm_opt.solution.room_record import RoomRecord
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -21,45 +23,6 @@ _ALL_BENDS = planar_coordinates(0)
 def _left_out() -> FloatArray:
     """Stands for what the axes that carry the base do when it is left out."""
     return np.zeros((0, 0))
-
-
-@dataclass(frozen=True, eq=False)
-class GoalPoseRecord:
-    """What the goal-pose NLP said about where the arm ends, and whether the motion ends there.
-
-    Attributes:
-        reached: whether the motion ends in this pose.
-        reason: why it does not, in words; empty when it does.
-        headings: of the links, shape (links,) [rad]. An arm of many links may have been asked for with fewer.
-        curve: the curve whose mean headings they are.
-        gap: least room of any link beyond radius and clearance, at most the wanted gap [m].
-        wanted_gap: room beyond radius and clearance above which more was worth nothing [m].
-        costs: weighted parts of the objective by name; they sum to it.
-        multipliers: of the rows that shape the pose, by name: how much the objective would fall for one unit of the
-            row (one arm's length, one radian, one unit of the user's); the largest first.
-        iterations: of the solver.
-        size: numbers of variables and rows.
-        status: the solver's own word for how it stopped.
-        tried: how many poses were asked for, this one among them.
-    """
-
-    reached: bool
-    reason: str
-    headings: FloatArray
-    curve: Configuration
-    gap: float
-    wanted_gap: float
-    costs: Mapping[str, float]
-    multipliers: Mapping[str, float]
-    iterations: int
-    size: tuple[int, int]
-    status: str
-    tried: int = 1
-
-    @property
-    def cost(self) -> float:
-        """The objective."""
-        return float(sum(self.costs.values()))
 
 
 @dataclass(frozen=True)
@@ -249,7 +212,20 @@ class Check:
 
 @dataclass(frozen=True)
 class Solution:
-    """A verified plan with everything computed on the way. What is not solved is an exception, never a solution."""
+    """A verified plan with everything computed on the way. What is not solved is an exception, never a solution.
+
+    Attributes:
+        problem: what was asked.
+        path: the way, without time.
+        trajectory: the same in time.
+        joints: the same for the drives.
+        simulation: what the simulated arm did.
+        checks: of the verifier, then of the user's constraints; all hold.
+        metrics: figures of merit, named with their units.
+        timings: CPU time by stage [s].
+        versions: of Python and of the packages that the plan was made with.
+        room: how much room the motion keeps; None where nobody asked.
+    """
 
     problem: Problem
     path: JointPath
@@ -260,6 +236,7 @@ class Solution:
     metrics: Mapping[str, float]
     timings: Mapping[str, float]
     versions: Mapping[str, str] = field(default_factory=dict)
+    room: RoomRecord | None = None
 
     @property
     def joint_positions(self) -> FloatArray:

@@ -1,0 +1,26 @@
+"""Frozen results of every stage, from the curve's keyframes to the simulated arm."""
+
+from ccm_opt.solution.goal_pose_record import GoalPoseRecord
+from ccm_opt.solution.room_record import NearPlace, PossibleGap, RoomRecord, ShortStretch
+from ccm_opt.solution.stage_results import (
+    Check,
+    JointPath,
+    JointStates,
+    JointTrajectory,
+    SimulatedMotion,
+    Solution,
+)
+
+__all__ = [
+    "Check",
+    "GoalPoseRecord",
+    "JointPath",
+    "JointStates",
+    "JointTrajectory",
+    "NearPlace",
+    "PossibleGap",
+    "RoomRecord",
+    "ShortStretch",
+    "SimulatedMotion",
+    "Solution",
+]

@@ -1,0 +1,118 @@
+"""How much room a motion keeps: its gaps over time, where they are least, and what stands against more."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+
+# Why a motion has less than the wanted gap for a while: a pose at which it rests has less itself, or the way has.
+ShortCause = Literal["start", "stop", "goal", "passage"]
+# What bounds the gap that a motion can keep.
+GapBound = Literal["wanted gap", "start", "goal", "passage"]
+
+
+@dataclass(frozen=True)
+class NearPlace:
+    """Where one link is near something, at one time.
+
+    Attributes:
+        gap: beyond contact: between the surfaces, the clearance subtracted where the other is a wall [m]; inf where
+            there is nothing to be near to.
+        wanted: gap that is wanted of this pair [m]; links that are not far apart along the arm cannot keep it all.
+        time: when [s].
+        link: from 1.
+        obstacle: name of the wall; empty where the other is a link.
+        second_link: from 1; 0 where the other is a wall.
+    """
+
+    gap: float = np.inf
+    wanted: float = 0.0
+    time: float = 0.0
+    link: int = 0
+    obstacle: str = ""
+    second_link: int = 0
+
+    @property
+    def pair(self) -> str:
+        """Both bodies in words."""
+        if not np.isfinite(self.gap):
+            return "nothing is near"
+        other = f"link {self.second_link}" if self.second_link else f"'{self.obstacle}'"
+        return f"link {self.link} to {other}"
+
+
+@dataclass(frozen=True)
+class ShortStretch:
+    """A stretch of the motion that has less than the wanted gap.
+
+    Attributes:
+        begin: its first sample [s].
+        end: its last sample [s].
+        nearest: where most is missing in it.
+        cause: why.
+    """
+
+    begin: float
+    end: float
+    nearest: NearPlace
+    cause: ShortCause
+
+
+@dataclass(frozen=True)
+class PossibleGap:
+    """The least gap that a motion can keep.
+
+    Attributes:
+        value: [m].
+        by: what decides it.
+        planned: whether planning found it for the way that the motion takes; otherwise no motion at all keeps more,
+            and perhaps none keeps as much.
+    """
+
+    value: float
+    by: GapBound
+    planned: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class RoomRecord:
+    """The room that a timed motion keeps between samples and at them; see ``verification.room_over_time``.
+
+    Attributes:
+        wanted: gap that was wanted [m]; 0 when none was.
+        clearance: that walls must be kept beyond contact of the surfaces; gaps begin where it ends [m].
+        wall_gaps: least gap to a wall at every sample, shape (T,) [m].
+        self_gaps: least gap between two links at every sample, shape (T,) [m]; inf when the arm cannot meet itself.
+        nearest: the least gap of the whole motion.
+        ends: the least gap at the start, at every stop and at the goal, in order.
+        short: stretches that have less than the wanted gap, in order.
+        possible: the gap that can be kept; None where it is not known.
+        price: time that the wanted gap costs against the same plan without one [s]; None where that is not known.
+    """
+
+    wanted: float
+    clearance: float
+    wall_gaps: FloatArray
+    self_gaps: FloatArray
+    nearest: NearPlace
+    ends: tuple[NearPlace, ...]
+    short: tuple[ShortStretch, ...] = ()
+    possible: PossibleGap | None = None
+    price: float | None = None
+
+    @property
+    def gaps(self) -> FloatArray:
+        """Least gap to anything at every sample, shape (T,) [m]."""
+        return np.minimum(self.wall_gaps, self.self_gaps)
+
+    @property
+    def at_start(self) -> NearPlace:
+        """The least gap of the start pose, which no motion can better."""
+        return self.ends[0]
+
+    @property
+    def at_goal(self) -> NearPlace:
+        """The least gap of the last pose."""
+        return self.ends[-1]
