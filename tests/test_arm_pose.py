@@ -6,6 +6,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -149,6 +150,36 @@ def test_poses_are_at_the_goal_within_limits_and_have_room(seed: int) -> None:
     assert search.gap(pose.headings) >= pose.gap - 1e-6 * arm.length
     assert pose.gap >= min(search.wanted_gap, search.gap(scene.goal)) - 1e-6 * arm.length
     assert sum(pose.costs.values()) == pytest.approx(pose.cost)
+
+
+def test_parts_of_the_objective_are_what_they_are_called() -> None:
+    """Travel and distance, weighted, are those of the pose's links, reckoned without the program."""
+    scene = clutter(91_000, 20)
+    search = searched(scene)
+    pose = search.best(scene.goal)
+    assert pose is not None
+    settings = search.settings
+    turned = search.problem.arm.bends(pose.headings) - search.problem.arm.bends(search.origin)
+    apart = pose.headings - scene.goal
+    assert pose.costs["travel"] == pytest.approx(settings.travel_weight * np.sum(turned**2))
+    assert pose.costs["distance"] == pytest.approx(settings.distance_weight * np.mean(apart**2))
+
+
+def test_sides_that_are_left_out_follow_from_those_that_are_kept() -> None:
+    """A region of the sides that are kept is, near its link, within every side that could have been drawn."""
+    scene = clutter(91_004, 40)
+    arm = scene.arm
+    settings = PoseSettings()
+    points = arm.joint_positions(scene.goal)
+    regions = link_regions(arm, scene.workspace, scene.goal, settings)
+    rng = np.random.default_rng(5)
+    moved = points[:, None] + settings.reach * rng.uniform(-1.0, 1.0, (arm.links + 1, 4000, 2)) / np.sqrt(2.0)
+    for link in range(arm.links):
+        inside = np.all(moved[link] @ regions.normals[link].T <= regions.offsets[link], axis=1)
+        if link * arm.link_length > arm.mount_length:
+            places = shapely.points(moved[link][inside])
+            gaps = [shapely.distance(places, wall.core) - wall.rounding for wall in scene.workspace.walls]
+            assert np.min(gaps) >= arm.radius - 1e-9
 
 
 def test_the_curve_maps_to_the_links_of_the_pose() -> None:

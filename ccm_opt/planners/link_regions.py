@@ -1,6 +1,7 @@
 """A convex free region about every link of a pose: what the goal-pose NLP keeps each link in."""
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from ccm_opt.collision.contacts import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
@@ -21,7 +22,8 @@ def link_regions(arm: Arm, workspace: Workspace, headings: FloatArray, settings:
     """Half-planes between every link of a pose and the walls, and between links that must be kept apart.
 
     Between a link and a wall the side touches the wall; between two links it lies half-way, and both get one. A pose
-    whose links all keep to their regions touches nothing.
+    whose links all keep to their regions touches nothing. Sides that others imply are left out: most of those between
+    links, and every row that is left makes every iteration dearer.
 
     Args:
         arm: the arm.
@@ -33,8 +35,8 @@ def link_regions(arm: Arm, workspace: Workspace, headings: FloatArray, settings:
     parts = [_wall_sides(arm, workspace, headings, reach)]
     if arm.self_collision:
         parts.append(_link_sides(arm, headings, reach))
-    link, normal, offset = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return _padded(arm, link, normal, offset, settings.region_sizes)
+    sides = _needed(arm, headings, _joined(parts), reach)
+    return _padded(arm, *sides, settings.region_sizes)
 
 
 def _wall_sides(arm: Arm, workspace: Workspace, headings: FloatArray, reach: float) -> Sides:
@@ -64,6 +66,33 @@ def _link_sides(arm: Arm, headings: FloatArray, reach: float) -> Sides:
     normals = np.concatenate((towards, -towards))
     offsets = np.concatenate((half_way, -half_way)) - arm.radius
     return links, normals, offsets
+
+
+def _joined(parts: list[Sides]) -> Sides:
+    link, normal, offset = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return link, normal, offset
+
+
+def _needed(arm: Arm, headings: FloatArray, sides: Sides, reach: float) -> Sides:
+    """The sides without which a region would be larger, as far as it lies within reach of its link.
+
+    By duality: of half-planes n · x ≤ d with d > 0 those are needed whose n / d are corners of the hull of all n / d.
+    """
+    link, normal, offset = sides
+    points = arm.joint_positions(headings)
+    middles = 0.5 * (points[1:] + points[:-1])
+    behind = offset - np.einsum("md,md->m", normal, middles[link])
+    # Beyond this box there may be walls that no side was made for: what a region is there says nothing.
+    box = np.vstack((np.eye(2), -np.eye(2))) / (reach + arm.link_length)
+    needed = np.zeros(len(link), dtype=bool)
+    for each in np.unique(link):
+        of_link = np.flatnonzero(link == each)
+        if behind[of_link].min() <= TINY:  # the link stands outside its region: all sides count
+            needed[of_link] = True
+            continue
+        corners = ConvexHull(np.vstack((normal[of_link] / behind[of_link, None], box))).vertices
+        needed[of_link[corners[corners < len(of_link)]]] = True
+    return link[needed], normal[needed], offset[needed]
 
 
 def _padded(arm: Arm, link: IntArray, normal: FloatArray, offset: FloatArray, sizes: tuple[int, ...]) -> LinkRegions:

@@ -121,7 +121,7 @@ class PoseProgram:
         gap: g, scalar.
         parameters: what changes from question to question.
         rows: all blocks of rows.
-        parts: the parts of the objective by name, unweighted.
+        parts: the parts of the objective by name, unweighted, in the order of ``PARTS``; the user's behind them.
         objective: their weighted sum.
     """
 
@@ -192,5 +192,6 @@ def pose_program(size: PoseSize) -> PoseProgram:
         torques = holding_torques(points, given.link_weights, given.payload)
         rows.append(torque_rows(torques, given.torque_limits))
         parts["torque"] = pose_costs.holding_effort(torques, given.torque_limits)
-    objective = ca.dot(given.weights, ca.vertcat(*(parts[name] for name in PARTS)))
+    parts = {name: parts[name] for name in PARTS}
+    objective = ca.dot(given.weights, ca.vertcat(*parts.values()))
     return PoseProgram(size, curve, link_headings, points, gap, given, tuple(rows), parts, objective)
