@@ -10,7 +10,6 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.driver.closed_loop import WALLS
 
 PROBLEM = """
 schema = 1
@@ -94,10 +93,11 @@ def test_disturbances_leave_the_plan(solved: Path) -> None:
 
 
 def test_a_simulated_arm_that_touches_is_reported(solved: Path) -> None:
-    """Pressed down by its payload the arm meets the post: a warning, and exit code 3."""
-    code, _, err = run("simulate", str(solved), "--no-pictures", "--payload", "0.5")
-    assert code == 3
-    assert WALLS in err
+    """Pressed down by its payload the arm meets the post: link, wall and time are named, and the exit code is 4."""
+    code, out, err = run("simulate", str(solved), "--no-pictures", "--payload", "0.5")
+    assert code == 4
+    assert re.search(r"\(touched\): .*link \d touches 'post' at 0\.\d+ s", err)
+    assert re.search(r"^simulation +touched", out, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_a_simulated_arm_that_touches_is_reported(solved: Path) -> None:
     [
         ("--controller", "pid", 2, "simulation.controller must be one of"),
         ("--payload", "-1", 2, "--payload must be at least 0"),
-        ("--bandwidth", "2000", 3, "unstable"),
+        ("--bandwidth", "2000", 2, "unstable"),
     ],
 )
 def test_impossible_settings_are_refused(solved: Path, option: str, value: str, code: int, words: str) -> None:

@@ -5,10 +5,13 @@
 1     a bug in ccm_opt; its traceback is printed
 2     bad input
 3     no plan, or a plan that the verifier refuses; the reason is printed
+4     a verified plan, written like every other, that the simulated arm did
+      not follow: it met a limit, touched something, went out of control, or
+      could not be simulated; the reason is printed
 130   cancelled by Ctrl-C, see ``cancelling``
 ====  =====================================================================
 
-Of several files all are tried; the exit code is the highest, but a bug is always 1.
+Of several files all are tried; the exit code is that of the worst outcome: 1, then 130, 3, 2, 4 and 0.
 """
 
 import os
@@ -23,11 +26,15 @@ from rich.markup import escape
 
 from ccm_opt.cli.cancelling import CANCELLED
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
+from ccm_opt.solution import SimulationVerdict
 
 SOLVED = 0
 BUG = 1
 BAD_INPUT = 2
 NO_PLAN = 3
+NOT_FOLLOWED = 4
+WORST_FIRST = (BUG, CANCELLED, NO_PLAN, BAD_INPUT, NOT_FOLLOWED, SOLVED)
+"""Which exit code counts when several files end with different ones."""
 
 Item = TypeVar("Item")
 
@@ -45,7 +52,7 @@ def run_all(items: Iterable[Item], run: Callable[[Item], int]) -> int:
         codes.append(code)
         if code == CANCELLED:
             break
-    return BUG if BUG in codes else max(codes, default=SOLVED)
+    return min(codes, key=WORST_FIRST.index, default=SOLVED)
 
 
 def complain(message: str) -> None:
@@ -56,6 +63,15 @@ def complain(message: str) -> None:
 def warn(message: str) -> None:
     """Print one line that people should read, on stderr."""
     _print_on_stderr(f"[yellow]warning:[/yellow] {escape(message)}")
+
+
+def code_of_simulation(name: str, verdict: SimulationVerdict) -> int:
+    """The exit code of a simulated plan; when the arm does not follow it, the reason is printed on stderr."""
+    if verdict.followed:
+        return SOLVED
+    advice = "".join(f"\n  try: {line}" for line in verdict.advice)
+    warn(f"{name}: the simulated arm does not follow its plan ({verdict.outcome}): {verdict.reason}{advice}")
+    return NOT_FOLLOWED
 
 
 def print_result(show: Callable[[], None], code: int) -> int:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
-from ccm_opt.cli.tables import peak_torque_cells, report_console, value_table
+from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
+from ccm_opt.cli.tables import peak_torque_cells, report_console, value_table, verdict_cells
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem
 from ccm_opt.problem import Problem
@@ -53,7 +53,7 @@ def simulate_folders(folders: Sequence[Path], overrides: Overrides, *, pictures:
         pictures: whether to draw ``simulation.png`` into the folder.
 
     Returns:
-        The exit code: 3 when the simulated arm touches a wall or itself.
+        The exit code: 4 when the simulated arm does not follow a plan.
     """
     return run_all(folders, lambda folder: _simulate(folder, overrides, pictures=pictures))
 
@@ -63,14 +63,15 @@ def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
     problem = overrides.applied(recorded)
     motion = load_motion(folder, recorded.arm)
     from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
+    from ccm_opt.dynamics.simulation.simulation_checks import check_options  # noqa: PLC0415 - likewise
 
+    # What was recorded was checked before the plan was made; what the command line says is checked here.
+    check_options(problem.arm, problem.simulation)
     simulated, figures = simulate_and_check(problem, motion.trajectory, motion.joints)
     if pictures:
         _draw(folder, problem, motion, simulated)
-    touched = [name for name, value in figures.items() if name.endswith("clearance_m") and value < 0.0]
-    for name in touched:
-        warn(f"{problem.name}: the simulated arm touches: {name} is {figures[name]:.3g}")
-    return print_result(lambda: _print(problem, motion, simulated, figures), NO_PLAN if touched else SOLVED)
+    code = code_of_simulation(problem.name, simulated.verdict)
+    return print_result(lambda: _print(problem, motion, simulated, figures), code)
 
 
 def _draw(folder: Path, problem: Problem, motion: SavedMotion, simulated: SimulatedMotion) -> None:
@@ -85,8 +86,7 @@ def _draw(folder: Path, problem: Problem, motion: SavedMotion, simulated: Simula
 
 def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
     table = value_table(f"{problem.name}: simulated")
-    options = problem.simulation
-    table.add_row("controller", options.controller, "", "", f"step {options.step:g} s")
+    table.add_row("controller", problem.simulation.controller, "", "", f"step {problem.simulation.step:g} s")
     for name, value in _disturbed(problem).items():
         table.add_row(name.replace("_", " "), f"{value:.4g}", "", "", "unknown to the controller")
     for name, value in figures.items():
@@ -95,7 +95,7 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
         table.add_row(words.replace("_", " "), f"{value:.4g}", limit, unit, "")
     torques = peak_torque_cells(simulated.torques, problem.limits.torque, motion.joints.names, motion.trajectory.time)
     table.add_row("peak torque", *torques)
-    table.add_row("saturated", "yes" if simulated.saturated else "no", "", "", "")
+    table.add_row("simulation", *verdict_cells(simulated.verdict))
     report_console().print(table)
 
 

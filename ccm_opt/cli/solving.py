@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 from ccm_opt.cli.display_settings import DISPLAY
-from ccm_opt.cli.outcome import SOLVED, print_result, run_all, warn
+from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import print_solution
 from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, VerificationError
@@ -97,16 +97,16 @@ def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
-    code = print_result(lambda: print_solution(solution, clock, str(folder)), SOLVED)
+    code = code_of_simulation(problem.name, solution.simulation.verdict)
     _warn_of_tracking(solution)
-    return code
+    return print_result(lambda: print_solution(solution, clock, str(folder)), code)
 
 
 def _warn_of_tracking(solution: Solution) -> None:
-    """Say on stderr that the simulated arm did not follow the plan, and what to try."""
+    """Say on stderr that the simulated arm followed the plan from afar only, and what to try."""
     error = solution.simulation.tracking_error
     options = solution.problem.simulation
-    if error <= DISPLAY.most_tracking_error:
+    if not solution.simulation.verdict.followed or error <= DISPLAY.most_tracking_error:
         return
     gains = "bandwidth" if options.controller == "computed-torque" else "gains"
     warn(

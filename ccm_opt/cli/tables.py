@@ -11,7 +11,7 @@ from rich.table import Table
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.solution import Check, Solution
+from ccm_opt.solution import Check, SimulationVerdict, Solution
 
 SUMMARY = {
     "goal position": "tip error",
@@ -46,8 +46,9 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     table.add_row("tracking error", f"{solution.simulation.tracking_error:.2g}", "", "rad", "in the simulation")
     for name, value in solution.metrics.items():
         if name.startswith("simulated_least"):
-            where = "[red]the simulated arm touches[/red]" if value < 0.0 else "in the simulation"
+            where = "in the simulation"
             table.add_row(name.removesuffix("_m").replace("_", " "), f"{value:.4g}", "", "m", where)
+    table.add_row("simulation", *verdict_cells(solution.simulation.verdict))
     console = report_console()
     console.print(table)
     console.print(f"all {len(solution.checks)} checks of the verifier hold")
@@ -98,6 +99,13 @@ def report_console() -> Console:
     """Standard output for tables; as wide as they need when it is not a terminal."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=DISPLAY.piped_width)
+
+
+def verdict_cells(verdict: SimulationVerdict) -> tuple[str, str, str, str]:
+    """The verdict on a simulation, no limit and unit, and where and why, as cells of a table."""
+    outcome = verdict.outcome if verdict.followed else f"[red]{verdict.outcome}[/red]"
+    step = f"with a step of {verdict.step:g} s"
+    return outcome, "", "", escape(f"{verdict.reason}; {step}" if verdict.reason else step)
 
 
 def stage_line(clock: StageClock) -> str:

@@ -1,30 +1,51 @@
-"""The simulated motion held against the obstacles: what the arm does is checked as strictly as what was planned."""
+"""A planned motion simulated and judged: whatever comes of it, the plan is kept, and the verdict says what was seen."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ccm_opt.driver.simulated_touch import Approaches, Touch, approaches, chain_motion, first_touch
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
-from ccm_opt.ground.rounding import ROUNDING
-from ccm_opt.jointed.frames import bends_from_revolutes
+from ccm_opt.dynamics.simulation.run_verdict import verdict_without_run
+from ccm_opt.errors import SimulationError
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Check, JointStates, JointTrajectory, SimulatedMotion
-from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.selfcollision import check_self_collision
-from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-from ccm_opt.verification.wall_clearance import check_walls
+from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 
 WALLS = "simulated_least_wall_clearance_m"
 """Figure of the least distance to walls."""
 ITSELF = "simulated_least_self_clearance_m"
 """Figure of the least distance between links."""
+FROM_BEST_TO_WORST: tuple[SimulationOutcome, ...] = ("followed", "saturated", "touched", "diverged", "not simulated")
+"""Outcomes of simulations, by how much there is to be learned from them."""
+
+
+@dataclass(frozen=True)
+class JudgedMotion:
+    """A simulated motion with its verdict, and how near it came to what it must not touch.
+
+    Attributes:
+        motion: what the arm did.
+        approaches: None when nothing was simulated, or the arm left its plane.
+    """
+
+    motion: SimulatedMotion
+    approaches: Approaches | None
+
+    @property
+    def rank(self) -> int:
+        """Place of its outcome, 0 for the best."""
+        return FROM_BEST_TO_WORST.index(self.motion.verdict.outcome)
 
 
 def simulate_and_check(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
-    """Simulate a planned motion.
+    """Simulate a planned motion and judge it; a motion that is not followed is a result, never an error.
+
+    An arm that does not follow is simulated with smaller steps, for the fault may be the step's. The first run in which
+    it follows counts; else the one asked for, unless smaller steps take the arm farther.
 
     Args:
         problem: arm, limits, obstacles, simulation options.
@@ -33,47 +54,98 @@ def simulate_and_check(
         settings: of the simulation, and of the verifier that looks at what the arm did.
 
     Returns:
-        What the arm does, and its figures of merit, named with their units.
-
-    Raises:
-        SimulationError: the simulation cannot run.
+        What the arm does, with the verdict on it, and its figures of merit, named with their units.
     """
-    simulated = simulate(
-        problem.arm, trajectory, joints, problem.simulation, problem.limits, settings=settings.simulation
-    )
-    return simulated, simulated_figures(problem, trajectory, simulated, settings.verification)
+    asked = simulated_once(problem, trajectory, joints, settings)
+    best = asked
+    before = asked
+    step = problem.simulation.step
+    for _ in range(settings.simulation.step_halvings):
+        if best.rank == 0:
+            break
+        step = 0.5 * step
+        finer = replace(problem, simulation=replace(problem.simulation, step=step))
+        judged = simulated_once(finer, trajectory, joints, settings)
+        # Among equals the smaller step is the more exact one.
+        if judged.rank < asked.rank and judged.rank <= best.rank:
+            best = judged
+        if _alike(before, judged, settings.simulation.same_error):
+            break
+        before = judged
+    motion = best.motion if best is asked else _at_a_smaller_step(best.motion, asked.motion.verdict)
+    return motion, _figures(trajectory, motion, best.approaches)
 
 
-def simulated_figures(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    simulated: SimulatedMotion,
-    settings: VerificationSettings = DEFAULT_VERIFICATION,
-) -> Mapping[str, float]:
-    """Tracking errors, and least clearances of the simulated motion at all times."""
-    figures = {"tracking_error_rad": simulated.tracking_error}
+def simulated_once(
+    problem: Problem, trajectory: JointTrajectory, joints: JointStates, settings: Settings = DEFAULT_SETTINGS
+) -> JudgedMotion:
+    """Simulate a planned motion with the problem's own step and judge it; arguments as for ``simulate_and_check``."""
+    options = problem.simulation
+    try:
+        motion = simulate(problem.arm, trajectory, joints, options, problem.limits, settings=settings.simulation)
+    except SimulationError as error:
+        return JudgedMotion(_standing(trajectory, joints, verdict_without_run(error, options.step)), None)
+    chain = chain_motion(problem, trajectory, motion)
+    if chain is None:
+        return JudgedMotion(motion, None)
+    found = approaches(problem, chain, settings.verification)
+    # An arm that was stopped out of control stands still from there on, so whatever it touches it touched before.
+    if found.touch is None:
+        return JudgedMotion(motion, found)
+    touch = first_touch(problem, chain, found.touch, settings.verification)
+    return JudgedMotion(replace(motion, verdict=_touched(motion.verdict, touch)), found)
+
+
+def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, found: Approaches | None) -> Mapping[str, float]:
+    """Tracking errors, time at limits, and least clearances at all times; where it touches, those of a contact."""
+    figures = {"tracking_error_rad": simulated.tracking_error, "saturated_time_s": simulated.saturated_time}
     errors = np.abs(simulated.base_positions - trajectory.base_positions)
     for name, error in zip(trajectory.coordinates.base_names, errors.T, strict=True):
         figures[f"{name}_tracking_error_m"] = float(np.max(error))
-    # The checks carry the same names for a plan; here they are figures, for a simulated motion promises nothing.
-    names = {"wall clearance": WALLS, "self-collision": ITSELF}
-    checks = simulated_checks(problem, trajectory, simulated, settings)
-    return figures | {names[check.name]: check.worst for check in checks if check.name in names}
+    if found is not None:
+        figures[WALLS] = np.inf if found.walls is None else found.walls[0].nearest.gap
+        if found.itself is not None:
+            figures[ITSELF] = found.itself.nearest.gap
+    return figures
 
 
-def simulated_checks(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    simulated: SimulatedMotion,
-    settings: VerificationSettings = DEFAULT_VERIFICATION,
-) -> tuple[Check, ...]:
-    """Clearance of the simulated arm from walls and itself, linear between samples; nothing once it left its plane."""
-    angles = simulated.angles
-    # Obstacles are known in the plane alone, which yaws and rolls beyond rounding leave.
-    if len(angles) < 2 or max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > ROUNDING:
-        return ()
-    # The simulated motion is checked by the code that checks planned ones.
-    positions = np.column_stack((bends_from_revolutes(angles), simulated.base_positions))
-    motion = ChainMotion(problem.arm, trajectory.time, positions)
-    walls = check_walls(motion, problem.workspace, settings)
-    return (walls, check_self_collision(motion, settings)) if problem.arm.self_collision else (walls,)
+def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
+    """Whether half the step changed so little that the step is not what keeps the arm from following."""
+    outcomes = {coarse.motion.verdict.outcome, fine.motion.verdict.outcome}
+    if outcomes not in ({"saturated"}, {"touched"}):
+        return False
+    error = coarse.motion.tracking_error
+    return abs(error - fine.motion.tracking_error) <= share * error
+
+
+def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
+    """The verdict on a run in which the arm touches something, with what its drives did besides."""
+    return replace(
+        verdict,
+        outcome="touched",
+        reason=f"{touch}; besides, {verdict.reason}" if verdict.reason else str(touch),
+        link=touch.link,
+        obstacle=touch.obstacle,
+        time=touch.time,
+        advice=("a larger workspace.clearance or planner.wanted_gap", *verdict.advice),
+    )
+
+
+def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> SimulatedMotion:
+    """A run with a smaller step than asked for, whose verdict says so."""
+    verdict = motion.verdict
+    before = f"at the step asked for, {asked.step:g} s, {asked.outcome}: {asked.reason}"
+    return replace(motion, verdict=replace(verdict, reason=f"{verdict.reason}; {before}" if verdict.reason else before))
+
+
+def _standing(trajectory: JointTrajectory, joints: JointStates, verdict: SimulationVerdict) -> SimulatedMotion:
+    """An arm that was not simulated: it stands where the plan begins."""
+    samples = len(trajectory.time)
+    return SimulatedMotion(
+        angles=np.repeat(joints.angles[:1], samples, axis=0),
+        torques=np.zeros_like(joints.torques),
+        tracking_error=np.nan,
+        saturated=False,
+        base_positions=np.repeat(trajectory.base_positions[:1], samples, axis=0),
+        verdict=verdict,
+    )

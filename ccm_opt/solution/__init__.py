@@ -2,6 +2,7 @@
 
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
 from ccm_opt.solution.room_record import NearPlace, PossibleGap, RoomRecord, ShortStretch
+from ccm_opt.solution.simulation_verdict import SimulationOutcome, SimulationVerdict
 from ccm_opt.solution.stage_results import (
     Check,
     JointPath,
@@ -22,5 +23,7 @@ __all__ = [
     "RoomRecord",
     "ShortStretch",
     "SimulatedMotion",
+    "SimulationOutcome",
+    "SimulationVerdict",
     "Solution",
 ]

@@ -12,6 +12,7 @@ from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
 from ccm_opt.solution.room_record import RoomRecord
+from ccm_opt.solution.simulation_verdict import FOLLOWED, SimulationVerdict
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -171,11 +172,13 @@ class SimulatedMotion:
     """What the simulated arm did, at the trajectory's own samples.
 
     Attributes:
-        angles: shape (T, 3 * links) [rad].
-        torques: applied, shape (T, 3 * links) [N m].
+        angles: shape (T, 3 * links) [rad]; where the run was stopped, its last pose stands for all later ones.
+        torques: applied, shape (T, 3 * links) [N m]; 0 after the run was stopped.
         tracking_error: largest joint error at any integration step [rad].
-        saturated: whether any torque met its limit.
+        saturated: whether any effort met its limit.
         base_positions: of the axes that carry the base, shape (T, axes) [m]; when left out, the base is fixed.
+        saturated_time: for how long in all some effort was at its limit [s].
+        verdict: whether the arm followed its plan.
     """
 
     angles: FloatArray
@@ -183,6 +186,8 @@ class SimulatedMotion:
     tracking_error: float
     saturated: bool
     base_positions: FloatArray = field(default_factory=_left_out)
+    saturated_time: float = 0.0
+    verdict: SimulationVerdict = FOLLOWED
 
     def __post_init__(self) -> None:
         if self.base_positions.shape == (0, 0):

@@ -28,14 +28,18 @@ def first_distant(arm: Arm) -> int:
 
 def check_self_collision(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
     """Check that links far apart along the arm never touch; the gap is between their surfaces."""
-    arm = motion.arm
-    if first_distant(arm) >= arm.links:
+    verdict = nearest_links(motion, settings)
+    if verdict is None:
         return Check("self-collision", np.inf, 0.0, "m", "the arm is too short to meet itself", passed=True)
-    verdict = _prove(motion, settings)
     near = verdict.nearest
     where = f"link {near.link + 1} to link {near.other + 1} at t = {near.time:.4f} s"
     where = f"{where}: {verdict.remark}" if verdict.remark else where
     return Check("self-collision", near.gap, 0.0, "m", where, passed=verdict.proved)
+
+
+def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Verdict | None:
+    """Whether distant links keep apart, with their nearest approach; None for an arm too short to meet itself."""
+    return None if first_distant(motion.arm) >= motion.arm.links else _prove(motion, settings)
 
 
 def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:

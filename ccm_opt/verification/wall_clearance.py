@@ -73,24 +73,36 @@ def check_walls(
     motion: ChainMotion, workspace: Workspace, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> Check:
     """Check that the arm beyond its mount keeps the clearance from every wall at all times."""
-    arm = motion.arm
-    edges = wall_edges(workspace)
-    exposed = exposed_starts(arm)
-    if not np.any(exposed < 1.0):
+    found = nearest_wall(motion, workspace, settings)
+    if found is None:
         return Check(
             "wall clearance", np.inf, workspace.clearance, "m", "the whole arm counts as its mount", passed=True
         )
-
-    least = least_allowed_gap(workspace.clearance, arm.radius, settings)
-    verdict = _prove(motion, edges, exposed, least, settings)
+    verdict, wall = found
     return Check(
         "wall clearance",
         verdict.nearest.gap,
         workspace.clearance,
         "m",
-        _where(verdict, edges),
+        _where(verdict, wall),
         passed=verdict.proved,
     )
+
+
+def nearest_wall(
+    motion: ChainMotion, workspace: Workspace, settings: VerificationSettings = DEFAULT_VERIFICATION
+) -> tuple[Verdict, str] | None:
+    """Whether the arm keeps the clearance from every wall, with the nearest approach and the name of its wall.
+
+    None when the whole arm counts as its mount, so that there is nothing to keep away.
+    """
+    edges = wall_edges(workspace)
+    exposed = exposed_starts(motion.arm)
+    if not np.any(exposed < 1.0):
+        return None
+    least = least_allowed_gap(workspace.clearance, motion.arm.radius, settings)
+    verdict = _prove(motion, edges, exposed, least, settings)
+    return verdict, edges.names[edges.owner[verdict.nearest.other]]
 
 
 def exposed_starts(arm: Arm) -> FloatArray:
@@ -101,9 +113,9 @@ def exposed_starts(arm: Arm) -> FloatArray:
     return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
 
 
-def _where(verdict: Verdict, edges: WallEdges) -> str:
+def _where(verdict: Verdict, wall: str) -> str:
     near = verdict.nearest
-    place = f"link {near.link + 1} to {edges.names[edges.owner[near.other]]!r} at t = {near.time:.4f} s"
+    place = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
     return f"{place}: {verdict.remark}" if verdict.remark else place
 
 

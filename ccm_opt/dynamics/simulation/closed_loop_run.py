@@ -16,12 +16,15 @@ from ccm_opt.dynamics.runtime.control_law import ClosedLoop
 from ccm_opt.dynamics.simulation.controller import loop_parameters
 from ccm_opt.dynamics.simulation.disturbances import Noise, disturbed_arm
 from ccm_opt.dynamics.simulation.reference import StepReference, step_reference
+from ccm_opt.dynamics.simulation.run_faults import RunFault, first_saturation, loss_of_control, steps_before
+from ccm_opt.dynamics.simulation.run_verdict import verdict_of_run
 from ccm_opt.dynamics.simulation.simulation_checks import check_axes, check_finite
 from ccm_opt.dynamics.simulation.simulation_record import SimulatedSteps, SimulationRecord
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 
@@ -46,11 +49,12 @@ def simulate(
         settings: of the checks and of the run.
 
     Returns:
-        Angles, base and applied torques at the trajectory's own samples.
+        Angles, base and applied torques at the trajectory's own samples, with a verdict on drives and errors: an arm
+        that leaves its plan for good is not followed any further, and what it touches is not looked at here.
 
     Raises:
-        SimulationError: when the axes are singular on the motion, the gains are unstable at this step, or a joint
-            angle stops being finite.
+        SimulationError: before the run, when the axes are singular on the motion or the gains are unstable at this
+            step.
     """
     if trajectory.duration <= 0.0:
         return SimulatedMotion(
@@ -59,13 +63,21 @@ def simulate(
             tracking_error=0.0,
             saturated=False,
             base_positions=trajectory.base_positions,
+            verdict=verdict_of_run(None, None, 0, options.step, joints.names),
         )
     run, state = _prepared(arm, trajectory, joints, options, limits, settings)
-    record = SimulationRecord.from_plan(trajectory.time, _coordinates(trajectory, joints)[0], options.step)
+    most = _most_efforts(limits, arm.coordinates)
+    record = SimulationRecord.from_plan(trajectory.time, state[0], options.step, most)
+    full: RunFault | None = None
+    lost: RunFault | None = None
     for steps in run.steps(state, options, settings.chunk_steps):
-        check_finite(steps, joints.names, options.step)
-        record.add(steps)
-    return record.motion(limits, arm.coordinates)
+        lost = loss_of_control(steps, settings.lost)
+        sound = steps if lost is None else steps_before(steps, lost)
+        full = full or first_saturation(sound, most)
+        record.add(sound)
+        if lost is not None:
+            break
+    return record.motion(arm.coordinates, verdict_of_run(lost, full, record.full_steps, options.step, joints.names))
 
 
 def simulated_states(
@@ -97,6 +109,13 @@ def simulated_states(
         check_finite(steps, joints.names, options.step)
         last = steps.states[-1, 0]
         yield (steps.first + steps.count) * options.step, last[:-1], float(last[-1])
+
+
+def _most_efforts(limits: Limits, coordinates: Coordinates) -> FloatArray:
+    """Limits of the efforts of all revolutes and, last, of the thrust along the feed axis, shape (3 * links + 1,)."""
+    efforts = limits.of_drives(coordinates).effort
+    # A fixed base has a column in the loop, but no drive.
+    return np.append(efforts, np.full(coordinates.revolutes + 1 - len(efforts), np.inf))
 
 
 def _prepared(

@@ -1,4 +1,4 @@
-"""What is kept of a simulated motion: its state at the plan's own samples, its largest error and efforts."""
+"""What is kept of a simulated motion: its state at the plan's own samples, its largest error, full efforts."""
 
 from dataclasses import dataclass
 
@@ -8,8 +8,7 @@ from ccm_opt.dynamics.simulation.reference import hermite
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.coordinates import Coordinates
-from ccm_opt.problem import Limits
-from ccm_opt.solution import SimulatedMotion
+from ccm_opt.solution import SimulatedMotion, SimulationVerdict
 
 
 @dataclass(frozen=True)
@@ -41,26 +40,31 @@ class SimulationRecord:
     Attributes:
         step: length of a step [s].
         places: times of the plan's samples in units of steps, shape (T,).
-        positions: at the samples, shape (T, W).
-        efforts: held at the samples, shape (T, W) [N m, N].
+        positions: at the samples, shape (T, W); those that no step has reached hold the last pose.
+        efforts: held at the samples, shape (T, W) [N m, N]; 0 where no step has been.
+        limit: of the efforts, shape (W,) [N m, N].
         tracking_error: largest difference of a joint's angle from its reference at the end of a step [rad].
-        largest_efforts: of each drive over all steps, shape (W,) [N m, N].
+        full_steps: number of steps in which some effort was at its limit.
     """
 
     step: float
     places: FloatArray
     positions: FloatArray
     efforts: FloatArray
-    largest_efforts: FloatArray
+    limit: FloatArray
     tracking_error: float = 0.0
+    full_steps: int = 0
 
     @classmethod
-    def from_plan(cls, time: FloatArray, positions: FloatArray, step: float) -> "SimulationRecord":
-        """A record to be filled, at the samples of a plan: time (T,) [s], positions (T, W)."""
-        return cls(step, time / step, positions.copy(), np.zeros_like(positions), np.zeros(positions.shape[1]))
+    def from_plan(cls, time: FloatArray, start: FloatArray, step: float, limit: FloatArray) -> "SimulationRecord":
+        """A record to be filled, at the samples of a plan: time (T,) [s], positions at its start (W,), limits (W,)."""
+        positions = np.repeat(start[None], len(time), axis=0)
+        return cls(step, time / step, positions, np.zeros_like(positions), limit)
 
     def add(self, steps: SimulatedSteps) -> None:
         """Interpolate some steps at the samples inside them."""
+        if steps.count == 0:
+            return
         local = self.places - steps.first
         # A sample that rounding puts past the end of the steps belongs to them.
         here = np.flatnonzero((local >= 0.0) & (local <= steps.count + ROUNDING))
@@ -68,18 +72,23 @@ class SimulationRecord:
         index = np.minimum((local[here] + ROUNDING).astype(int), steps.count - 1)
         self.positions[here] = hermite(local[here] - index, self.step, steps.states[index], steps.states[index + 1])
         self.efforts[here] = steps.efforts[index]
+        # Should the run be stopped here, the arm is taken as standing still from now on.
+        self.positions[local > steps.count + ROUNDING] = steps.states[-1, 0]
 
         error = float(np.max(np.abs(steps.states[1:, 0, :-1] - steps.targets[:, :-1])))
         self.tracking_error = max(self.tracking_error, error)
-        self.largest_efforts = np.maximum(self.largest_efforts, np.max(np.abs(steps.efforts), axis=0))
+        full = np.any(np.abs(steps.efforts) >= self.limit, axis=1)
+        self.full_steps += int(np.count_nonzero(full))
 
-    def motion(self, limits: Limits, coordinates: Coordinates) -> SimulatedMotion:
+    def motion(self, coordinates: Coordinates, verdict: SimulationVerdict) -> SimulatedMotion:
         """The whole simulated motion, once all steps were added."""
         drives = coordinates.drive_count  # a fixed base has a column in the loop, but no drive
         return SimulatedMotion(
             angles=self.positions[:, : coordinates.revolutes].copy(),
             torques=self.efforts[:, : coordinates.revolutes].copy(),
             tracking_error=self.tracking_error,
-            saturated=bool(np.any(self.largest_efforts[:drives] >= limits.of_drives(coordinates).effort)),
+            saturated=self.full_steps > 0,
             base_positions=self.positions[:, coordinates.revolutes : drives].copy(),
+            saturated_time=self.full_steps * self.step,
+            verdict=verdict,
         )

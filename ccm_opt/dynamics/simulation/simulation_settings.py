@@ -15,6 +15,12 @@ class SimulationSettings:
             Taste: λmax varies slowly along a motion, and a pose costs one mass matrix and one eigenvalue.
         chunk_steps: steps in one call of the loop. Taste: a call costs microseconds, and a state that is not finite is
             noticed when its call ends.
+        lost: error of a joint at which the arm has left its plan for good and the run is stopped [rad]. Taste: a joint
+            that is off by a whole radian follows nothing.
+        step_halvings: how often the step is halved, at most, before the arm is said not to follow its plan. Taste: a
+            sixteenth of the step costs sixteen times the run.
+        same_error: relative difference of two tracking errors, at a step and at half of it, below which the step is not
+            what keeps the arm from following, so that no smaller one is tried. Taste.
         advised_share: share of a stability bound that figures in advice make use of. Taste.
         advised_damping: advised derivative gain over the least stable one. Taste.
     """
@@ -22,6 +28,9 @@ class SimulationSettings:
     largest_bend: float = 1.3
     checked_poses: int = 9
     chunk_steps: int = 200
+    lost: float = 1.0
+    step_halvings: int = 4
+    same_error: float = 0.1
     advised_share: float = 0.9
     advised_damping: float = 1.2
 

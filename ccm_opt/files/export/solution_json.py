@@ -31,6 +31,7 @@ def solution_json(solution: Solution) -> str:
         "metrics": dict(solution.metrics),
         "timings": dict(solution.timings),
         "checks": [asdict(check) for check in solution.checks],
+        "simulation": asdict(solution.simulation.verdict),
     }
     return _text(record)
 
