@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ccm_opt import errors
+    from ccm_opt.driver.finding_pose import find_pose
     from ccm_opt.driver.pipeline import solve
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.solve_settings import Settings
@@ -37,6 +38,7 @@ __all__ = [
     "constraint",
     "cost",
     "errors",
+    "find_pose",
     "load_problem",
     "retarget",
     "solve",
@@ -53,6 +55,7 @@ _HOMES = {
     "Settings": ("ccm_opt.driver.solve_settings", "Settings"),
     "Solution": ("ccm_opt.solution", "Solution"),
     "check": ("ccm_opt.verification", "verify"),
+    "find_pose": ("ccm_opt.driver.finding_pose", "find_pose"),
     "load_problem": ("ccm_opt.files.problem_file", "load_problem"),
     "retarget": ("ccm_opt.driver.retargeting", "retarget"),
     "solve": ("ccm_opt.driver.pipeline", "solve"),

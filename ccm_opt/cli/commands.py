@@ -75,6 +75,27 @@ def solve_command(
     raise typer.Exit(solve_files(files, out, method, terms, pictures=not no_pictures, explain=not no_diagnosis))
 
 
+@app.command("pose")
+def pose_command(
+    files: Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)],
+    *,
+    out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/poses"),
+    constraint: Annotated[
+        list[str] | None, typer.Option(help="User constraint, as module:function or file.py:function. May be repeated.")
+    ] = None,
+    cost: Annotated[
+        list[str] | None, typer.Option(help="User cost, as module:function or file.py:function. May be repeated.")
+    ] = None,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+) -> None:
+    """Find the best pose at the goal, without a motion to it; write OUT/<name>/ for each."""
+    from ccm_opt.cli.posing import pose_files  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.solving import TermReferences  # noqa: PLC0415
+
+    terms = TermReferences(tuple(constraint or ()), tuple(cost or ()))
+    raise typer.Exit(pose_files(files, out, terms, pictures=not no_pictures))
+
+
 @app.command("check")
 def check_command(
     folders: Annotated[

@@ -29,6 +29,13 @@ class CurvePlannerSettings:
             on a curve bend a little more than it does.
         full_curvature_share: the same for another guess when there is none at that share. Taste.
         planning_share: share of the time limit that the search may use. Taste: timing and checks need the rest.
+        beginnings: configurations along each route from which the static question is asked. Taste: the surplus length
+            to either side.
+        different: largest turn of a link by which two configurations count as different [rad]. Taste.
+        elastic_weights: of half the squared miss of a user's constraint, as a turn of the whole arm [1/rad²], where the
+            pose is looked for that misses constraints least; one after the other, each from the pose before. Measured:
+            the first is solved where the last alone fails, and with the last misses are exact to a thousandth.
+        elastic_share: constraints that this pose misses by less than this share of the worst miss count as kept. Taste.
         configuration: of the configuration NLP.
         motion: of the search for a motion.
         goal_pose: of the goal pose's NLP.
@@ -47,6 +54,10 @@ class CurvePlannerSettings:
     curvature_share: float = 0.9
     full_curvature_share: float = 0.995
     planning_share: float = 0.9
+    beginnings: int = 2
+    different: float = 0.3
+    elastic_weights: tuple[float, ...] = (10.0, 1e2, 1e3, 1e5)
+    elastic_share: float = 0.02
     configuration: ConfigurationSettings = field(default_factory=ConfigurationSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     goal_pose: PoseSettings = field(default_factory=PoseSettings)

@@ -76,6 +76,13 @@ class GoalPoseSearch:
             return -np.inf
         return float(self._finder.find(points).gap.min(initial=self._finder.reach))
 
+    def nearest(self, headings: FloatArray) -> str:
+        """What of a pose is nearest to anything, and its gap beyond radius and clearance, in words."""
+        points = self.problem.arm.joint_positions(headings)
+        if self._finder.crosses(points):
+            return "it crosses a wall, or itself"
+        return self._finder.describe(self._finder.find(points))
+
     @cached_property
     def _finder(self) -> ContactFinder:
         """Of gaps beyond radius and clearance; flattens the walls once."""

@@ -11,14 +11,17 @@ from ccm_opt.solution.stage_results import (
     SimulatedMotion,
     Solution,
 )
+from ccm_opt.solution.static_pose import BindingSide, PoseOutcome, StaticPose
 
 __all__ = [
+    "BindingSide",
     "Check",
     "GoalPoseRecord",
     "JointPath",
     "JointStates",
     "JointTrajectory",
     "NearPlace",
+    "PoseOutcome",
     "PossibleGap",
     "RoomRecord",
     "ShortStretch",
@@ -26,4 +29,5 @@ __all__ = [
     "SimulationOutcome",
     "SimulationVerdict",
     "Solution",
+    "StaticPose",
 ]

@@ -1,7 +1,7 @@
 """All constraints and costs of one problem, compiled: which of them hold where, and the rows that planners need."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -58,6 +58,27 @@ class UserTerms:
     def hard_at_goal(self) -> tuple[CompiledConstraint, ...]:
         """Constraints that must hold at the goal, those of the whole motion among them."""
         return tuple(c for c in self.hard if _holds_at_the_goal(c.constraint.where))
+
+    def residuals_at_goal(self, headings: FloatArray) -> dict[str, float]:
+        """By how much a pose at the goal misses each constraint that covers it, soft ones too, by name.
+
+        Args:
+            headings: of the links, shape (links,) [rad].
+        """
+        return {
+            item.constraint.name: float(item.residuals(headings[None], np.ones(1))[0])
+            for item in self.constraints
+            if _holds_at_the_goal(item.constraint.where)
+        }
+
+    def softened(self, headings: FloatArray, weight: float) -> "UserTerms":
+        """The same terms with every hard constraint soft, its violation weighed as a turn of the whole arm.
+
+        Args:
+            headings: where the slopes are taken that turn the users' units into radians, shape (links,) [rad].
+            weight: of half the squared violation [1/rad²].
+        """
+        return replace(self, constraints=tuple(_softened(item, headings, weight) for item in self.constraints))
 
     @cached_property
     def all_costs(self) -> tuple[CompiledCost, ...]:
@@ -121,6 +142,16 @@ def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> Non
     if not isinstance(term, kind):
         wanted = kind.__name__
         raise ProblemError(f"expected a {wanted}, got {term!r}; decorate the function with @ccm_opt.{wanted.lower()}")
+
+
+def _softened(item: CompiledConstraint, headings: FloatArray, weight: float) -> CompiledConstraint:
+    """A constraint as a soft one."""
+    slopes = np.asarray(item.slopes(headings, 0.0, 1.0))
+    norms = np.linalg.norm(slopes[np.isfinite(slopes).all(axis=1)], axis=1)
+    steepest = float(norms.max(initial=0.0))
+    # A slope of zero there says nothing of the unit.
+    scale = steepest if steepest > 0.0 else 1.0
+    return replace(item, constraint=replace(item.constraint, soft=True, weight=weight / scale**2))
 
 
 def _holds_at_the_goal(where: Where) -> bool:

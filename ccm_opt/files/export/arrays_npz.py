@@ -21,7 +21,7 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "joint_torques": solution.joints.torques,
         "joint_positions": solution.joint_positions,
         "keyframes": solution.path.keyframes[:, solution.trajectory.coordinates.bends],
-        **_curve_arrays(solution.path.curves),
+        **curve_arrays(solution.path.curves),
         "simulated_angles": solution.simulation.angles,
         "simulated_torques": solution.simulation.torques,
         "stops": np.array(solution.trajectory.stops, dtype=np.int64),
@@ -50,7 +50,7 @@ def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]]) -> bytes:
     return buffer.getvalue()
 
 
-def _curve_arrays(curves: tuple[Configuration, ...]) -> dict[str, npt.NDArray[np.generic]]:
+def curve_arrays(curves: tuple[Configuration, ...]) -> dict[str, npt.NDArray[np.generic]]:
     """The curves behind the keyframes, segments end to end; those of curve k are offsets[k] to offsets[k + 1]."""
     segments = [segment for curve in curves for segment in curve.segments]
     return {

@@ -20,7 +20,13 @@ RECORD = "solution.json"
 ARRAYS = "solution.npz"
 TEXTS = (RECORD, "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml")
 PICTURES = ("plan.png", "motion.gif", "report.html", "simulation.png")
-WRITTEN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES))
+POSE_RECORD = "pose.json"
+"""Of the folder of a pose; always there."""
+POSE_FILES = (POSE_RECORD, "pose.npz", "pose.png")
+REACH_RECORD = "reach.json"
+"""Of the folder of a map of reach; always there."""
+REACH_FILES = (REACH_RECORD, "reach.npz", "reach.png")
+WRITTEN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES))
 """Files that a run writes; anything else in an old folder is the user's and is kept."""
 
 
@@ -79,15 +85,19 @@ def solution_texts(solution: Solution) -> dict[str, str]:
     }
 
 
-def check_target(target: Path) -> None:
+def check_target(target: Path, record: str = RECORD) -> None:
     """Refuse a place where a folder could not be written, before any work is done for it; writes nothing.
+
+    Args:
+        target: the folder.
+        record: name of the record by which a folder of an earlier run of the same kind is known.
 
     Raises:
         ProblemError: when something else is in the place, or nothing can be written there.
     """
     if target.is_symlink() or (target.exists() and not target.is_dir()):
         raise ProblemError(f"cannot write {target}: something that is not a folder has that name; choose another --out")
-    if target.is_dir() and any(target.iterdir()) and not (target / RECORD).is_file():
+    if target.is_dir() and any(target.iterdir()) and not (target / record).is_file():
         raise ProblemError(f"cannot write {target}: it is a folder of something else; choose another --out or clear it")
     # Parents that are missing will be made, in the nearest one that exists.
     nearest = next((parent for parent in target.absolute().parents if parent.exists()), Path("/"))
@@ -95,12 +105,13 @@ def check_target(target: Path) -> None:
         raise ProblemError(f"cannot write {target}: {nearest} is not a writable folder; choose another --out")
 
 
-def write_folder(target: Path, files: Mapping[str, bytes]) -> Path:
+def write_folder(target: Path, files: Mapping[str, bytes], record: str = RECORD) -> Path:
     """Put a folder with these files in its place; a folder of an earlier run gives way, the user's files in it stay.
 
     Args:
         target: the folder.
         files: content by file name.
+        record: name of the record of this kind of folder, see ``check_target``.
 
     Returns:
         The folder.
@@ -109,7 +120,7 @@ def write_folder(target: Path, files: Mapping[str, bytes]) -> Path:
         ProblemError: when it cannot be written; then the old folder, if any, is as it was.
     """
     try:
-        check_target(target)
+        check_target(target, record)
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as workshop:
             _assemble(Path(workshop), files)

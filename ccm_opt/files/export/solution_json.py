@@ -3,12 +3,11 @@
 Strict JSON, without NaN or infinity.
 """
 
-import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 
 from ccm_opt.errors import Diagnosis
+from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
@@ -33,7 +32,7 @@ def solution_json(solution: Solution) -> str:
         "checks": [asdict(check) for check in solution.checks],
         "simulation": asdict(solution.simulation.verdict),
     }
-    return _text(record)
+    return strict_text(record)
 
 
 def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
@@ -50,7 +49,7 @@ def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: M
     """
     record = _record(problem, status, {})
     record |= {"metrics": {}, "timings": dict(timings), "checks": [], "diagnosis": asdict(diagnosis)}
-    return _text(record)
+    return strict_text(record)
 
 
 def _record(problem: Problem, status: str, versions: Mapping[str, str]) -> dict[str, object]:
@@ -62,24 +61,3 @@ def _record(problem: Problem, status: str, versions: Mapping[str, str]) -> dict[
         "versions": dict(versions),
         "seed": problem.planner.seed,
     }
-
-
-def _text(record: Mapping[str, object]) -> str:
-    return json.dumps(_strict(record), indent=2, ensure_ascii=False, allow_nan=False, default=_plain) + "\n"
-
-
-def _strict(value: object) -> object:
-    """The same value with null for every number that is not finite."""
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): _strict(item) for key, item in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_strict(item) for item in value]
-    return value
-
-
-def _plain(value: object) -> object:
-    """Numpy scalars and arrays, and mappings that are not dictionaries, as JSON knows them."""
-    convert = getattr(value, "tolist", None)
-    return _strict(convert()) if convert is not None else str(value)

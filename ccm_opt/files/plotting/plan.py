@@ -34,28 +34,28 @@ def plan_figure(solution: Solution, settings: PictureSettings = PICTURES) -> Fig
     """The same picture as a matplotlib figure, made without pyplot."""
     problem = solution.problem
     points = solution.joint_positions
-    layout = _layout(problem.workspace.boundary.bounds, settings)
+    layout = layout_of(problem.workspace.boundary.bounds, settings)
     figure = Figure(figsize=layout.size, dpi=settings.dots_per_inch)
     axes = figure.add_axes(layout.place)
     draw_workspace(axes, problem.workspace, settings)
     _draw_motion(axes, points, problem.arm.radius, settings.poses_on_the_way)
     for stop, k in zip(problem.stops, solution.trajectory.stops, strict=True):
         draw_body(axes, points[k], 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
-        _draw_goal(axes, stop.goal, points[k], label="")
-    _draw_goal(axes, problem.goal, points[-1], label="goals" if problem.stops else "goal")
-    _dress(figure, axes, f"{problem.name}: {solution.trajectory.duration:.2f} s")
+        draw_goal(axes, stop.goal, points[k], label="")
+    draw_goal(axes, problem.goal, points[-1], label="goals" if problem.stops else "goal")
+    dress(figure, axes, f"{problem.name}: {solution.trajectory.duration:.2f} s")
     return figure
 
 
 @dataclass(frozen=True)
-class _Layout:
+class PictureLayout:
     """Size of the figure [inch] and place of the drawing in it (left, bottom, width, height as shares)."""
 
     size: tuple[float, float]
     place: tuple[float, float, float, float]
 
 
-def _layout(bounds: tuple[float, float, float, float], settings: PictureSettings) -> _Layout:
+def layout_of(bounds: tuple[float, float, float, float], settings: PictureSettings) -> PictureLayout:
     """A figure as large as the room at its scale, with margins for labels, title and legend."""
     xmin, ymin, xmax, ymax = bounds
     scale = settings.longest_side / max(xmax - xmin, ymax - ymin)
@@ -63,7 +63,7 @@ def _layout(bounds: tuple[float, float, float, float], settings: PictureSettings
     height = max(settings.least_height, scale * (ymax - ymin))
     across = settings.left + width + settings.right
     up = settings.bottom + height + settings.top
-    return _Layout((across, up), (settings.left / across, settings.bottom / up, width / across, height / up))
+    return PictureLayout((across, up), (settings.left / across, settings.bottom / up, width / across, height / up))
 
 
 def _draw_motion(axes: Axes, points: FloatArray, radius: float, on_the_way: int) -> None:
@@ -83,7 +83,7 @@ def _even_steps(points: FloatArray, count: int) -> IntArray:
     return np.unique(np.searchsorted(travelled, wanted))
 
 
-def _draw_goal(axes: Axes, goal: Goal, end: FloatArray, label: str) -> None:
+def draw_goal(axes: Axes, goal: Goal, end: FloatArray, label: str) -> None:
     """An arrow at the goal, along its heading; only a ring where any heading will do, or for a whole pose."""
     wanted = goal.position if isinstance(goal, TipGoal) else end[-1]
     axes.plot(
@@ -99,7 +99,7 @@ def _draw_goal(axes: Axes, goal: Goal, end: FloatArray, label: str) -> None:
         )
 
 
-def _dress(figure: Figure, axes: Axes, title: str) -> None:
+def dress(figure: Figure, axes: Axes, title: str) -> None:
     """Title, axis labels, and the legend below the drawing."""
     axes.set_title(title, fontsize=10, loc="left", pad=8)
     axes.set_xlabel("x [m]")

@@ -53,6 +53,7 @@ class ArmPose:
         violation: largest violation of any row, in units of the arm's length.
         worst_row: name of that row.
         size: numbers of variables and rows.
+        broken: rows that are violated by more than what counts as kept, by name, and by how much each; the worst first.
     """
 
     headings: FloatArray
@@ -65,6 +66,7 @@ class ArmPose:
     violation: float
     worst_row: str
     size: tuple[int, int] = field(default=(0, 0))
+    broken: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def cost(self) -> float:
@@ -209,11 +211,14 @@ class PoseQuestion:
             max(float(violation[worst]), 0.0),
             names[worst],
             (len(variables), len(rows)),
+            _broken(names, violation, self.settings.feasible),
         )
 
     def _curve(self, variables: FloatArray) -> Configuration:
         knots = self.program.curve.count + 1
         arcs = variables[:knots] * self._length
+        if np.any(np.diff(arcs) <= 0.0):  # where the solver failed, knots may lie out of their order
+            arcs = np.linspace(0.0, self._length, knots)
         curvatures = variables[knots : 2 * knots] / self._length
         lengths = []
         values = []
@@ -260,6 +265,14 @@ def _largest(names: tuple[str, ...], multipliers: FloatArray, least: float) -> d
     return {names[row]: float(abs(multipliers[row])) for row in shaping}
 
 
+def _broken(names: tuple[str, ...], violation: FloatArray, allowed: float) -> dict[str, float]:
+    """Rows that are violated by more than is allowed, the worst first."""
+    order = np.argsort(-violation, kind="stable")
+    return {names[row]: float(violation[row]) for row in order if violation[row] > allowed}
+
+
 def _is_tie(name: str) -> bool:
     """Whether a row only ties variables together and asks nothing of the pose."""
+    if name.startswith("user: "):  # whatever its user calls it
+        return False
     return name.startswith("mapping") or "gap in" in name or "spline at" in name or "of its end" in name

@@ -1,0 +1,118 @@
+"""``ccm-opt pose``: the best pose at the goal of a problem, drawn and written, or a record of why there is none."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from rich.markup import escape
+
+from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.cli.solving import NO_TERMS, TermReferences
+from ccm_opt.cli.stage_clock import StageClock, stage_display
+from ccm_opt.cli.tables import report_console, stage_line, value_table
+from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError
+from ccm_opt.files.export.folder import POSE_RECORD, check_target
+from ccm_opt.files.export.pose_folder import write_pose, write_pose_failure
+from ccm_opt.files.export.pose_json import segment_words
+from ccm_opt.files.problem_file import load_problem
+from ccm_opt.problem import Problem
+from ccm_opt.solution import StaticPose
+from ccm_opt.user_terms.references import load_terms
+from ccm_opt.user_terms.terms import Constraint, Cost
+
+ROWS_SHOWN = 5
+"""Multipliers that the table shows; all are in the record."""
+
+
+def pose_files(files: Sequence[Path], out: Path, terms: TermReferences = NO_TERMS, *, pictures: bool) -> int:
+    """Find the best pose for every file; all are tried.
+
+    Args:
+        files: problem files.
+        out: directory of the output folders.
+        terms: user constraints and costs.
+        pictures: whether to draw.
+
+    Returns:
+        The exit code.
+    """
+    taken: dict[str, Path] = {}
+
+    def pose_one(file: Path) -> int:
+        problem = load_problem(file)
+        first = taken.setdefault(problem.name, file)
+        if first is not file:
+            raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
+        return _pose(problem, out, terms, pictures=pictures)
+
+    return run_all(files, pose_one)
+
+
+def _pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool) -> int:
+    check_target(out / problem.name, POSE_RECORD)
+    with stage_display(problem.name) as clock:
+        found = _found_or_recorded(problem, out, clock, terms)
+        clock("writing")
+        folder = write_pose(found, out, _pictures(found) if pictures else {})
+        clock.finish()
+    return print_result(lambda: _print(found, clock, folder), SOLVED)
+
+
+def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: TermReferences) -> StaticPose:
+    """Ask the static question; where there is no answer, the record of why is left in the output folder.
+
+    Raises:
+        NoPlanFound: its diagnosis is written to ``pose.json``.
+        KeyboardInterrupt: a record with the status ``cancelled`` is written.
+    """
+    clock("loading")
+    from ccm_opt.driver.finding_pose import find_pose  # noqa: PLC0415 - loads casadi
+
+    if terms != NO_TERMS:
+        constraints = load_terms(terms.constraints, Constraint)
+        costs = load_terms(terms.costs, Cost)
+        find_pose = partial(find_pose, constraints=constraints, costs=costs)
+    try:
+        return find_pose(problem, progress=clock)
+    except NoPlanFound as error:
+        write_pose_failure(problem, error.status, error.diagnosis, out, clock.timings)
+        raise
+    except KeyboardInterrupt:
+        diagnosis = Diagnosis("cancelled by the user", clock.current or "configuration")
+        write_pose_failure(problem, "cancelled", diagnosis, out, clock.timings)
+        raise
+
+
+def _pictures(found: StaticPose) -> Mapping[str, bytes]:
+    from ccm_opt.files.plotting.pose_picture import pose_png  # noqa: PLC0415 - loads matplotlib
+
+    return {"pose.png": pose_png(found)}
+
+
+def _print(found: StaticPose, clock: StageClock, folder: Path) -> None:
+    """Print the pose, on stdout."""
+    pose = found.pose
+    table = value_table(f"{found.problem.name}: best pose at the goal")
+    table.add_row("gap", f"{pose.gap:.4g}", f"{pose.wanted_gap:.4g}", "m", escape(found.nearest))
+    table.add_row("cost", f"{pose.cost:.4g}", "", "", escape(_parts(pose.costs)))
+    for name, miss in found.residuals.items():
+        table.add_row(escape(f"residual of '{name}'"), f"{miss:.2g}", "", "", "")
+    for name, multiplier in list(pose.multipliers.items())[:ROWS_SHOWN]:
+        table.add_row("multiplier", f"{multiplier:.3g}", "", "", escape(name))
+    for number, segment in enumerate(pose.curve.segments, start=1):
+        table.add_row(f"segment {number}", f"{segment.length:.4g}", "", "m", segment_words(segment))
+    variables, rows = pose.size
+    table.add_row("NLP", f"{pose.iterations}", "", "iterations", f"{variables} variables, {rows} rows: {pose.status}")
+    console = report_console()
+    console.print(table)
+    for outcome in found.outcomes:
+        cost = outcome.reason if outcome.cost is None else f"cost {outcome.cost:.4g}"
+        console.print(escape(f"  {outcome.start}: {cost}"), soft_wrap=True)
+    console.print(escape(stage_line(clock)), soft_wrap=True)
+    console.print(escape(f"written to {folder}"), soft_wrap=True)
+
+
+def _parts(costs: Mapping[str, float]) -> str:
+    """The parts of the objective that count, the largest first."""
+    parts = sorted(costs.items(), key=lambda item: -abs(item[1]))
+    return ", ".join(f"{name} {value:.3g}" for name, value in parts if abs(value) >= 5e-4)

@@ -1,0 +1,106 @@
+"""The static question alone: the best pose of the arm at the goal, without a motion to it."""
+
+from collections.abc import Callable, Sequence
+
+from ccm_opt.diagnosis.explain import refuse_impossible
+from ccm_opt.driver.pipeline import compiled_terms
+from ccm_opt.driver.pose_failure import failure_words, no_pose
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.errors import ProblemError
+from ccm_opt.ground.stages import Stages
+from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.planners.binding_sides import binding_sides
+from ccm_opt.planners.pose_over_routes import PoseTry, pose_search, pose_tries
+from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.solution import GoalPoseRecord, PoseOutcome, StaticPose
+from ccm_opt.user_terms.compiled_terms import UserTerms
+from ccm_opt.user_terms.terms import Constraint, Cost
+
+
+def find_pose(
+    problem: Problem,
+    *,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    progress: Callable[[str], None] | None = None,
+    settings: Settings | None = None,
+) -> StaticPose:
+    """Find the best pose of the arm at a problem's goal, by the goal-pose NLP from every route to it.
+
+    Of goals in sequence it is the last. Whether a motion leads to the pose is not asked: ``solve`` does that.
+
+    Args:
+        problem: with a goal for the tip, and an arm whose base stands still.
+        constraints: of the user; those that cover the goal are rows of the NLP.
+        costs: of the user; those that cover the goal are terms of its objective.
+        progress: called with the name of each stage when it starts.
+        settings: numbers of the stages; the defaults when None.
+
+    Returns:
+        The pose of least cost, which touches nothing, within the joint limits, with the tip at the goal.
+
+    Raises:
+        ProblemError: the goal is for the whole arm, so that there is nothing to find, or the base moves.
+        NoPlanFound: no pose was found; the diagnosis says what is missed, and whether that is proved.
+    """
+    stages = Stages(progress)
+    numbers = settings or DEFAULT_SETTINGS
+    refuse_other_questions(problem)
+    terms = compiled_terms(problem.arm, constraints, costs)
+    with stages("necessary checks"):
+        refuse_impossible(problem)
+        search = pose_search(problem, resolve_ends(problem, numbers.curve.motion.ends), terms, numbers.curve)
+    with stages("configuration"):
+        tries = sorted(pose_tries(search, numbers.curve), key=lambda each: each.cost)
+        if not tries or tries[0].best is None:
+            raise no_pose(problem, tries, terms, numbers)
+    return _answer(problem, tries, terms, stages)
+
+
+def refuse_other_questions(problem: Problem) -> None:
+    """Refuse problems that leave no pose at the goal to be found.
+
+    Raises:
+        ProblemError: saying why.
+    """
+    if not isinstance(problem.goal, TipGoal):
+        raise ProblemError("the goal is for the whole arm, so there is no pose to find; give goal.position instead")
+    if problem.arm.base_axes:
+        raise ProblemError("the base is on a feed axis; the static question is answered for a base that stands still")
+
+
+def _answer(problem: Problem, tries: Sequence[PoseTry], terms: UserTerms | None, stages: Stages) -> StaticPose:
+    """The pose of the first try, with all that is known of it."""
+    first = tries[0]
+    number = first.best or 0
+    pose = first.poses[number]
+    record = GoalPoseRecord(
+        reached=True,
+        reason="",
+        headings=pose.headings,
+        curve=pose.curve,
+        gap=pose.gap,
+        wanted_gap=first.search.wanted_gap,
+        costs=pose.costs,
+        multipliers=pose.multipliers,
+        iterations=pose.iterations,
+        size=pose.size,
+        status=pose.status,
+        tried=len(tries),
+    )
+    return StaticPose(
+        problem=problem,
+        pose=record,
+        nearest=first.search.nearest(pose.headings),
+        binding=binding_sides(first.search, pose, first.starts[number]),
+        residuals={} if terms is None else terms.residuals_at_goal(pose.headings),
+        outcomes=tuple(_outcome(each) for each in tries),
+        timings=dict(stages.timings),
+    )
+
+
+def _outcome(each: PoseTry) -> PoseOutcome:
+    if each.best is None:
+        return PoseOutcome(each.start, reason=failure_words(each))
+    pose = each.poses[each.best]
+    return PoseOutcome(each.start, pose.cost, pose.gap)

@@ -1,0 +1,137 @@
+"""Why no pose was found at the goal: what the nearest attempt misses, in words, and whether anything is proved."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.diagnosis.checks import failed
+from ccm_opt.diagnosis.ranking import ranked
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.errors import ConfigurationNotFound, Diagnosis
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
+from ccm_opt.planners.pose_over_routes import PoseTry, tried_from
+from ccm_opt.problem import Problem
+from ccm_opt.user_terms.compiled_terms import UserTerms
+
+ADVICE = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "free the goal heading")
+"""What may help when no constraint of the user is in the way."""
+
+
+def no_pose(
+    problem: Problem,
+    tries: Sequence[PoseTry],
+    terms: UserTerms | None,
+    settings: Settings = DEFAULT_SETTINGS,
+) -> ConfigurationNotFound:
+    """The error that says why no pose at the goal was found.
+
+    Args:
+        problem: what was asked.
+        tries: all of them without a feasible pose.
+        terms: the user's constraints and costs.
+        settings: how constraints are softened to find what misses them least.
+    """
+    findings = ranked(failed(problem))
+    missed = {} if findings else least_misses(tries, terms, settings)
+    evidence: dict[str, object] = {
+        "tried": [f"{each.start}: {failure_words(each)}" for each in tries],
+        "missed_constraints": missed,
+    }
+    if findings:
+        return ConfigurationNotFound(Diagnosis(findings[0].reason, "configuration", (), evidence, findings))
+    if missed:
+        advice = ("change the bounds or the goal", "make the constraint soft")
+        return ConfigurationNotFound(Diagnosis(missed_words(missed), "configuration", advice, evidence))
+    nearest = min((each for each in tries if each.poses), key=_miss, default=None)
+    reason = f"no pose was found at the goal from {len(tries)} beginnings"
+    if nearest is not None:
+        reason += f"; the nearest ({nearest.start}): {failure_words(nearest)}"
+    elif tries:
+        reason += f"; {tries[0].start}: {tries[0].reason}"
+    return ConfigurationNotFound(Diagnosis(reason, "configuration", ADVICE, evidence))
+
+
+def missed_words(missed: dict[str, float]) -> str:
+    """That constraints are missed at the goal, without the claim that this is proved."""
+    first = "; ".join(f"constraint '{name}', the nearest misses it by {miss:.4g}" for name, miss in missed.items())
+    return f"no pose was found at the goal that keeps {first} (not proved: another pose might)"
+
+
+def least_misses(
+    tries: Sequence[PoseTry], terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS
+) -> dict[str, float]:
+    """Hard constraints that the pose which misses them least still misses, and by how much, the worst first.
+
+    The same beginnings are improved once more, with the constraints softened. Nothing is missed, and the result is
+    empty, where that leads to no pose either: then other rows are in the way, too.
+    """
+    if terms is None or not terms.hard_at_goal:
+        return {}
+    found = [misses for each in tries if each.starts and (misses := _misses_from(each, terms, settings)) is not None]
+    # Where some beginning leads to a pose that misses fewer constraints, those alone are in the way.
+    best = min(found, key=lambda misses: (len(misses), sum(misses.values())), default={})
+    return dict(sorted(best.items(), key=lambda item: -item[1]))
+
+
+def _misses_from(each: PoseTry, terms: UserTerms, settings: Settings) -> dict[str, float] | None:
+    """What the pose misses to which one beginning leads when the constraints are soft; None when there is no pose."""
+    headings = each.starts[0]
+    found = None
+    for weight in settings.curve.elastic_weights:
+        softened = terms.softened(headings, weight)
+        again = tried_from(replace(each.search, terms=softened), each.start, headings)
+        if again.best is None:
+            break
+        headings = again.poses[again.best].headings
+        found = _worst_misses(terms, softened, headings, settings)
+    return found
+
+
+def _worst_misses(terms: UserTerms, softened: UserTerms, headings: FloatArray, settings: Settings) -> dict[str, float]:
+    """Hard constraints that a pose misses: what is missed, and what counts beside the worst of them."""
+    misses = terms.residuals_at_goal(headings)
+    weights = {item.constraint.name: item.constraint.weight for item in softened.constraints}
+    missed = {
+        item.constraint.name: misses[item.constraint.name]
+        for item in terms.hard_at_goal
+        if not misses[item.constraint.name] <= settings.user_terms.tolerance
+    }
+    # Compared as turns of the whole arm, for units differ. A penalty leaves constraints that could hold a little amiss.
+    turns = {name: np.sqrt(weights[name]) * miss for name, miss in missed.items()}
+    least = settings.curve.elastic_share * max(turns.values(), default=0.0)
+    return {name: miss for name, miss in missed.items() if not turns[name] < least}
+
+
+def _miss(each: PoseTry) -> float:
+    return min((pose.violation for pose in each.poses), default=np.inf)
+
+
+def failure_words(each: PoseTry) -> str:
+    """What the nearest pose of a try misses, in words; empty when one of its poses is feasible."""
+    if each.best is not None:
+        return ""
+    if not each.poses:
+        return each.reason
+    pose = min(each.poses, key=lambda pose: pose.violation)
+    if pose.violation > each.search.settings.feasible:
+        worst = list(pose.broken.items())[:3]
+        return f"it misses {', '.join(_row_words(name, by, pose, each) for name, by in worst)}"
+    return f"it touches something: {each.search.nearest(pose.headings)}"
+
+
+def _row_words(name: str, violation: float, pose: ArmPose, each: PoseTry) -> str:
+    """A row that is violated, in the user's terms."""
+    del pose
+    length = each.search.problem.arm.length
+    what, _, rest = name.partition(": ")
+    if what == "user":
+        return f"constraint '{rest}' by {violation:.4g}"
+    if "bend" in rest:
+        return f"the limit of {what} by {np.rad2deg(violation):.3g}°"
+    if "torque" in rest:
+        return f"the torque of {what} by {100.0 * violation:.3g} %"
+    if "region" in rest:
+        return f"the free region of {what} by {1e3 * length * violation:.3g} mm"
+    return f"its own links by {1e3 * length * violation:.3g} mm ({name})"

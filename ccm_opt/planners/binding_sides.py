@@ -1,0 +1,39 @@
+"""The sides of links' regions that a goal pose leans on, read from the names of rows with a multiplier."""
+
+import re
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
+from ccm_opt.planners.goal_pose import GoalPoseSearch
+from ccm_opt.planners.link_regions import link_regions
+from ccm_opt.solution import BindingSide
+
+_ROW = re.compile(r"link (\d+): side (\d+) of its region, at its (start|end)")
+"""What ``region_rows`` calls its rows."""
+
+
+def binding_sides(search: GoalPoseSearch, pose: ArmPose, start: FloatArray) -> tuple[BindingSide, ...]:
+    """The sides that a pose leans on, the largest multiplier first.
+
+    Args:
+        search: that found the pose.
+        pose: a solution of the NLP.
+        start: link headings about which its regions were drawn, shape (links,) [rad].
+    """
+    arm = search.problem.arm
+    normals = link_regions(arm, search.problem.workspace, start, search.settings).normals
+    points = arm.joint_positions(pose.headings)
+    sides = []
+    for name, multiplier in pose.multipliers.items():
+        row = _ROW.fullmatch(name)
+        if row is None:
+            continue
+        link = int(row[1])
+        place = points[link if row[3] == "end" else link - 1]
+        normal = normals[link - 1, int(row[2]) - 1]
+        sides.append(BindingSide(link, _pair(place), _pair(normal), multiplier))
+    return tuple(sides)
+
+
+def _pair(vector: FloatArray) -> tuple[float, float]:
+    return float(vector[0]), float(vector[1])

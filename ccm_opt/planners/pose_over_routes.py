@@ -1,0 +1,134 @@
+"""The static question alone: poses at the goal from every beginning that routes offer, by the goal-pose NLP."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from ccm_opt.errors import ConfigurationNotFound
+from ccm_opt.freespace.corridor import Route
+from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.motion.ends import Ends, clamped_arm
+from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
+from ccm_opt.nlp.configuration_task import ConfigurationTask
+from ccm_opt.nlp.find_configuration import attempt, attempts
+from ccm_opt.nlp.infeasibility import FailedAttempt, beyond_reach, diagnose
+from ccm_opt.planners.curve_guesses import configuration_task
+from ccm_opt.planners.curve_routes import find_routes, route_inflation
+from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
+from ccm_opt.planners.goal_pose import GoalPoseSearch, for_arm
+from ccm_opt.problem import Problem
+from ccm_opt.user_terms.compiled_terms import UserTerms
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTry:
+    """What came of one beginning.
+
+    Attributes:
+        start: where it began, in words.
+        search: that improved it.
+        poses: solutions of the NLP, each from the one before; none when there was nothing to begin with.
+        starts: link headings that each of them began with, of shape (links,) [rad].
+        reason: why there was nothing to begin with; empty when there was.
+    """
+
+    start: str
+    search: GoalPoseSearch
+    poses: tuple[ArmPose, ...] = ()
+    starts: tuple[FloatArray, ...] = ()
+    reason: str = ""
+
+    @property
+    def best(self) -> int | None:
+        """Which of the poses is the best feasible one; None when none is."""
+        feasible = [k for k, pose in enumerate(self.poses) if self.search.feasible(pose)]
+        return min(feasible, key=lambda k: self.poses[k].cost, default=None)
+
+    @property
+    def cost(self) -> float:
+        """That of the best pose; infinite without one."""
+        return float("inf") if self.best is None else self.poses[self.best].cost
+
+
+def pose_search(
+    problem: Problem,
+    ends: Ends,
+    terms: UserTerms | None = None,
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+) -> GoalPoseSearch:
+    """The goal-pose NLP for a problem whose goal is for the tip."""
+    arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
+    return GoalPoseSearch(for_arm(problem, arm), ends, ends.start, terms, settings.goal_pose)
+
+
+def pose_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> Iterator[PoseTry]:
+    """A try from a configuration of the curve along every route, shortest first.
+
+    Args:
+        search: for the problem.
+        settings: of routes and configurations.
+
+    Raises:
+        UnreachableGoal: there is no route that the arm is long enough for.
+    """
+    problem = search.problem
+    ends = search.ends
+    room = FreeSpace(problem.workspace, route_inflation(problem, ends, settings))
+    for number, route in enumerate(find_routes(problem, ends, room, settings), start=1):
+        start = f"route {number}, {route.length:.3f} m"
+        try:
+            beginnings = _along(problem, ends, room, route, settings)
+        except ConfigurationNotFound as error:
+            yield PoseTry(start, search, reason=error.diagnosis.reason)
+            continue
+        for letter, headings in zip("abcdefgh", beginnings, strict=False):
+            yield tried_from(search, f"{start}, {letter}" if len(beginnings) > 1 else start, headings)
+
+
+def tried_from(search: GoalPoseSearch, start: str, headings: FloatArray) -> PoseTry:
+    """The poses to which a beginning is improved."""
+    poses = search.improved(headings)
+    begun = (headings, *(pose.headings for pose in poses[:-1]))
+    return PoseTry(start, search, poses, begun)
+
+
+def _along(
+    problem: Problem, ends: Ends, room: FreeSpace, route: Route, settings: CurvePlannerSettings
+) -> list[FloatArray]:
+    """Link headings of different configurations of the curve along a route, at least one.
+
+    Raises:
+        ConfigurationNotFound: with all of its bend, too, the curve finds no way through the corridor.
+    """
+    for share in (settings.curvature_share, settings.full_curvature_share):
+        task = configuration_task(problem, ends, room, route, share, settings)
+        found, failures = _configurations(problem, task, settings)
+        if found:
+            return found
+    raise ConfigurationNotFound(beyond_reach(task) or diagnose(task, failures))
+
+
+def _configurations(
+    problem: Problem, task: ConfigurationTask, settings: CurvePlannerSettings
+) -> tuple[list[FloatArray], list[FailedAttempt]]:
+    """Different configurations through one corridor as link headings, and the attempts that failed."""
+    found: list[FloatArray] = []
+    failures: list[FailedAttempt] = []
+    if beyond_reach(task) is not None:
+        return found, failures
+    for regions, profile, bulge in islice(attempts(task), settings.further_attempts):
+        outcome = attempt(task, regions, profile, bulge)
+        if isinstance(outcome, FailedAttempt):
+            failures.append(outcome)
+            continue
+        headings = map_curve(problem.arm, outcome, problem.planner.mapping)
+        # The surplus length may swing to either side of the route: two poses of one class, and neither the better.
+        if all(np.max(np.abs(headings - other)) > settings.different for other in found):
+            found.append(headings)
+        if len(found) == settings.beginnings:
+            break
+    return found, failures
