@@ -1,0 +1,185 @@
+"""Cheap poses at the goal that cross nothing: drawn from the normal distribution of the objective without walls.
+
+The best pose of all usually lies in some class that the search did not come by. What the goal-pose NLP minimises is,
+walls and torque left aside, a quadratic form; with the tip at the goal it has a few minima, one for each number of
+whole turns and each elbow. Poses are drawn about these with costs up to what is known already, brought onto the goal,
+and those that cross a wall or themselves are thrown away. The cheapest that are left begin in the classes that are
+worth a solution of the NLP.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import shapely
+
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.angles import WHOLE_TURN
+from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.motion.limits.sweep_regions import WallSegments
+from ccm_opt.motion.link_space import fit_coordinates
+from ccm_opt.planners.pose_draw_settings import PoseDrawSettings
+from ccm_opt.planners.pose_energy import PoseEnergy
+from ccm_opt.planners.tip_equations import TipEquations
+
+
+@dataclass(frozen=True, eq=False)
+class CheapestPose:
+    """The cheapest pose at the goal without walls, among those with as many whole turns of the tip.
+
+    Attributes:
+        cost: its energy.
+        coordinates: shape (p,).
+        equations: of the tip, with its whole turns.
+    """
+
+    cost: float
+    coordinates: FloatArray
+    equations: TipEquations
+
+
+@dataclass(frozen=True, eq=False)
+class PoseDraws:
+    """Draws poses at the goal.
+
+    Attributes:
+        energy: of poses.
+        workspace: what they must not cross.
+        position: of the tip, shape (2,) [m].
+        heading: of the tip [rad], or None.
+        origin: link headings of the start of the motion, shape (links,) [rad].
+        near: link headings of a pose at the goal, shape (links,) [rad].
+        settings: numbers.
+    """
+
+    energy: PoseEnergy
+    workspace: Workspace
+    position: FloatArray
+    heading: float | None
+    origin: FloatArray
+    near: FloatArray
+    settings: PoseDrawSettings = field(default_factory=PoseDrawSettings)
+
+    @property
+    def least_cost(self) -> float:
+        """What the cheapest pose without walls costs; infinite when none was found."""
+        return min((pose.cost for pose in self.cheapest), default=np.inf)
+
+    def below(self, cost: float) -> FloatArray:
+        """Link headings of poses that cross nothing and cost less, the cheapest first, shape (m, links) [rad]."""
+        found = [self._about(pose, cost) for pose in self.cheapest if pose.cost < cost]
+        if not found:
+            return np.zeros((0, self.energy.space.arm.links))
+        coordinates = np.concatenate(found)
+        order = np.argsort(self.energy.cost(coordinates), kind="stable")
+        return self.energy.space.headings(coordinates[order])
+
+    @cached_property
+    def cheapest(self) -> tuple[CheapestPose, ...]:
+        """The cheapest poses without walls, one for each number of whole turns of the tip that has one."""
+        return tuple(pose for equations in self._tips() if (pose := self._descended(equations)) is not None)
+
+    @cached_property
+    def _rng(self) -> np.random.Generator:
+        return np.random.default_rng(self.settings.seed)
+
+    def _tips(self) -> Iterator[TipEquations]:
+        """The goal with every number of whole turns."""
+        space = self.energy.space
+        if self.heading is None:
+            yield TipEquations(space, self.position, None)
+            return
+        nearest = self.heading + WHOLE_TURN * np.round((self.origin[-1] - self.heading) / WHOLE_TURN)
+        for turns in range(-self.settings.whole_turns, self.settings.whole_turns + 1):
+            yield TipEquations(space, self.position, float(nearest + WHOLE_TURN * turns))
+
+    def _descended(self, equations: TipEquations) -> CheapestPose | None:
+        """The cheapest pose that descents from several starts arrive at; None when none meets the goal."""
+        space = self.energy.space
+        ends = np.array([self._coordinates(self.origin), self._coordinates(self.near)])
+        drawn = self.energy.drawn(self._rng, ends[0], np.full(self.settings.starts, self.settings.start_cost))
+        v = np.concatenate((ends, drawn))
+        price = np.zeros(len(v))
+        for _ in range(self.settings.descents):
+            v, price = self._descent(equations, v, price)
+        there = self._there(equations, space.headings(v))
+        costs = np.where(there, self.energy.cost(v), np.inf)
+        best = int(np.argmin(costs))
+        return CheapestPose(float(costs[best]), v[best], equations) if there[best] else None
+
+    def _descent(self, equations: TipEquations, v: FloatArray, price: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """One step of sequential quadratic programming for many poses, each as far as its merit falls most.
+
+        The merit is the energy and, at a price a little above the multipliers, what the tip misses: an exact penalty.
+        """
+        settings = self.settings
+        down = self.energy.descent(v)
+        change, multipliers = equations.correction(self.energy.space.headings(v), self.energy.inverse, down)
+        step = self._shortened(down + change)
+        price = np.maximum(settings.forgetting * price, settings.penalty * np.abs(multipliers).max(axis=1))
+        tried = v + np.array(settings.line)[:, None, None] * step
+        miss = np.abs(equations.miss(self.energy.space.headings(tried))).sum(axis=-1)
+        best = np.argmin(self.energy.cost(tried) + price * miss, axis=0)
+        return tried[best, np.arange(len(v))], price
+
+    def _about(self, pose: CheapestPose, cost: float) -> FloatArray:
+        """Coordinates of poses about a cheapest one that cross nothing and cost less, shape (m, p)."""
+        settings = self.settings
+        space = self.energy.space
+        for _ in range(settings.batches):
+            shares = self._rng.uniform(0.0, settings.spread, settings.draws)
+            shares[0] = 0.0
+            v = self.energy.drawn(self._rng, pose.coordinates, shares * (cost - pose.cost))
+            for _ in range(settings.newton_steps):
+                v = v + self._shortened(pose.equations.correction(space.headings(v), self.energy.inverse)[0])
+            v = v[self._there(pose.equations, space.headings(v)) & (self.energy.cost(v) < cost)]
+            v = v[self._crossing_nothing(space.headings(v))]
+            if len(v):
+                break
+        return v
+
+    def _shortened(self, step: FloatArray) -> FloatArray:
+        """Steps that turn no link too far, shape (m, p)."""
+        turns = np.abs(step @ self.energy.space.matrix.T).max(axis=1)
+        shortened: FloatArray = step * np.minimum(1.0, self.settings.longest_turn / np.maximum(turns, 1e-12))[:, None]
+        return shortened
+
+    def _there(self, equations: TipEquations, headings: FloatArray) -> BoolArray:
+        """Which poses are at the goal and within the joint limits, shape (m, links) to (m,)."""
+        arm = self.energy.space.arm
+        there: BoolArray = np.abs(equations.miss(headings)).max(axis=1) < self.settings.near_enough
+        within: BoolArray = np.all(np.abs(arm.bends(headings)) <= arm.bend_limits, axis=1)
+        return there & within
+
+    def _crossing_nothing(self, headings: FloatArray) -> BoolArray:
+        """Which poses cross neither a wall nor themselves, shape (m, links) to (m,)."""
+        arm = self.energy.space.arm
+        free = np.ones(len(headings), dtype=bool)
+        if len(headings) == 0:
+            return free
+        points = arm.joint_positions(headings)
+        off = self.settings.kept_off * (arm.radius + self.workspace.clearance)
+        axes: Any = shapely.linestrings(self._behind_mount(points))
+        rounding = self._walls.rounding
+        meeting, wall = self._walls.tree.query(axes, predicate="dwithin", distance=off + rounding.max(initial=0.0))
+        gaps = shapely.distance(axes[meeting], self._walls.tree.geometries[wall]) - rounding[wall]
+        free[meeting[gaps < off]] = False
+        if arm.self_collision:
+            free &= shapely.is_simple(shapely.linestrings(points))
+        return free
+
+    @cached_property
+    def _walls(self) -> WallSegments:
+        return WallSegments.from_workspace(self.workspace)
+
+    def _behind_mount(self, points: FloatArray) -> FloatArray:
+        """Where the mount ends and all joints behind it, shape (m, k, 2) [m]."""
+        link, share = self.energy.space.arm.mount_end
+        end = points[:, link] + share * (points[:, link + 1] - points[:, link])
+        return np.concatenate((end[:, None], points[:, link + 1 :]), axis=1)
+
+    def _coordinates(self, headings: FloatArray) -> FloatArray:
+        space = self.energy.space
+        return fit_coordinates(space.matrix, headings - space.offset, space.arm.length)
