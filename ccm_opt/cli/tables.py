@@ -10,8 +10,9 @@ from rich.table import Table
 
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.stage_clock import StageClock
+from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.solution import Check, SimulationVerdict, Solution
+from ccm_opt.solution import Check, RoomRecord, SimulationVerdict, Solution
 
 SUMMARY = {
     "goal position": "tip error",
@@ -51,9 +52,17 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     table.add_row("simulation", *verdict_cells(solution.simulation.verdict))
     console = report_console()
     console.print(table)
+    print_room(console, solution.room)
     console.print(f"all {len(solution.checks)} checks of the verifier hold")
     console.print(escape(stage_line(clock)), soft_wrap=True)
     console.print(escape(f"written to {folder}"), soft_wrap=True)
+
+
+def print_room(console: Console, room: RoomRecord | None) -> None:
+    """Print how much room a motion keeps, a sentence a line; nothing where nobody measured it."""
+    if room is not None:
+        for sentence in room_sentences(room):
+            console.print(escape(sentence), soft_wrap=True)
 
 
 def checks_table(title: str, checks: Sequence[Check]) -> Table:

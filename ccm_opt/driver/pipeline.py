@@ -7,6 +7,7 @@ from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.closed_loop import simulate_and_check
+from ccm_opt.driver.plan_room import room_of
 from ccm_opt.driver.planner_choice import default_planner
 from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
@@ -93,9 +94,11 @@ def solve(
             explanation = explained(problem, failure, trials)
         raise explanation from failure
 
+    with stages("room"):
+        room = room_of(problem, plan.trajectory, numbers)
     with stages("simulation"):
         simulated, of_simulation = simulate_and_check(problem, plan.trajectory, plan.joints, numbers)
-    return assembled(problem, plan, simulated, of_simulation, stages.timings)
+    return assembled(problem, plan, simulated, of_simulation, stages.timings, room)
 
 
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms | None:

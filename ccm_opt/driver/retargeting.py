@@ -9,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 from ccm_opt import retiming
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.pipeline import compiled_terms, solve
+from ccm_opt.driver.plan_room import room_of
 from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
@@ -84,6 +85,8 @@ def retarget(
         checks = verified(whole, trajectory, joints, numbers.verification)
         terms = compiled_terms(arm, constraints, costs)
         of_terms = results_of_terms(terms, arm, leg.path, leg.trajectory, numbers.user_terms)
+    with stages("room"):
+        room = room_of(whole, trajectory, numbers)
     with stages("simulation"):
         simulated, of_simulation = simulate_and_check(whole, trajectory, joints, numbers)
     plan = VerifiedPlan(_path(first, leg.path, onward, time), trajectory, joints, checks, of_terms)
@@ -91,7 +94,7 @@ def retarget(
     spent = dict(leg.timings)
     for name, seconds in stages.timings.items():
         spent[name] = spent.get(name, 0.0) + seconds
-    return assembled(whole, plan, simulated, of_simulation, spent)
+    return assembled(whole, plan, simulated, of_simulation, spent, room)
 
 
 def _check(solution: Solution, time: float) -> None:

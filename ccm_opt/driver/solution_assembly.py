@@ -7,7 +7,7 @@ from importlib.metadata import version
 from ccm_opt.driver.metrics import metrics
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.problem import Problem
-from ccm_opt.solution import SimulatedMotion, Solution
+from ccm_opt.solution import RoomRecord, SimulatedMotion, Solution
 
 PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
 """Packages that a result depends on."""
@@ -19,6 +19,7 @@ def assembled(
     simulated: SimulatedMotion,
     of_simulation: Mapping[str, float],
     timings: Mapping[str, float],
+    room: RoomRecord,
 ) -> Solution:
     """The solution of a problem.
 
@@ -28,6 +29,7 @@ def assembled(
         simulated: what the simulated arm did.
         of_simulation: figures of merit of that.
         timings: CPU time of every stage [s].
+        room: that the motion keeps.
     """
     figures = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
     return Solution(
@@ -40,6 +42,7 @@ def assembled(
         metrics={**figures, **of_simulation, **plan.of_terms.figures},
         timings=dict(timings),
         versions=versions(),
+        room=room,
     )
 
 

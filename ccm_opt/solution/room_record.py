@@ -18,26 +18,26 @@ class NearPlace:
     """Where one link is near something, at one time.
 
     Attributes:
-        gap: beyond contact: between the surfaces, the clearance subtracted where the other is a wall [m]; inf where
-            there is nothing to be near to.
+        gap: beyond contact: between the surfaces, the clearance subtracted where the other is a wall [m]; where nothing
+            is within reach, the reach.
         wanted: gap that is wanted of this pair [m]; links that are not far apart along the arm cannot keep it all.
         time: when [s].
-        link: from 1.
+        link: from 1; 0 where nothing is within reach.
         obstacle: name of the wall; empty where the other is a link.
         second_link: from 1; 0 where the other is a wall.
     """
 
-    gap: float = np.inf
-    wanted: float = 0.0
-    time: float = 0.0
-    link: int = 0
+    gap: float
+    wanted: float
+    time: float
+    link: int
     obstacle: str = ""
     second_link: int = 0
 
     @property
     def pair(self) -> str:
         """Both bodies in words."""
-        if not np.isfinite(self.gap):
+        if not self.link:
             return "nothing is near"
         other = f"link {self.second_link}" if self.second_link else f"'{self.obstacle}'"
         return f"link {self.link} to {other}"
@@ -78,24 +78,28 @@ class PossibleGap:
 
 @dataclass(frozen=True, eq=False)
 class RoomRecord:
-    """The room that a timed motion keeps between samples and at them; see ``verification.room_over_time``.
+    """The room that a timed motion keeps at all times; ``verification.room_over_time`` makes it.
 
     Attributes:
+        time: of the samples whose gaps follow, the motion's ends and stops among them, shape (N,) [s].
         wanted: gap that was wanted [m]; 0 when none was.
         clearance: that walls must be kept beyond contact of the surfaces; gaps begin where it ends [m].
-        wall_gaps: least gap to a wall at every sample, shape (T,) [m].
-        self_gaps: least gap between two links at every sample, shape (T,) [m]; inf when the arm cannot meet itself.
-        nearest: the least gap of the whole motion.
+        wall_gaps: least gap to a wall at those samples, shape (N,) [m].
+        self_gaps: least gap between two links at those samples, shape (N,) [m].
+        reach: gaps beyond it are not told apart and stand as this in the arrays [m].
+        nearest: the least gap of the whole motion, between samples too.
         ends: the least gap at the start, at every stop and at the goal, in order.
         short: stretches that have less than the wanted gap, in order.
         possible: the gap that can be kept; None where it is not known.
         price: time that the wanted gap costs against the same plan without one [s]; None where that is not known.
     """
 
+    time: FloatArray
     wanted: float
     clearance: float
     wall_gaps: FloatArray
     self_gaps: FloatArray
+    reach: float
     nearest: NearPlace
     ends: tuple[NearPlace, ...]
     short: tuple[ShortStretch, ...] = ()
@@ -104,7 +108,7 @@ class RoomRecord:
 
     @property
     def gaps(self) -> FloatArray:
-        """Least gap to anything at every sample, shape (T,) [m]."""
+        """Least gap to anything at the samples, shape (N,) [m]."""
         return np.minimum(self.wall_gaps, self.self_gaps)
 
     @property

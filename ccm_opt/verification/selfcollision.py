@@ -51,14 +51,14 @@ def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
         k = pairs.node
         i = pairs.link
         j = pairs.other
-        distance = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
-        return distance - thickness, nodes.half[k] * _relative_travel(motion, nodes.interval[k], i, j)
+        return self_distances(arm, poses, pairs), nodes.half[k] * _relative_travel(motion, nodes.interval[k], i, j)
 
     nodes = motion.whole()
     nearest = _probe(motion, evaluate, nodes, settings.pair_probes)
     # Links that are farther apart than this at the middle of an interval come no nearer than the nearest known pair.
     look = thickness + max(least, min(nearest.gap, arm.link_length))
-    pairs = _candidates(motion, motion.poses(nodes), look)
+    # To the ends of an interval, half of it away, the links between the two turn by half of what they turn in all.
+    pairs = _candidates(arm, motion.poses(nodes), 0.5 * motion.turned, look)
     return prove_apart(motion, pairs, evaluate, least, nearest, settings)
 
 
@@ -78,9 +78,39 @@ def _relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.nd
     return np.asarray(motion.arm.link_length * (np.minimum(turned, (j + 2) * bent - weighted) + rounding))
 
 
-def _candidates(motion: ChainMotion, poses: FloatArray, look: float) -> Pairs:
-    """Pairs whose links' middles are near enough for the pair to matter at the middle of an interval."""
-    arm = motion.arm
+def pairs_within(arm: Arm, poses: FloatArray, reach: float) -> Pairs:
+    """Pairs of distant links that may have their surfaces within a reach of each other, and few others.
+
+    Args:
+        arm: with distant links.
+        poses: joint and tip positions, shape (N, links + 1, 2) [m].
+        reach: [m].
+
+    Returns:
+        The pairs, their nodes being the numbers of the poses.
+    """
+    still = np.zeros((len(poses), arm.links + 1))
+    return _candidates(arm, poses, still, reach + 2.0 * arm.radius)
+
+
+def self_distances(arm: Arm, poses: FloatArray, pairs: Pairs) -> FloatArray:
+    """Gaps between the surfaces of pairs of links, shape (P,) [m]."""
+    k = pairs.node
+    i = pairs.link
+    j = pairs.other
+    distance = segment_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1])
+    return np.asarray(distance - 2.0 * arm.radius)
+
+
+def _candidates(arm: Arm, poses: FloatArray, turned: FloatArray, look: float) -> Pairs:
+    """Pairs whose links' middles are near enough for the pair to matter around a pose.
+
+    Args:
+        arm: with distant links.
+        poses: joint and tip positions, shape (N, links + 1, 2) [m].
+        turned: running sum of what the links turn around a pose, shape (N, links + 1) [rad].
+        look: distance of two axes that matters [m].
+    """
     middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
     x = np.ascontiguousarray(middles[..., 0])
     y = np.ascontiguousarray(middles[..., 1])
@@ -88,8 +118,7 @@ def _candidates(motion: ChainMotion, poses: FloatArray, look: float) -> Pairs:
     for apart in range(first_distant(arm), arm.links):
         dx = x[:, apart:] - x[:, :-apart]
         dy = y[:, apart:] - y[:, :-apart]
-        # To the ends of an interval, half of it away, the links between the two turn by half of what they turn in all.
-        travel = 0.5 * arm.link_length * (motion.turned[:, apart + 1 :] - motion.turned[:, : -apart - 1])
+        travel = arm.link_length * (turned[:, apart + 1 :] - turned[:, : -apart - 1])
         # Middles of links are at most half a link each from the places where the links are nearest.
         reach = arm.link_length * (1.0 + 1e-9) + look + travel
         node, first = np.nonzero(dx * dx + dy * dy <= reach * reach)

@@ -105,6 +105,44 @@ def nearest_wall(
     return verdict, edges.names[edges.owner[verdict.nearest.other]]
 
 
+@dataclass(frozen=True)
+class WallGaps:
+    """Measures gaps between poses of an arm and the walls.
+
+    Attributes:
+        arm: the arm.
+        workspace: the room.
+    """
+
+    arm: Arm
+    workspace: Workspace
+
+    @cached_property
+    def edges(self) -> WallEdges:
+        """The walls' edges."""
+        return wall_edges(self.workspace)
+
+    def within(self, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
+        """Pairs of an exposed link and an edge whose surfaces are no farther apart than a reach.
+
+        Args:
+            poses: joint and tip positions, shape (N, links + 1, 2) [m].
+            reach: [m].
+
+        Returns:
+            The pairs, their nodes being the numbers of the poses, and the gaps between their surfaces, shape (P,) [m].
+        """
+        exposed = exposed_starts(self.arm)
+        links = np.flatnonzero(exposed < 1.0)
+        look = np.full((len(poses), len(links)), reach + self.arm.radius)
+        pairs = _candidates(poses, self.edges, exposed, links, look)
+        start, end = _axis(poses, pairs.node, pairs.link, exposed)
+        distance = segment_distances(start, end, self.edges.start[pairs.other], self.edges.end[pairs.other])
+        gap = distance - self.edges.rounding[pairs.other] - self.arm.radius
+        near = gap <= reach
+        return pairs.where(near), gap[near]
+
+
 def exposed_starts(arm: Arm) -> FloatArray:
     """Share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link.
 

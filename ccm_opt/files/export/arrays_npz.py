@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.solution import Solution
+from ccm_opt.solution import RoomRecord, Solution
 
 
 def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
@@ -26,6 +26,7 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "simulated_torques": solution.simulation.torques,
         "stops": np.array(solution.trajectory.stops, dtype=np.int64),
         **_feed_arrays(solution),
+        **_room_arrays(solution.room),
     }
 
 
@@ -41,6 +42,13 @@ def _feed_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "simulated_feed": solution.simulation.base_positions,
     }
     return {name: column for name, values in columns.items() for column in values.T}
+
+
+def _room_arrays(room: RoomRecord | None) -> dict[str, npt.NDArray[np.generic]]:
+    """Gaps over time; nothing where nobody measured them."""
+    if room is None:
+        return {}
+    return {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}
 
 
 def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]]) -> bytes:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from ccm_opt.errors import Diagnosis
+from ccm_opt.files.export.goal_pose_json import goal_pose_data
+from ccm_opt.files.export.room_json import room_data
 from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.problem import Problem
@@ -32,6 +34,10 @@ def solution_json(solution: Solution) -> str:
         "checks": [asdict(check) for check in solution.checks],
         "simulation": asdict(solution.simulation.verdict),
     }
+    if solution.room is not None:
+        record["room"] = room_data(solution.room)
+    if solution.path.goal_pose is not None:
+        record["goal_pose"] = goal_pose_data(solution.path.goal_pose)
     return strict_text(record)
 
 

@@ -1,0 +1,249 @@
+"""The room that a timed motion keeps: its gaps to walls and to itself over time, and where they are least.
+
+Like all of the verifier it measures the motion itself, linear between samples, and asks no planner. The gaps over time
+are those at some of the samples; the least gap is looked for at all times, by the halving that proves bodies apart.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import Problem
+from ccm_opt.solution import JointTrajectory, NearPlace, RoomRecord, ShortStretch
+from ccm_opt.solution.room_record import ShortCause
+from ccm_opt.verification.bisection import Pairs
+from ccm_opt.verification.link_motion import ChainMotion, Nodes
+from ccm_opt.verification.room_settings import DEFAULT_ROOM, RoomSettings
+from ccm_opt.verification.selfcollision import first_distant, nearest_links, pairs_within, self_distances
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+from ccm_opt.verification.wall_clearance import WallGaps, nearest_wall
+
+
+@dataclass(frozen=True)
+class _GapsAtSamples:
+    """The pair that is nearest at each sample that is looked at, each array of shape (N,).
+
+    Attributes:
+        gap: [m]; the reach where no pair is within it.
+        wanted: gap that is wanted of the pair [m].
+        link: from 1; 0 where no pair is within reach.
+        obstacle: number of the wall, or -1.
+        second_link: from 1, or 0.
+    """
+
+    gap: FloatArray
+    wanted: FloatArray
+    link: IntArray
+    obstacle: IntArray
+    second_link: IntArray
+
+    @property
+    def lack(self) -> FloatArray:
+        """How much of the wanted gap is missing, shape (N,) [m]; negative where there is more."""
+        return self.wanted - self.gap
+
+    def where(self, choose: BoolArray, other: "_GapsAtSamples") -> "_GapsAtSamples":
+        """These gaps at the samples of a mask, the others elsewhere."""
+        return _GapsAtSamples(
+            *(np.where(choose, mine, theirs) for mine, theirs in zip(_columns(self), _columns(other), strict=True))
+        )
+
+
+def _columns(gaps: _GapsAtSamples) -> tuple[np.ndarray, ...]:
+    return gaps.gap, gaps.wanted, gaps.link, gaps.obstacle, gaps.second_link
+
+
+def room_over_time(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    wanted: float,
+    settings: RoomSettings = DEFAULT_ROOM,
+    verification: VerificationSettings = DEFAULT_VERIFICATION,
+) -> RoomRecord:
+    """The room that a motion keeps.
+
+    Args:
+        problem: what was asked.
+        trajectory: the planar motion, which passes the verifier.
+        wanted: gap that was wanted [m]; 0 when none was.
+        settings: what counts as enough, and how far is looked.
+        verification: how finely the least gap is looked for between samples.
+
+    Returns:
+        The record; nothing is said in it of what would have been possible, or of the price.
+    """
+    return _Room(problem, trajectory, wanted, settings, verification).record()
+
+
+@dataclass(frozen=True)
+class _Room:
+    """One motion in one room; attributes as for ``room_over_time``."""
+
+    problem: Problem
+    trajectory: JointTrajectory
+    wanted: float
+    settings: RoomSettings
+    verification: VerificationSettings
+
+    @property
+    def _motion(self) -> ChainMotion:
+        return ChainMotion(self.problem.arm, self.trajectory.time, self.trajectory.positions)
+
+    @cached_property
+    def _samples(self) -> IntArray:
+        """Numbers of the samples that are looked at: evenly spread in time, and all at which the arm rests."""
+        time = self.trajectory.time
+        spread = np.searchsorted(time, np.linspace(0.0, time[-1], self.settings.samples))
+        return np.unique([0, *np.minimum(spread, len(time) - 1), *self.trajectory.stops, len(time) - 1])
+
+    @property
+    def _reach(self) -> float:
+        return max(self.settings.reach * self.problem.arm.length, self.settings.reach_wanted * self.wanted)
+
+    def record(self) -> RoomRecord:
+        """All of it."""
+        motion = self._motion
+        samples = self._samples
+        poses = motion.poses(_at_samples(samples, len(motion.time)))
+        to_walls = self._wall_gaps(poses)
+        to_itself, itself_lacks = self._self_gaps(poses)
+        # What is nearest and what misses most of its wanted gap may be two pairs: links near along the arm want less.
+        nearest = to_walls.where(to_walls.gap <= to_itself.gap, to_itself)
+        lacking = to_walls.where(to_walls.lack >= itself_lacks.lack, itself_lacks)
+        rests = np.searchsorted(samples, [0, *self.trajectory.stops, len(motion.time) - 1]).tolist()
+        return RoomRecord(
+            time=self.trajectory.time[samples],
+            wanted=self.wanted,
+            clearance=self.problem.workspace.clearance,
+            wall_gaps=to_walls.gap,
+            self_gaps=to_itself.gap,
+            reach=self._reach,
+            nearest=self._nearest(motion, nearest),
+            ends=tuple(self._place(nearest, sample) for sample in rests),
+            short=tuple(self._short(lacking, rests)),
+        )
+
+    def _wall_gaps(self, poses: FloatArray) -> _GapsAtSamples:
+        """The nearest wall at every sample looked at."""
+        arm = self.problem.arm
+        clearance = self.problem.workspace.clearance
+        found = WallGaps(arm, self.problem.workspace)
+        pairs, distance = found.within(poses, self._reach + clearance)
+        best = _first_of_each(pairs.node, distance, len(poses))
+        gap = _filled(best, distance - clearance, self._reach)
+        wall = np.append(found.edges.owner[pairs.other], -1)[best]
+        none = np.zeros(len(poses), dtype=np.int64)
+        return _GapsAtSamples(gap, np.full(len(poses), self.wanted), _numbered(best, pairs.link), wall, none)
+
+    def _self_gaps(self, poses: FloatArray) -> tuple[_GapsAtSamples, _GapsAtSamples]:
+        """The two links that are nearest at every sample looked at, and those that miss most of what they want."""
+        arm = self.problem.arm
+        pairs = Pairs(*(np.zeros(0, dtype=np.int64) for _ in range(3)))
+        if arm.self_collision and first_distant(arm) < arm.links:
+            pairs = pairs_within(arm, poses, self._reach)
+        distance = self_distances(arm, poses, pairs)
+        wanted = arm.link_margins(pairs.link, pairs.other, self.wanted)
+
+        def chosen(least: FloatArray) -> _GapsAtSamples:
+            best = _first_of_each(pairs.node, least, len(poses))
+            none = np.full(len(poses), -1)
+            return _GapsAtSamples(
+                _filled(best, distance, self._reach),
+                _filled(best, wanted, self.wanted),
+                _numbered(best, pairs.link),
+                none,
+                _numbered(best, pairs.other),
+            )
+
+        nearest = chosen(distance)
+        return nearest, chosen(distance - wanted) if self.wanted > 0.0 else nearest
+
+    def _nearest(self, motion: ChainMotion, at_samples: _GapsAtSamples) -> NearPlace:
+        """The least gap of all times: at a sample or between two, as the proofs of the checks know it."""
+        known = [self._place(at_samples, int(np.argmin(at_samples.gap)))]
+        workspace = self.problem.workspace
+        to_wall = nearest_wall(motion, workspace, self.verification)
+        if to_wall is not None:
+            verdict, name = to_wall
+            near = verdict.nearest
+            known.append(
+                NearPlace(near.gap - workspace.clearance, self.wanted, near.time, near.link + 1, obstacle=name)
+            )
+        to_link = nearest_links(motion, self.verification) if self.problem.arm.self_collision else None
+        if to_link is not None:
+            near = to_link.nearest
+            wanted = _wanted_of_pair(self.problem.arm, near.link, near.other, self.wanted)
+            known.append(NearPlace(near.gap, wanted, near.time, near.link + 1, second_link=near.other + 1))
+        return min(known, key=lambda place: place.gap)
+
+    def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:
+        """What stands at one sample."""
+        wall = int(gaps.obstacle[sample])
+        return NearPlace(
+            float(gaps.gap[sample]),
+            float(gaps.wanted[sample]),
+            float(self.trajectory.time[self._samples[sample]]),
+            int(gaps.link[sample]),
+            self.problem.workspace.walls[wall].name if wall >= 0 else "",
+            int(gaps.second_link[sample]),
+        )
+
+    def _short(self, gaps: _GapsAtSamples, rests: list[int]) -> Iterator[ShortStretch]:
+        """Stretches with less than enough of what is wanted, each with its cause."""
+        few = gaps.lack > (1.0 - self.settings.enough) * self.wanted
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], few, [False])).astype(np.int8)))
+        for first, end in edges.reshape(-1, 2):
+            last = end - 1
+            worst = first + int(np.argmax(gaps.lack[first:end]))
+            cause = self._cause(gaps, rests, (int(first), int(last)), float(gaps.lack[worst]))
+            yield ShortStretch(
+                float(self.trajectory.time[self._samples[first]]),
+                float(self.trajectory.time[self._samples[last]]),
+                self._place(gaps, worst),
+                cause,
+            )
+
+    def _cause(self, gaps: _GapsAtSamples, rests: list[int], stretch: tuple[int, int], lack: float) -> ShortCause:
+        """A pose at which the arm rests, where it misses as much as any other of the stretch; else the way."""
+        for number, sample in enumerate(rests):
+            inside = stretch[0] <= sample <= stretch[1]
+            if inside and gaps.lack[sample] >= lack - self.verification.report_resolution:
+                if number == 0:
+                    return "start"
+                return "goal" if number == len(rests) - 1 else "stop"
+        return "passage"
+
+
+def _at_samples(numbers: IntArray, count: int) -> Nodes:
+    """A stretch of no length at each of some samples, of so many in all."""
+    last = numbers == count - 1
+    return Nodes(numbers - last, last.astype(np.float64), np.zeros(len(numbers)))
+
+
+def _first_of_each(node: IntArray, least: FloatArray, count: int) -> IntArray:
+    """Number of the item with the least value of each node, shape (count,); -1 for a node without any."""
+    lowest = np.full(count, np.inf)
+    np.minimum.at(lowest, node, least)
+    lowest_items = np.flatnonzero(least == lowest[node])
+    best = np.full(count, -1)
+    best[node[lowest_items]] = lowest_items
+    return best
+
+
+def _filled(best: IntArray, values: FloatArray, otherwise: float) -> FloatArray:
+    """The chosen values, shape (N,), and another one where none is chosen."""
+    return np.append(values, otherwise)[best]
+
+
+def _numbered(best: IntArray, numbers: IntArray) -> IntArray:
+    """The chosen numbers counted from 1, shape (N,), and 0 where none is chosen."""
+    counted: IntArray = np.append(numbers + 1, 0)[best]
+    return counted
+
+
+def _wanted_of_pair(arm: Arm, first: int, second: int, wanted: float) -> float:
+    return float(arm.link_margins(np.array([first]), np.array([second]), wanted)[0])

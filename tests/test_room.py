@@ -1,0 +1,178 @@
+"""The room that a motion keeps: measured like an independent sweep, explained, and bounded from above."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.diagnosis.possible_gap import possible_gap
+from ccm_opt.files.report.room_words import room_sentences
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.problem import JointPose, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.solution import JointTrajectory, PossibleGap, RoomRecord
+from ccm_opt.verification.room_over_time import room_over_time
+from ccm_opt.verification.room_settings import RoomSettings
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
+
+from .arms import plain_arm
+from .test_verification import ROOM, make_case, quintic, random_motion, random_obstacles
+
+POST = Obstacle("post", shapely.Point(0.3, 0.12), 0.02)
+
+
+def swept_gap(problem: Problem, time: FloatArray, bends: FloatArray, poses: int = 1500) -> float:
+    """Least gap beyond contact over many poses of a motion, by shapely alone."""
+    arm = problem.arm
+    moments = np.linspace(time[0], time[-1], poses)
+    swept = np.stack([np.interp(moments, time, column) for column in bends.T], axis=1)
+    points = arm.joint_positions(arm.headings(swept))
+    # The mount is cut off: its links whole, and the beginning of the one on which it ends.
+    cut, share = arm.mount_end
+    exposed = points[:, cut:].copy()
+    exposed[:, 0] += share * (points[:, cut + 1] - points[:, cut])
+    arms = shapely.linestrings(exposed)
+    walls = [float(np.min(shapely.distance(arms, wall.core))) - wall.rounding for wall in problem.workspace.walls]
+    least = min(walls) - arm.radius - problem.workspace.clearance
+    links = shapely.linestrings(np.stack((points[:, :-1], points[:, 1:]), axis=2))
+    for i in range(arm.links):
+        for j in range(i + arm.first_self_pair, arm.links):
+            least = min(least, float(np.min(shapely.distance(links[:, i], links[:, j]))) - 2.0 * arm.radius)
+    return least
+
+
+def room_of_motion(problem: Problem, time: FloatArray, bends: FloatArray, wanted: float = 0.0) -> RoomRecord:
+    """The record of a motion of which only the poses matter."""
+    still = np.zeros_like(bends)
+    return room_over_time(problem, JointTrajectory(time, bends, still, still), wanted)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    radius=st.floats(0.0, 0.03),
+    clearance=st.floats(0.0, 0.01),
+    mount=st.floats(0.0, 0.25),
+)
+def test_the_least_gap_is_that_of_a_dense_sweep(seed: int, radius: float, clearance: float, mount: float) -> None:
+    """The record's least gap is the least of 1500 poses measured by shapely, mount and clearance taken off."""
+    rng = np.random.default_rng(seed)
+    arm = replace(plain_arm(6, 0.1, radius), mount_length=mount)
+    problem, _, _ = make_case(arm, workspace=Workspace(ROOM, random_obstacles(rng), clearance=clearance))
+    time, bends = random_motion(rng, arm.links)
+    room = room_of_motion(problem, time, bends)
+    swept = swept_gap(problem, time, bends)
+    assert room.gaps.min() >= room.nearest.gap - 1e-12
+    if swept < 1e-5:
+        # The search for the least gap ends with the first that refutes the motion.
+        assert room.nearest.gap < 2.0 * DEFAULT_VERIFICATION.report_resolution
+        return
+    step = 2.0 * arm.length * float(np.abs(np.diff(bends, axis=0)).sum(axis=1).max()) * (len(bends) - 1) / 1500
+    if swept < room.reach:
+        assert room.nearest.gap <= swept + DEFAULT_VERIFICATION.report_resolution + 1e-9
+        assert room.nearest.gap >= swept - step
+    else:
+        assert room.nearest.gap >= room.reach - step
+
+
+def test_the_ends_and_the_pair_are_named() -> None:
+    """The gap of both ends is that of their poses, and the nearest pair is the link and the wall that it is near to."""
+    problem, trajectory, _ = make_case(plain_arm(6, 0.1, 0.02), [POST], end=np.array([0.25, 0, 0, 0, 0, 0]))
+    room = room_over_time(problem, trajectory, 0.01)
+    for end, sample in ((room.at_start, 0), (room.at_goal, -1)):
+        pose = trajectory.bend_angles[[sample, sample]]
+        assert end.gap == pytest.approx(min(swept_gap(problem, np.array([0.0, 1.0]), pose, 2), room.reach), abs=1e-9)
+        assert end.time == trajectory.time[sample]
+    assert room.nearest.obstacle == "post"
+    assert room.nearest.link in {3, 4}
+    assert room.nearest.pair == f"link {room.nearest.link} to 'post'"
+    assert (room.time[0], room.time[-1]) == (0.0, trajectory.duration)
+    assert len(room.time) == len(room.wall_gaps) == len(room.self_gaps) <= RoomSettings().samples + 2
+
+
+def turned_about_its_base(turns: tuple[float, ...], pin: Obstacle) -> RoomRecord:
+    """The room of a straight arm of 0.6 m that turns about its base to some angles in turn, resting at each."""
+    arm = plain_arm(6, 0.1, 0.02)
+    poses = [turn * np.eye(arm.links)[0] for turn in turns]
+    parts = [quintic(a, b) for a, b in pairwise(poses)]
+    bends = np.concatenate([parts[0].bend_angles, *(part.bend_angles[1:] for part in parts[1:])])
+    still = np.zeros_like(bends)
+    steps = len(parts[0].time) - 1
+    stops = tuple(k * steps for k in range(1, len(parts)))
+    trajectory = JointTrajectory(parts[0].time[1] * np.arange(len(bends)), bends, still, still, stops=stops)
+    on_the_way = tuple(Stop(JointPose(pose), Tolerances()) for pose in poses[1:-1])
+    problem, _, _ = make_case(arm, [pin], start=poses[0], end=poses[-1], stops=on_the_way)
+    return room_over_time(problem, trajectory, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("turns", "causes"),
+    [((0.0, 0.3), ["start"]), ((0.3, 0.0), ["goal"]), ((0.3, 0.0, 0.3), ["stop"]), ((0.1, 0.4), [])],
+)
+def test_a_pose_without_room_is_the_cause(turns: tuple[float, ...], causes: list[str]) -> None:
+    """Where the arm rests with less than the wanted gap, and has no less nearby, that pose is the cause."""
+    # At angle 0 the arm is 5 mm from the pin, and turns away from it at larger angles.
+    pin = Obstacle("pin", shapely.Point(0.3 * np.cos(0.1), -0.3 * np.sin(0.1)), 0.005)
+    room = turned_about_its_base(turns, pin)
+    assert [part.cause for part in room.short] == causes
+    at_rest = 0.3 * np.sin(0.1) - 0.025
+    assert [part.nearest.gap for part in room.short] == pytest.approx([at_rest] * len(causes), abs=1e-9)
+
+
+def test_a_narrow_place_on_the_way_is_a_passage() -> None:
+    """The tip passes a pin at 5 mm between two ends that are far from it: the way is short of room there, and then."""
+    pin = Obstacle("pin", shapely.Point(0.63 * np.cos(0.2), 0.63 * np.sin(0.2)), 0.005)
+    room = turned_about_its_base((0.0, 0.4), pin)
+    (part,) = room.short
+    assert part.cause == "passage"
+    assert part.nearest.link == 6
+    assert part.nearest.gap == pytest.approx(0.005, abs=1e-4)
+    assert part.begin < 1.0 < part.end
+    sentences = list(room_sentences(room))
+    assert sentences[0].startswith("least gap 5 mm of the wanted 10 mm, at 1.00 s, link 6 to 'pin'")
+    assert "on the way there are 5" in sentences[1]
+
+
+# ---------------------------------------------------------------- what would be possible
+
+
+def bounded(goal: TipGoal, walls: list[Obstacle], wanted: float = 0.05) -> PossibleGap:
+    """The bound for an arm of 0.6 m and a radius of 20 mm that starts along x."""
+    problem, trajectory, _ = make_case(plain_arm(6, 0.1, 0.02), walls)
+    room = room_over_time(problem, trajectory, wanted)
+    found = possible_gap(replace(problem, goal=goal), room)
+    assert found is not None
+    return found
+
+
+def test_the_goal_bounds_the_gap_by_what_it_fixes() -> None:
+    """A tip without a heading has the room of its place; with one, that of the last link."""
+    post = Obstacle("post", shapely.Point(0.3, 0.3), 0.01)
+    free = bounded(TipGoal(np.array([0.3, 0.35])), [post])
+    along = bounded(TipGoal(np.array([0.345, 0.3]), 0.0), [Obstacle("post", shapely.Point(0.3, 0.335), 0.01)])
+    assert (free.by, along.by) == ("goal", "goal")
+    assert free.value == pytest.approx(0.02, abs=1e-9)
+    assert along.value == pytest.approx(0.005, abs=1e-9)
+
+
+@settings(max_examples=20)
+@given(half=st.floats(0.025, 0.06))
+def test_a_door_bounds_the_gap_of_every_way(half: float) -> None:
+    """Through a door in a wall across the room no arm keeps more than half the door less its radius."""
+    below = Obstacle("below", shapely.box(-3.0, 0.2, -half, 0.25))
+    above = Obstacle("above", shapely.box(half, 0.2, 3.0, 0.25))
+    found = bounded(TipGoal(np.array([0.0, 0.5])), [below, above], wanted=0.03)
+    assert found.value == pytest.approx(min(half - 0.02, 0.03), rel=2e-3, abs=1e-4)
+    if half - 0.02 < 0.029:
+        assert found.by == "passage"
+    if half - 0.02 > 0.031:
+        assert found.by == "wanted gap"
+
+
+def test_where_there_is_room_the_wanted_gap_is_the_bound() -> None:
+    """In an empty room nothing stands against the wanted gap."""
+    assert bounded(TipGoal(np.array([0.0, 0.5])), [], wanted=0.01) == PossibleGap(0.01, "wanted gap")
