@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.angles import WHOLE_TURN
 from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.planners.goal_pose import GoalPoseSearch
-from ccm_opt.planners.pose_classes import same_class, windings
+from ccm_opt.planners.pose_classes import landmarks, same_class, windings
 from ccm_opt.planners.pose_draw_settings import PoseDrawSettings
 from ccm_opt.planners.pose_draws import PoseDraws
 from ccm_opt.planners.pose_energy import EnergyWeights, PoseEnergy
@@ -36,7 +37,9 @@ def draws_in(scene: Scene) -> PoseDraws:
     space, _ = LinkSpace.through(scene.arm, scene.goal)
     energy = PoseEnergy.of(space, scene.start, scene.goal, EnergyWeights(0.02, 0.5, 0.02))
     goal = scene.goal_tip
-    return PoseDraws(energy, scene.workspace, goal.position, goal.heading, scene.start, scene.goal)
+    return PoseDraws(
+        energy, WallSegments.from_workspace(scene.workspace), goal.position, goal.heading, scene.start, scene.goal
+    )
 
 
 @given(SEEDS)
@@ -62,7 +65,7 @@ def test_the_rows_of_the_tip_are_derivatives(seed: int) -> None:
     """Differences of what the tip misses, over small changes of the coordinates, are those that the rows say."""
     rng = np.random.default_rng(seed)
     space, v = LinkSpace.through(make_arm(12), rng.normal(0.0, 1.0, 12))
-    equations = TipEquations(space, np.array([0.4, 0.3]), 1.0)
+    equations = TipEquations(space, np.array([0.4, 0.3]), np.array([1.0]))
     step = 1e-6 * rng.standard_normal((1, len(v)))
     rows = equations.rows(space.headings(v[None]))[0]
     change = equations.miss(space.headings(v + 0.5 * step)) - equations.miss(space.headings(v - 0.5 * step))
@@ -74,7 +77,7 @@ def test_drawn_poses_are_at_the_goal_and_cross_nothing(seed: int, polygons: int)
     """They meet the goal, are cheaper than asked for, come the cheapest first, and keep their axes out of the walls."""
     scene = clutter(90_500 + seed, polygons)
     draws = draws_in(scene)
-    drawn = draws.below(6.0)
+    drawn = draws.about(draws.cheapest_below(6.0), 6.0)
     points = scene.arm.joint_positions(drawn)
     assert np.abs(points[:, -1] - scene.goal_tip.position).max(initial=0.0) < 1e-3
     assert np.abs(np.exp(1j * drawn[:, -1]) - np.exp(1j * scene.goal[-1])).max(initial=0.0) < 1e-3
@@ -88,10 +91,12 @@ def test_drawn_poses_are_at_the_goal_and_cross_nothing(seed: int, polygons: int)
 def test_the_cheapest_pose_without_walls_is_not_beaten() -> None:
     """No pose that is drawn is cheaper than the cheapest of its whole turns."""
     draws = draws_in(clutter(90_510, 20))
-    drawn = draws.below(draws.least_cost + 5.0)
+    cheapest = draws.cheapest_below(20.0)
+    least = min(pose.cost for pose in cheapest)
+    drawn = draws.about(cheapest, least + 5.0)
     assert len(drawn) > 0
     fitted = (drawn - draws.energy.space.offset) @ np.linalg.pinv(draws.energy.space.matrix).T
-    assert draws.energy.cost(fitted).min() > draws.least_cost - 1e-3
+    assert draws.energy.cost(fitted).min() > least - 1e-3
 
 
 @given(SEEDS)
@@ -118,10 +123,11 @@ def test_classes_are_told_apart_by_obstacles_and_whole_turns() -> None:
     right = right + WHOLE_TURN * np.round((left[-1] - right[-1]) / WHOLE_TURN)
     middle = 0.5 * (arm.joint_positions(left)[6] + arm.joint_positions(right)[6])
     walled = Workspace(ROOM, (Obstacle("post", shapely.Point(middle), 0.01),))
-    assert same_class(arm, Workspace(ROOM), left, right)
-    assert not same_class(arm, walled, left, right)
-    assert same_class(arm, walled, left, left)
-    assert not same_class(arm, walled, left, left + WHOLE_TURN)
+    post = landmarks(walled)
+    assert same_class(arm, landmarks(Workspace(ROOM)), left, right)
+    assert not same_class(arm, post, left, right)
+    assert same_class(arm, post, left, left)
+    assert not same_class(arm, post, left, left + WHOLE_TURN)
 
 
 @pytest.mark.parametrize(("seed", "polygons"), [(1, 20), (1, 80), (2, 80)])
@@ -141,7 +147,7 @@ def test_candidates_are_feasible_and_of_different_classes(seed: int, polygons: i
     workspace = search.problem.workspace
     for index, pose in enumerate(poses):
         for other in poses[:index]:
-            assert not same_class(scene.arm, workspace, pose.headings, other.headings)
+            assert not same_class(scene.arm, landmarks(workspace), pose.headings, other.headings)
 
 
 def test_a_pose_in_a_bad_class_is_improved_upon() -> None:

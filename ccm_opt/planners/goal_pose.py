@@ -11,6 +11,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends
+from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace, nearest_curve
 from ccm_opt.nlp.arm_pose.pose_program import PoseProgram, PoseSize, pose_program
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
@@ -18,7 +19,7 @@ from ccm_opt.nlp.arm_pose.pose_solver import ArmPose, PoseQuestion
 from ccm_opt.nlp.arm_pose.pose_task import PoseTask
 from ccm_opt.nlp.arm_pose.pose_user_terms import with_user_terms
 from ccm_opt.planners.link_regions import link_regions
-from ccm_opt.planners.pose_classes import same_class
+from ccm_opt.planners.pose_classes import landmarks, same_class
 from ccm_opt.planners.pose_draw_settings import PoseDrawSettings
 from ccm_opt.planners.pose_draws import PoseDraws
 from ccm_opt.planners.pose_energy import EnergyWeights, PoseEnergy
@@ -63,10 +64,11 @@ class GoalPoseSearch:
     def candidates(self, near: FloatArray, deadline: Deadline | None = None) -> tuple[PoseCandidate, ...]:
         """Good poses of several classes, by the NLP from a pose at the goal and from cheap random poses there.
 
-        First the NLP improves on the pose given. Where it leaves more than a few per cent above what the pose would
-        cost without walls, poses at the goal that cross nothing and promise to be cheaper are drawn over all classes
-        and whole turns (see ``pose_draws``), and the NLP improves on the cheapest of two classes. In clutter the first
-        candidate is within 5 % of the best of 50 random starts in nine of ten scenes.
+        First the NLP is solved from the pose given. Where that leaves more than a few per cent above what the pose
+        would cost without walls, poses at the goal that cross nothing and promise to be cheaper are drawn over all
+        classes and whole turns (see ``pose_draws``), and it is solved from the cheapest of them. What is found is
+        solved again in regions drawn anew as long as that pays. In clutter the first candidate is within 5 % of the
+        best of 50 random starts in nine of ten scenes.
 
         Args:
             near: link headings of the pose that the search arrived at, shape (links,) [rad].
@@ -76,56 +78,86 @@ class GoalPoseSearch:
             Feasible poses, at most one a class, the best first. Where the best is of another class than ``near``, the
             best of that class follows among the others, if it has one; an empty tuple when nothing is feasible.
         """
-        settings = self.draw_settings
-        own = self._refined(near, near, deadline)
+        own = self._feasible_pose(near, near)
         found = [] if own is None else [own]
+        known = self.draw_settings.unknown_cost if own is None else own.cost
         draws = self._draws(near)
-        known = own.cost if own is not None else np.inf
-        if known > (1.0 + settings.close_enough) * draws.least_cost:
-            for start in self._worth_solving(draws, known):
-                if deadline is not None and deadline.passed():
-                    break
-                pose = self._refined(near, start, deadline)
-                found += [] if pose is None else [pose]
-        return self._one_a_class(near, sorted(found, key=lambda pose: pose.cost))
+        cheapest = draws.cheapest_below(known)
+        enough = (1.0 + self.draw_settings.close_enough) * min((pose.cost for pose in cheapest), default=np.inf)
+        if known > enough:
+            found += self._from_drawn(near, draws.about(cheapest, known), known, enough, deadline)
 
-    def _worth_solving(self, draws: PoseDraws, known: float) -> list[FloatArray]:
-        """The cheapest drawn poses of different classes that are cheaper than what is known."""
+        # The best is worth further rounds, and so is the one that can be reached most easily.
+        classes = self._one_a_class(near, found)
+        refined = []
+        for place, candidate in enumerate(classes):
+            worth = place == 0 or candidate.same_class
+            refined.append(self._refined(near, candidate.pose, enough, deadline) if worth else candidate.pose)
+        return self._one_a_class(near, refined)
+
+    def _from_drawn(
+        self, near: FloatArray, drawn: FloatArray, known: float, enough: float, deadline: Deadline | None
+    ) -> list[ArmPose]:
+        """Feasible solutions from drawn poses, the cheapest first, of different classes where there are several.
+
+        Args:
+            near: pose to stay near.
+            drawn: link headings, shape (m, links) [rad].
+            known: cost of the best pose known.
+            enough: cost at which no better pose is looked for.
+            deadline: of the search.
+        """
         settings = self.draw_settings
-        most = (1.0 - settings.worthwhile) * known if np.isfinite(known) else settings.unknown_cost
-        chosen: list[FloatArray] = []
-        for headings in draws.below(most):
-            if len(chosen) == settings.drawn_solutions:
+        tried: list[FloatArray] = []
+        found: list[ArmPose] = []
+        for start in drawn:
+            late = deadline is not None and deadline.passed()
+            if len(tried) == settings.drawn_solutions or known <= enough or late:
                 break
-            if not any(self._alike(headings, other) for other in chosen):
-                chosen.append(headings)
-        return chosen
+            if any(self._alike(start, other) for other in tried):
+                continue
+            tried.append(start)
+            pose = self._feasible_pose(near, start)
+            if pose is not None:
+                found.append(pose)
+                known = min(known, pose.cost)
+        return found
 
     def _one_a_class(self, near: FloatArray, poses: list[ArmPose]) -> tuple[PoseCandidate, ...]:
-        """The best of every class; poses come the best first."""
+        """The best pose of every class, the best first."""
         kept: list[ArmPose] = []
-        for pose in poses:
+        for pose in sorted(poses, key=lambda pose: pose.cost):
             if not any(self._alike(pose.headings, other.headings) for other in kept):
                 kept.append(pose)
         return tuple(PoseCandidate(pose, self._alike(pose.headings, near)) for pose in kept)
 
     def _alike(self, first: FloatArray, second: FloatArray) -> bool:
-        return same_class(self.problem.arm, self.problem.workspace, first, second)
+        return same_class(self.problem.arm, self._landmarks, first, second)
 
-    def _refined(self, near: FloatArray, start: FloatArray, deadline: Deadline | None) -> ArmPose | None:
-        """The solution from a start, solved again in regions drawn anew as long as that pays; None if infeasible."""
-        best: ArmPose | None = None
-        for _ in range(self.draw_settings.rounds):
-            pose = self._solved(near, start)
-            if not self.feasible(pose):
+    @cached_property
+    def _landmarks(self) -> FloatArray:
+        return landmarks(self.problem.workspace)
+
+    def _refined(self, near: FloatArray, pose: ArmPose, enough: float, deadline: Deadline | None) -> ArmPose:
+        """A pose solved for again in regions drawn anew about it, as long as that pays."""
+        best = pose
+        for _ in range(self.draw_settings.further_rounds):
+            bounded = any("of its region" in name for name in best.multipliers)
+            if not bounded or best.cost <= enough or (deadline is not None and deadline.passed()):
                 break
-            gain = np.inf if best is None else 1.0 - pose.cost / best.cost
-            best = pose if gain > 0.0 else best
-            bounded = any("of its region" in name for name in pose.multipliers)
-            if not bounded or gain < self.draw_settings.worthwhile or (deadline is not None and deadline.passed()):
+            again = self._feasible_pose(near, best.headings)
+            if again is None or again.cost >= best.cost:
                 break
-            start = pose.headings
+            gain = 1.0 - again.cost / best.cost
+            best = again
+            if gain < self.draw_settings.worthwhile:
+                break
         return best
+
+    def _feasible_pose(self, near: FloatArray, start: FloatArray) -> ArmPose | None:
+        """The solution from a start, None where it is not feasible."""
+        pose = self._solved(near, start)
+        return pose if self.feasible(pose) else None
 
     def _draws(self, near: FloatArray) -> PoseDraws:
         """Of cheap poses at the goal."""
@@ -133,9 +165,11 @@ class GoalPoseSearch:
         weights = self._weights
         energy = PoseEnergy.of(space, self.origin, near, EnergyWeights(*weights[1:4].tolist()))
         goal = self.ends.goal
-        return PoseDraws(
-            energy, self.problem.workspace, goal.position, goal.heading, self.origin, near, self.draw_settings
-        )
+        return PoseDraws(energy, self._walls, goal.position, goal.heading, self.origin, near, self.draw_settings)
+
+    @cached_property
+    def _walls(self) -> WallSegments:
+        return WallSegments.from_workspace(self.problem.workspace)
 
     def improved(self, near: FloatArray) -> tuple[ArmPose, ...]:
         """Solutions of the NLP from a pose, each from the one before with its regions drawn anew about it.
@@ -205,7 +239,7 @@ class GoalPoseSearch:
     def _solved(self, near: FloatArray, start: FloatArray) -> ArmPose:
         problem = self.problem
         arm = problem.arm
-        regions = link_regions(arm, problem.workspace, start, self.settings)
+        regions = link_regions(arm, problem.workspace, start, self.settings, self._walls)
         torque = problem.limits.torque
         goal = self.ends.goal
         task = PoseTask(

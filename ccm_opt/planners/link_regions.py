@@ -18,7 +18,13 @@ Sides = tuple[IntArray, FloatArray, FloatArray]
 """Link, outward normal and offset of every side, shapes (m,), (m, 2), (m,)."""
 
 
-def link_regions(arm: Arm, workspace: Workspace, headings: FloatArray, settings: PoseSettings) -> LinkRegions:
+def link_regions(
+    arm: Arm,
+    workspace: Workspace,
+    headings: FloatArray,
+    settings: PoseSettings,
+    walls: WallSegments | None = None,
+) -> LinkRegions:
     """Half-planes between every link of a pose and the walls, and between links that must be kept apart.
 
     Between a link and a wall the side touches the wall; between two links it lies half-way, and both get one. A pose
@@ -30,21 +36,23 @@ def link_regions(arm: Arm, workspace: Workspace, headings: FloatArray, settings:
         workspace: the room.
         headings: of the links, shape (links,) [rad].
         settings: how far away walls and links make sides, and numbers of sides that programs are built for.
+        walls: of the room, when they are known already.
     """
+    walls = WallSegments.from_workspace(workspace) if walls is None else walls
     reach = settings.reach * arm.length
-    parts = [_wall_sides(arm, workspace, headings, reach)]
+    parts = [_wall_sides(arm, walls, workspace.clearance, headings, reach)]
     if arm.self_collision:
         parts.append(_link_sides(arm, headings, reach))
     sides = _needed(arm, headings, _joined(parts), reach)
     return _padded(arm, *sides, settings.region_sizes)
 
 
-def _wall_sides(arm: Arm, workspace: Workspace, headings: FloatArray, reach: float) -> Sides:
+def _wall_sides(arm: Arm, walls: WallSegments, clearance: float, headings: FloatArray, reach: float) -> Sides:
     """Sides before the walls, as the optimisation of motions draws them about a motion that stands still."""
     space, coordinates = LinkSpace.through(arm, headings)
     resting = Sweep(space, np.stack((coordinates, coordinates)))
-    found = sweep_regions(resting, WallSegments.from_workspace(workspace), 0, reach)
-    return found.link, found.normal, found.bound - arm.radius - workspace.clearance
+    found = sweep_regions(resting, walls, 0, reach)
+    return found.link, found.normal, found.bound - arm.radius - clearance
 
 
 def _link_sides(arm: Arm, headings: FloatArray, reach: float) -> Sides:

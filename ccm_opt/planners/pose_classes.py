@@ -11,7 +11,13 @@ HALF_TURN = np.pi
 """Poses whose last links differ by more than this differ by a whole turn."""
 
 
-def same_class(arm: Arm, workspace: Workspace, first: FloatArray, second: FloatArray) -> bool:
+def landmarks(workspace: Workspace) -> FloatArray:
+    """A point in every obstacle, shape (m, 2) [m]."""
+    inside = [shapely.get_coordinates(shapely.point_on_surface(obstacle.core))[0] for obstacle in workspace.obstacles]
+    return np.array(inside).reshape(-1, 2)
+
+
+def same_class(arm: Arm, obstacles: FloatArray, first: FloatArray, second: FloatArray) -> bool:
     """Whether two poses with the tip in one place have the same whole turns and no obstacle between their axes.
 
     The axis of one and back along the other is a closed loop. Obstacles that it winds round are passed on different
@@ -19,7 +25,7 @@ def same_class(arm: Arm, workspace: Workspace, first: FloatArray, second: FloatA
 
     Args:
         arm: the arm.
-        workspace: the room.
+        obstacles: a point in every obstacle, from ``landmarks``, shape (m, 2) [m].
         first: link headings, shape (links,) [rad].
         second: likewise.
     """
@@ -28,8 +34,7 @@ def same_class(arm: Arm, workspace: Workspace, first: FloatArray, second: FloatA
     there = arm.joint_positions(first)
     back = arm.joint_positions(second)[::-1]
     loop = np.concatenate((there, back, there[:1]))
-    inside = [shapely.get_coordinates(shapely.point_on_surface(obstacle.core))[0] for obstacle in workspace.obstacles]
-    return not np.any(windings(loop, np.array(inside).reshape(-1, 2)))
+    return not np.any(windings(loop, obstacles))
 
 
 def windings(loop: FloatArray, points: FloatArray) -> FloatArray:

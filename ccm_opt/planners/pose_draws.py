@@ -7,7 +7,6 @@ and those that cross a wall or themselves are thrown away. The cheapest that are
 worth a solution of the NLP.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -15,7 +14,6 @@ from typing import Any
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import WHOLE_TURN
 from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.motion.limits.sweep_regions import WallSegments
@@ -32,12 +30,12 @@ class CheapestPose:
     Attributes:
         cost: its energy.
         coordinates: shape (p,).
-        equations: of the tip, with its whole turns.
+        heading: of the tip, whole turns included [rad]; NaN where any will do.
     """
 
     cost: float
     coordinates: FloatArray
-    equations: TipEquations
+    heading: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +44,7 @@ class PoseDraws:
 
     Attributes:
         energy: of poses.
-        workspace: what they must not cross.
+        walls: what they must not cross.
         position: of the tip, shape (2,) [m].
         heading: of the tip [rad], or None.
         origin: link headings of the start of the motion, shape (links,) [rad].
@@ -55,59 +53,56 @@ class PoseDraws:
     """
 
     energy: PoseEnergy
-    workspace: Workspace
+    walls: WallSegments
     position: FloatArray
     heading: float | None
     origin: FloatArray
     near: FloatArray
     settings: PoseDrawSettings = field(default_factory=PoseDrawSettings)
 
-    @property
-    def least_cost(self) -> float:
-        """What the cheapest pose without walls costs; infinite when none was found."""
-        return min((pose.cost for pose in self.cheapest), default=np.inf)
-
-    def below(self, cost: float) -> FloatArray:
-        """Link headings of poses that cross nothing and cost less, the cheapest first, shape (m, links) [rad]."""
-        found = [self._about(pose, cost) for pose in self.cheapest if pose.cost < cost]
-        if not found:
-            return np.zeros((0, self.energy.space.arm.links))
-        coordinates = np.concatenate(found)
-        order = np.argsort(self.energy.cost(coordinates), kind="stable")
-        return self.energy.space.headings(coordinates[order])
-
-    @cached_property
-    def cheapest(self) -> tuple[CheapestPose, ...]:
-        """The cheapest poses without walls, one for each number of whole turns of the tip that has one."""
-        return tuple(pose for equations in self._tips() if (pose := self._descended(equations)) is not None)
+    def cheapest_below(self, cost: float) -> tuple[CheapestPose, ...]:
+        """The cheapest pose without walls for each number of whole turns of the tip that has one below a cost."""
+        tips = self._tips(cost)
+        if len(tips) == 0:
+            return ()
+        settings = self.settings
+        v = np.tile(self._starts(), (len(tips), 1))
+        of_tip = np.repeat(np.arange(len(tips)), len(v) // len(tips))
+        equations = self._equations(tips[of_tip])
+        price = np.zeros(len(v))
+        for _ in range(settings.descents):
+            v, price = self._descent(equations, v, price)
+        costs = np.where(self._there(equations, self.energy.space.headings(v)), self.energy.cost(v), np.inf)
+        found = []
+        for tip, heading in enumerate(tips):
+            best = int(np.argmin(np.where(of_tip == tip, costs, np.inf)))
+            if costs[best] < cost:
+                found.append(CheapestPose(float(costs[best]), v[best], float(heading)))
+        return tuple(found)
 
     @cached_property
     def _rng(self) -> np.random.Generator:
         return np.random.default_rng(self.settings.seed)
 
-    def _tips(self) -> Iterator[TipEquations]:
-        """The goal with every number of whole turns."""
-        space = self.energy.space
-        if self.heading is None:
-            yield TipEquations(space, self.position, None)
-            return
-        nearest = self.heading + WHOLE_TURN * np.round((self.origin[-1] - self.heading) / WHOLE_TURN)
-        for turns in range(-self.settings.whole_turns, self.settings.whole_turns + 1):
-            yield TipEquations(space, self.position, float(nearest + WHOLE_TURN * turns))
+    def _tips(self, cost: float) -> FloatArray:
+        """Headings of the tip with every number of whole turns that can be cheaper than a cost, shape (k,) [rad].
 
-    def _descended(self, equations: TipEquations) -> CheapestPose | None:
-        """The cheapest pose that descents from several starts arrive at; None when none meets the goal."""
-        space = self.energy.space
+        NaN, once, where any heading will do.
+        """
+        if self.heading is None:
+            return np.array([np.nan])
+        nearest = self.heading + WHOLE_TURN * np.round((self.origin[-1] - self.heading) / WHOLE_TURN)
+        turns = WHOLE_TURN * np.arange(-self.settings.whole_turns, self.settings.whole_turns + 1)
+        return np.array([tip for tip in nearest + turns if self.energy.least_with_heading(tip) < cost])
+
+    def _equations(self, headings: FloatArray) -> TipEquations:
+        return TipEquations(self.energy.space, self.position, None if self.heading is None else headings)
+
+    def _starts(self) -> FloatArray:
+        """Coordinates from which the cheapest poses are looked for, shape (m, p)."""
         ends = np.array([self._coordinates(self.origin), self._coordinates(self.near)])
-        drawn = self.energy.drawn(self._rng, ends[0], np.full(self.settings.starts, self.settings.start_cost))
-        v = np.concatenate((ends, drawn))
-        price = np.zeros(len(v))
-        for _ in range(self.settings.descents):
-            v, price = self._descent(equations, v, price)
-        there = self._there(equations, space.headings(v))
-        costs = np.where(there, self.energy.cost(v), np.inf)
-        best = int(np.argmin(costs))
-        return CheapestPose(float(costs[best]), v[best], equations) if there[best] else None
+        costs = np.full(self.settings.starts, self.settings.start_cost)
+        return np.concatenate((ends, self.energy.drawn(self._rng, ends[0], costs)))
 
     def _descent(self, equations: TipEquations, v: FloatArray, price: FloatArray) -> tuple[FloatArray, FloatArray]:
         """One step of sequential quadratic programming for many poses, each as far as its merit falls most.
@@ -124,21 +119,32 @@ class PoseDraws:
         best = np.argmin(self.energy.cost(tried) + price * miss, axis=0)
         return tried[best, np.arange(len(v))], price
 
-    def _about(self, pose: CheapestPose, cost: float) -> FloatArray:
-        """Coordinates of poses about a cheapest one that cross nothing and cost less, shape (m, p)."""
+    def about(self, cheapest: tuple[CheapestPose, ...], cost: float) -> FloatArray:
+        """Link headings of poses that cross nothing and cost less, the cheapest first, shape (m, links) [rad].
+
+        Args:
+            cheapest: poses about which they are drawn, at least one.
+            cost: to stay below.
+        """
+        for _ in range(self.settings.batches):
+            found = np.concatenate([self._batch(pose, cost) for pose in cheapest])
+            if len(found):
+                break
+        order = np.argsort(self.energy.cost(found), kind="stable")
+        return self.energy.space.headings(found[order])
+
+    def _batch(self, pose: CheapestPose, cost: float) -> FloatArray:
+        """The same, drawn once about one of them."""
         settings = self.settings
         space = self.energy.space
-        for _ in range(settings.batches):
-            shares = self._rng.uniform(0.0, settings.spread, settings.draws)
-            shares[0] = 0.0
-            v = self.energy.drawn(self._rng, pose.coordinates, shares * (cost - pose.cost))
-            for _ in range(settings.newton_steps):
-                v = v + self._shortened(pose.equations.correction(space.headings(v), self.energy.inverse)[0])
-            v = v[self._there(pose.equations, space.headings(v)) & (self.energy.cost(v) < cost)]
-            v = v[self._crossing_nothing(space.headings(v))]
-            if len(v):
-                break
-        return v
+        shares = self._rng.uniform(0.0, settings.spread, settings.draws)
+        shares[0] = 0.0
+        v = self.energy.drawn(self._rng, pose.coordinates, shares * (cost - pose.cost))
+        equations = self._equations(np.full(len(v), pose.heading))
+        for _ in range(settings.newton_steps):
+            v = v + self._shortened(equations.correction(space.headings(v), self.energy.inverse)[0])
+        v = v[self._there(equations, space.headings(v)) & (self.energy.cost(v) < cost)]
+        return v[self._crossing_nothing(space.headings(v))]
 
     def _shortened(self, step: FloatArray) -> FloatArray:
         """Steps that turn no link too far, shape (m, p)."""
@@ -160,19 +166,15 @@ class PoseDraws:
         if len(headings) == 0:
             return free
         points = arm.joint_positions(headings)
-        off = self.settings.kept_off * (arm.radius + self.workspace.clearance)
+        off = self.settings.kept_off * arm.radius
         axes: Any = shapely.linestrings(self._behind_mount(points))
-        rounding = self._walls.rounding
-        meeting, wall = self._walls.tree.query(axes, predicate="dwithin", distance=off + rounding.max(initial=0.0))
-        gaps = shapely.distance(axes[meeting], self._walls.tree.geometries[wall]) - rounding[wall]
+        rounding = self.walls.rounding
+        meeting, wall = self.walls.tree.query(axes, predicate="dwithin", distance=off + rounding.max(initial=0.0))
+        gaps = shapely.distance(axes[meeting], self.walls.tree.geometries[wall]) - rounding[wall]
         free[meeting[gaps < off]] = False
         if arm.self_collision:
             free &= shapely.is_simple(shapely.linestrings(points))
         return free
-
-    @cached_property
-    def _walls(self) -> WallSegments:
-        return WallSegments.from_workspace(self.workspace)
 
     def _behind_mount(self, points: FloatArray) -> FloatArray:
         """Where the mount ends and all joints behind it, shape (m, k, 2) [m]."""

@@ -102,6 +102,13 @@ class PoseEnergy:
         drawn: FloatArray = middle + np.sqrt(temperature)[:, None] * (normal @ self._root.T)
         return drawn
 
+    def least_with_heading(self, heading: float) -> float:
+        """The least energy of all poses whose last link has a heading [rad], wherever their tips are."""
+        row = self.space.matrix[-1]
+        short = heading - self.space.offset[-1] - row @ self._least
+        # min ½ δᵀH δ subject to row · δ = short.
+        return float(self.cost(self._least) + 0.5 * short**2 / (row @ self.inverse @ row))
+
     @cached_property
     def _least(self) -> FloatArray:
         return self.inverse @ self.slope

@@ -1,10 +1,10 @@
 """The equations of the tip for many poses at once: by how much they miss the goal, and how that changes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.link_space import LinkSpace
 
 TINY_SHARE = 1e-9
@@ -18,21 +18,26 @@ class TipEquations:
     Attributes:
         space: coordinates of the poses.
         position: shape (2,) [m].
-        heading: whole turns included [rad], or None.
+        heading: of each pose's tip, whole turns included, shape (m,) [rad], or None.
     """
 
     space: LinkSpace
     position: FloatArray
-    heading: float | None
+    heading: FloatArray | None
+
+    def take(self, poses: IntArray) -> "TipEquations":
+        """The equations of some of the poses, shape (k,)."""
+        return replace(self, heading=None if self.heading is None else self.heading[poses])
 
     def miss(self, headings: FloatArray) -> FloatArray:
-        """What poses lack of the goal, in arm lengths and radians, shape (..., links) to (..., 2 or 3)."""
+        """What poses lack of the goal, in arm lengths and radians, shape (..., m, links) to (..., m, 2 or 3)."""
         arm = self.space.arm
         reached = np.stack((np.cos(headings).mean(axis=-1), np.sin(headings).mean(axis=-1)), axis=-1)
         short: FloatArray = (self.position - arm.base) / arm.length - reached
         if self.heading is None:
             return short
-        return np.concatenate((short, self.heading - headings[..., -1:]), axis=-1)
+        turn = self.heading - headings[..., -1]
+        return np.concatenate((short, turn[..., None]), axis=-1)
 
     def rows(self, headings: FloatArray) -> FloatArray:
         """Derivatives of what is reached by the coordinates, shape (m, links) to (m, 2 or 3, p)."""
