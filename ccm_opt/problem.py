@@ -152,6 +152,8 @@ class PlannerOptions:
         optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.
         retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
         weights: what counts how much when configurations and motions are optimised.
+        effort_share: share of every drive's limits on velocity, acceleration, jerk and effort that plans use, above 0
+            and at most 1, so that feedback has something left; where gravity alone takes nearly so much, more.
         wanted_gap: room beyond radius and clearance that the goal pose and the motion keep where there is so much [m].
     """
 
@@ -164,6 +166,7 @@ class PlannerOptions:
     retiming: RetimingName = "toppra"
     weights: Weights = field(default_factory=Weights)
     wanted_gap: float = 0.0
+    effort_share: float = 0.9
 
 
 @dataclass(frozen=True)
@@ -265,6 +268,8 @@ def _defects(problem: Problem) -> Iterator[str]:
     yield from _weight_defects(problem.planner.weights)
     yield from _feed_defects(problem)
     yield from _point_defects(problem)
+    if not 0.0 < problem.planner.effort_share <= 1.0:
+        yield f"planner.effort_share must be above 0 and at most 1, got {problem.planner.effort_share}"
     if problem.planner.retiming == "paul" and (problem.limits.jerk is not None or problem.limits.feed_jerk is not None):
         yield 'limits.jerk and limits.feed_jerk need planner.retiming = "toppra", got "paul"'
 

@@ -106,7 +106,14 @@ def timed(problem: Problem, path: JointPath) -> tuple[JointTrajectory, JointStat
         bends = (0.0 - values[:, 1::3] for values in (angles, velocities, accelerations))
         return joint_torques(arm, problem.simulation.gravity, *bends)
 
-    trajectory = retiming.retime(path, problem.limits, torques, revolutes=revolutes, link_length=arm.link_length)
+    trajectory = retiming.retime(
+        path,
+        problem.limits,
+        torques,
+        revolutes=revolutes,
+        link_length=arm.link_length,
+        share=problem.planner.effort_share,
+    )
     motion = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
     angles, velocities, accelerations = (revolutes(values) for values in motion)
     needed = torques(angles, velocities, accelerations)

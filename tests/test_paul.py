@@ -204,7 +204,15 @@ def test_transitions_shrink_until_the_verifier_accepts() -> None:
     plan = timed_leg(Leg(problem, path), dynamics, Stages())
     revolutes = partial(revolute_angles, problem.arm)
     widest, second = (
-        retime_paul(path, problem.limits, dynamics, revolutes=revolutes, window=window) for window in WINDOWS[:2]
+        retime_paul(
+            path,
+            problem.limits,
+            dynamics,
+            revolutes=revolutes,
+            window=window,
+            share=problem.planner.effort_share,
+        )
+        for window in WINDOWS[:2]
     )
     assert all(check.passed for check in plan.checks)
     assert plan.trajectory.duration == second.duration > widest.duration

@@ -83,8 +83,12 @@ def test_a_good_motion_on_a_feed_axis_passes() -> None:
     ],
 )
 def test_limits_of_the_axis_are_held(change: dict[str, float], name: str) -> None:
-    """A limit a little below what the motion needs is found."""
+    """A limit a little below what the motion needs is found; so is a share of it that is not kept."""
     problem, trajectory = make_case(np.full(LINKS, 0.2))
+    kind = "effort" if "force" in name else name.split()[1]
+    shared = replace(problem, limits=replace(problem.limits, **change))
+    assert failing(shared, trajectory) == {name, f"share of {kind}"}
+    problem = replace(problem, planner=replace(problem.planner, effort_share=1.0))
     assert failing(replace(problem, limits=replace(problem.limits, **change)), trajectory) == {name}
 
 

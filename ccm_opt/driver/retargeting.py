@@ -68,7 +68,8 @@ def retarget(
     # Down to rest, along the path that the arm is on.
     dynamics = InverseDynamics(arm, problem.simulation.gravity)
     with stages("braking"):
-        first = braked(solution.trajectory, time, arm, problem.limits, dynamics, settings=numbers.braking)
+        share = problem.planner.effort_share
+        first = braked(solution.trajectory, time, arm, problem.limits, dynamics, share=share, settings=numbers.braking)
     rest = JointPose.from_configuration(first.positions[-1].copy(), first.coordinates)
 
     # From rest to the new goal, a problem like any other.

@@ -229,6 +229,7 @@ def timings_of(
         link_length=arm.link_length,
         coordinates=arm.coordinates,
         arm=arm,
+        share=problem.planner.effort_share,
         settings=settings.timing,
         paul=settings.transitions,
     )

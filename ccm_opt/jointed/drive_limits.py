@@ -1,4 +1,11 @@
-"""Limits on what the arm's drives do, and on how its points move."""
+"""Limits on what the arm's drives do and on how its points move, and what plans use of them.
+
+Plans use a share σ of the limits on velocities, accelerations, jerks and efforts, so that the controller has something
+left. Efforts have a part that no timing changes, what holds the arm still under gravity. With h that part as a share of
+its limit, an effort of a plan may take max(σ, h + ½ σ (1 − h)) of the limit: σ as a rule, and where gravity alone takes
+so much that hardly any of σ would be left for moving, half of the usual share of what gravity leaves. So an arm that
+can be held still can be moved, whatever σ is; and σ = 1 means the limits themselves.
+"""
 
 from dataclasses import dataclass
 
@@ -74,6 +81,20 @@ class Limits:
         return self.of_drives(coordinates).of(coordinates.drive_numbers)
 
 
+def planned_share(holding: FloatArray, share: float) -> FloatArray:
+    """Share of its limit that an effort of a plan may take: see the module's docstring.
+
+    Args:
+        holding: share of the limit that holds the arm still at that place, of either sign.
+        share: σ, what plans use as a rule.
+
+    Returns:
+        Of the shape of ``holding``, at most 1; above its magnitude wherever that is below 1.
+    """
+    held = np.minimum(np.abs(holding), 1.0)
+    return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
+
+
 @dataclass(frozen=True)
 class DriveLimits:
     """The limits of some drives in a row, ∞ where there is none; units of a revolute, and of an axis of the base.
@@ -89,6 +110,10 @@ class DriveLimits:
     acceleration: FloatArray
     jerk: FloatArray
     effort: FloatArray
+
+    def rates_within(self, share: float) -> "DriveLimits":
+        """The same with a share of the limits on velocities, accelerations and jerks; efforts are not changed."""
+        return DriveLimits(share * self.velocity, share * self.acceleration, share * self.jerk, self.effort)
 
     def of(self, drives: IntArray) -> "DriveLimits":
         """The limits of drives of given numbers."""

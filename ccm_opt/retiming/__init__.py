@@ -27,6 +27,7 @@ def timings(
     link_length: float | None = None,
     coordinates: Coordinates | None = None,
     arm: Arm | None = None,
+    share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
     paul: PaulSettings = DEFAULT_PAUL,
 ) -> Iterator[JointTrajectory]:
@@ -43,6 +44,8 @@ def timings(
         coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
         link_length: of the arm [m], by which TOPP-RA's samples are so close that chords between them stay by the path.
         arm: whose points are limited; needed when the limits name some.
+        share: of the limits of the drives that may be used, see ``jointed.drive_limits``; points of the arm may use
+            theirs in full.
         settings: numbers of timing along the path.
         paul: numbers of the transitions.
 
@@ -58,6 +61,7 @@ def timings(
             link_length=link_length,
             coordinates=coordinates,
             arm=arm,
+            share=share,
             settings=settings,
         )
         return
@@ -70,6 +74,7 @@ def timings(
         revolutes=revolutes,
         coordinates=coordinates,
         arm=arm,
+        share=share,
         settings=paul,
     )
     # From wide transitions, which are fast, to narrow ones, which stay nearer to the polygon.

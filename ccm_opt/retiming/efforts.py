@@ -32,6 +32,10 @@ class EffortParts:
     damping: FloatArray
     static: FloatArray
 
+    def as_shares_of(self, usable: FloatArray) -> "EffortParts":
+        """The same as shares of what may be used of the limits, shape (N, R)."""
+        return EffortParts(self.moving / usable, self.damping / usable, self.static / usable)
+
 
 class Efforts:
     """Torques, and the force on the feed axis, as shares of their limits.

@@ -32,20 +32,21 @@ class PathLimits:
         return bool(np.any(np.isfinite(self.jerk)))
 
     @classmethod
-    def from_limits(cls, limits: Limits, coordinates: Coordinates, columns: int) -> "PathLimits":
+    def from_limits(cls, limits: Limits, coordinates: Coordinates, columns: int, share: float = 1.0) -> "PathLimits":
         """The limits of the columns of a path.
 
         Args:
             limits: of the drives.
             coordinates: what the columns are.
             columns: how many the path has.
+            share: of the limits that may be used.
 
         Raises:
             RetimingError: the path has other columns, or one has no limit on velocity or acceleration.
         """
         if columns != len(coordinates) or len(limits.velocity) != coordinates.revolutes:
             raise _wrong_columns(columns, coordinates)
-        found = limits.of_coordinates(coordinates)
+        found = limits.of_coordinates(coordinates).rates_within(share)
         if not np.all(np.isfinite(found.velocity) & np.isfinite(found.acceleration)):
             raise _wrong_columns(columns, coordinates)
         return cls(found.velocity, found.acceleration, found.jerk, coordinates.drive_numbers)

@@ -38,6 +38,7 @@ def retime_paul(
     step: float = DEFAULT_TIMING.sampling.step,
     coordinates: Coordinates | None = None,
     arm: Arm | None = None,
+    share: float = 1.0,
     settings: PaulSettings = DEFAULT_PAUL,
 ) -> JointTrajectory:
     """A motion along the keyframes of a path by Paul's transitions, from rest to rest, within the limits.
@@ -51,6 +52,7 @@ def retime_paul(
         step: largest time between two samples [s].
         coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
         arm: whose points are limited; needed when the limits name some.
+        share: of the limits of the drives that may be used, see ``jointed.drive_limits``.
         settings: numbers of the transitions.
 
     Returns:
@@ -63,7 +65,7 @@ def retime_paul(
     """
     vias = _distinct(path.keyframes, settings.no_leg)
     columns = coordinates or likely_coordinates(limits, vias.shape[1])
-    timed = TimedPath(_polygon(vias), limits, inverse_dynamics, revolutes, columns, arm)
+    timed = TimedPath(_polygon(vias), limits, inverse_dynamics, revolutes, columns, arm, share)
     # Those on the coordinates' own velocities and accelerations are kept by the legs as they are made.
     others = [limit for limit in limits_along(timed) if not limit.kept_by_legs]
     for limit in others:
@@ -237,7 +239,11 @@ def _too_slow(duration: float) -> RetimingError:
         Diagnosis(
             reason=f"a motion of legs and turns that keeps the limits would take more than {duration:.4g} s",
             stage="retiming",
-            advice=("raise the limits", 'use planner.retiming = "toppra", which stays on the path'),
+            advice=(
+                "raise the limits",
+                "raise planner.effort_share",
+                'use planner.retiming = "toppra", which stays on the path',
+            ),
             evidence={"duration": duration},
         )
     )

@@ -23,6 +23,7 @@ class TimedPath:
         revolutes: bends to revolute angles.
         coordinates: what the columns of the spline are.
         arm: whose points are limited; None when none are.
+        share: of the limits of the drives that may be used; points of the arm may use theirs in full.
     """
 
     spline: BSpline
@@ -31,8 +32,9 @@ class TimedPath:
     revolutes: Revolutes
     coordinates: Coordinates
     arm: Arm | None = None
+    share: float = 1.0
 
     @cached_property
     def bounds(self) -> PathLimits:
-        """Limits on the columns of the path."""
-        return PathLimits.from_limits(self.limits, self.coordinates, self.spline.c.shape[1])
+        """What may be used of the limits on the columns of the path."""
+        return PathLimits.from_limits(self.limits, self.coordinates, self.spline.c.shape[1], self.share)

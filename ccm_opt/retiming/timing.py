@@ -37,6 +37,7 @@ def retime(
     link_length: float | None = None,
     coordinates: Coordinates | None = None,
     arm: Arm | None = None,
+    share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
 ) -> JointTrajectory:
     """The fastest motion along a path from rest to rest, within the limits.
@@ -54,6 +55,7 @@ def retime(
             than half the gap that the path is certified to spare. None leaves the steps as they are.
         coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
         arm: whose points are limited; needed when the limits name some.
+        share: of the limits of the drives that may be used, see ``jointed.drive_limits``.
         settings: numbers of timing.
 
     Returns:
@@ -65,7 +67,7 @@ def retime(
         ProblemError: points are limited and there is no arm, or it is shorter than where they are.
     """
     columns = coordinates or likely_coordinates(limits, path.spline.c.shape[1])
-    timed = TimedPath(path.spline, limits, inverse_dynamics, revolutes, columns, arm)
+    timed = TimedPath(path.spline, limits, inverse_dynamics, revolutes, columns, arm, share)
     timing = _Timing(timed, limits_along(timed, settings.profile), settings)
     largest = settings.sampling.step if step is None else step
 

@@ -172,7 +172,7 @@ def _forces(
 
     error = np.abs(expected - motion.forces)
     k = int(np.argmax(error))
-    allowed = settings.effort_share * float(np.max(np.abs(expected))) + settings.effort_floor
+    allowed = settings.effort_mismatch * float(np.max(np.abs(expected))) + settings.effort_floor
     return Check(
         f"{motion.name} force against dynamics",
         float(error[k]),

@@ -108,7 +108,7 @@ def _torques(
     )
     error = np.abs(expected - joints.torques)
     # Torques are summed along the arm, so rounding is in proportion to the greatest, not to each by itself.
-    allowed = settings.effort_share * float(np.max(np.abs(expected))) + settings.effort_floor
+    allowed = settings.effort_mismatch * float(np.max(np.abs(expected))) + settings.effort_floor
     k, j = np.unravel_index(np.argmax(error), error.shape)
     where = f"joint {j // 3 + 1} ({joints.names[j]}) at t = {trajectory.time[k]:.4f} s"
     worst = float(error[k, j])

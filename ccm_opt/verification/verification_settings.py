@@ -18,8 +18,8 @@ class VerificationSettings:
             account for. Taste: twice what the fastest motions of TOPP-RA, whose accelerations jump, were seen to need.
         unseen_floor: the same as a share of what the acceleration limit allows over the whole motion, for joints that
             hardly move. Taste.
-        effort_share: share of the peak effort by which reported efforts may differ from the verifier's own. Taste: two
-            recursions in other orders of summation agree to some 1e-12.
+        effort_mismatch: share of the peak effort by which reported efforts may differ from the verifier's own. Taste:
+            two recursions in other orders of summation agree to some 1e-12.
         effort_floor: difference of efforts beside that share [N m, N].
         range_tolerance: position of the base beyond its range [m], and bend of a held joint [rad], that are rounding.
         passing_tolerance: bend that a joint may have, by linear interpolation between two samples, when it passes the
@@ -46,7 +46,7 @@ class VerificationSettings:
     match: float = 1e-9
     unseen_share: float = 0.05
     unseen_floor: float = 1e-3
-    effort_share: float = 1e-6
+    effort_mismatch: float = 1e-6
     effort_floor: float = 1e-9
     range_tolerance: float = 1e-9
     passing_tolerance: float = 1e-6

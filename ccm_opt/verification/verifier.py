@@ -9,6 +9,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.consistency import check_consistency
+from ccm_opt.verification.effort_share import check_shares
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.limits import check_limits
 from ccm_opt.verification.link_motion import ChainMotion
@@ -56,6 +57,7 @@ def verify(
     checks += check_points(problem.arm, problem.limits, trajectory, settings)
     checks += check_consistency(problem, trajectory, joints, settings)
     checks += check_base_axes(problem, trajectory, joints, settings)
+    checks += check_shares(problem, trajectory, joints, checks, settings)
     checks += check_ends(problem, trajectory, settings)
     return tuple(checks)
 

@@ -80,7 +80,8 @@ def judge(problem: Problem, path: JointPath) -> str:
 
     revolutes = partial(revolute_angles, arm)
     try:
-        trajectory = retiming.retime(path, problem.limits, torques, revolutes=revolutes)
+        share = problem.planner.effort_share
+        trajectory = retiming.retime(path, problem.limits, torques, revolutes=revolutes, share=share)
     except RetimingError as failure:
         return str(failure).splitlines()[0]
     states = [

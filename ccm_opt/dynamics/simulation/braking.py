@@ -17,6 +17,7 @@ from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_BRAKING, Bra
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.drive_limits import planned_share
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.jointed.point_on_arm import PointOnArm
 from ccm_opt.problem import DriveLimits, Limits
@@ -30,6 +31,7 @@ def braked(
     limits: Limits,
     inverse_dynamics: InverseDynamics,
     *,
+    share: float = 1.0,
     settings: BrakingSettings = DEFAULT_BRAKING,
 ) -> JointTrajectory:
     """The motion up to a moment, and from then on to rest, soonest along its own path.
@@ -40,6 +42,7 @@ def braked(
         arm: the arm.
         limits: on accelerations and efforts.
         inverse_dynamics: of the arm.
+        share: of the limits of the drives that may be used, as the motion does; see ``jointed.drive_limits``.
         settings: how finely the motion is looked at, and how much of the limits is used.
 
     Returns:
@@ -48,7 +51,7 @@ def braked(
     Raises:
         RetimingError: the arm cannot be braked within its limits.
     """
-    planned = _PlannedMotion.from_trajectory(trajectory, arm, limits, inverse_dynamics, settings)
+    planned = _PlannedMotion.from_trajectory(trajectory, arm, limits, inverse_dynamics, share, settings)
     kept = int(np.searchsorted(trajectory.time, time - 1e-9))
     # At the end, and at rest at a stop, there is nothing to brake.
     if kept >= len(trajectory.time) - 1 or not np.any(planned.at(time)[1]):
@@ -58,8 +61,8 @@ def braked(
 
     # Limits are kept at the places looked at in each step; where samples show more, less of the limits is used. The
     # last share is taken as it comes, for the verifier has the last word.
-    for share in settings.limit_shares:
-        tail = _fall(replace(planned, share=share), float(trajectory.time[kept]), step)
+    for caution in settings.limit_shares:
+        tail = _fall(replace(planned, caution=caution), float(trajectory.time[kept]), step)
         if planned.keeps_limits(tail):
             break
 
@@ -70,15 +73,27 @@ def braked(
 
 @dataclass(frozen=True)
 class _PlannedMotion:
-    """The planned motion of all coordinates over its own time, and what bounds it."""
+    """The planned motion of all coordinates over its own time, and what bounds it.
+
+    Attributes:
+        spline: of the coordinates.
+        arm: the arm.
+        limits: of the drives; of those on accelerations only what plans use.
+        dynamics: of the arm.
+        share: of the limits on efforts that plans use.
+        settings: of braking.
+        points: of the arm, with the bound on the acceleration of each [m/s²].
+        caution: share of every bound that is used in one trial.
+    """
 
     spline: CubicHermiteSpline
     arm: Arm
     limits: DriveLimits
     dynamics: InverseDynamics
+    share: float
     settings: BrakingSettings
     points: tuple[tuple[PointOnArm, float], ...] = ()
-    share: float = 1.0
+    caution: float = 1.0
 
     @classmethod
     def from_trajectory(
@@ -87,6 +102,7 @@ class _PlannedMotion:
         arm: Arm,
         limits: Limits,
         dynamics: InverseDynamics,
+        share: float,
         settings: BrakingSettings,
     ) -> "_PlannedMotion":
         spline = CubicHermiteSpline(trajectory.time, trajectory.positions, trajectory.velocities)
@@ -96,7 +112,8 @@ class _PlannedMotion:
             for limit in limits.points
             if np.isfinite(limit.acceleration)
         )
-        return cls(spline, arm, limits.of_drives(arm.coordinates), dynamics, settings, points)
+        of_drives = limits.of_drives(arm.coordinates).rates_within(share)
+        return cls(spline, arm, of_drives, dynamics, share, settings, points)
 
     def at(self, sigma: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Positions and their first two derivatives."""
@@ -112,7 +129,7 @@ class _PlannedMotion:
         if not self._points_keep_limits(samples):
             return False
         states = zip(samples.positions, samples.velocities, samples.accelerations, strict=True)
-        return all(np.all(np.abs(self._efforts(*state)) <= self.limits.effort) for state in states)
+        return all(np.all(np.abs(self._efforts(*state)) <= self._most_efforts(state[0])) for state in states)
 
     def _points_keep_limits(self, samples: JointTrajectory) -> bool:
         """Whether the limited points of the arm accelerate as little as they must, by values and by differences."""
@@ -142,10 +159,10 @@ class _PlannedMotion:
         # Every limit reads |offset + slope α| ≤ bound.
         offsets = np.concatenate((unbraked, forced))
         slopes = np.concatenate((first, per_change))
-        bounds = np.concatenate((self._most_acceleration, self.limits.effort))
+        bounds = np.concatenate((self._most_acceleration, self._most_efforts(x)))
         with np.errstate(divide="ignore", invalid="ignore"):
             # The lower end of each interval of α. A slope of 0 bounds nothing: its end is not finite, and left out.
-            ends = (self.share * bounds - np.sign(-slopes) * offsets) / -np.abs(slopes)
+            ends = (self.caution * bounds - np.sign(-slopes) * offsets) / -np.abs(slopes)
         least = float(np.max(ends[np.isfinite(ends)], initial=-1.0 / self.settings.least_time))
         return min(max(least, self._least_change_of_points(x, velocity, unbraked, first)), 0.0)
 
@@ -163,7 +180,7 @@ class _PlannedMotion:
             # |p̈₀ + p' α|² ≤ a² is a quadratic in α; its least solution is the middle less a root.
             middle = -float(slope @ offset) / square
             # Where not even the middle keeps the limit, that is the best there is.
-            room = max((self.share * most) ** 2 - float(offset @ offset) + square * middle**2, 0.0)
+            room = max((self.caution * most) ** 2 - float(offset @ offset) + square * middle**2, 0.0)
             least = max(least, middle - float(np.sqrt(room / square)))
         return least
 
@@ -171,6 +188,13 @@ class _PlannedMotion:
     def _most_acceleration(self) -> FloatArray:
         """Bounds on the accelerations of the coordinates."""
         return self.limits.acceleration[self.arm.coordinates.drive_numbers]
+
+    def _most_efforts(self, x: FloatArray) -> FloatArray:
+        """Bounds on the efforts of all drives at a place, shape (drives,) [N m, N]."""
+        rest = np.zeros_like(x)
+        # What is not limited takes no share of its limit.
+        holding = self._efforts(x, rest, rest) / self.limits.effort
+        return planned_share(holding, self.share) * self.limits.effort
 
     def _efforts(self, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
         """Efforts of all drives, shape (drives,) [N m, N]."""

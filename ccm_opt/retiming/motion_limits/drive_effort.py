@@ -3,6 +3,9 @@
 An effort τ(q, q̇, q̈) is linear in the accelerations and quadratic in the velocities, so that three evaluations of
 inverse dynamics give its row: a = τ(q, 0, q') − τ(q, 0, 0), b = τ(q, q', q'') − τ(q, 0, 0) − d, c = τ(q, 0, 0), with d
 the viscous friction at q'.
+
+What a plan may use of an effort's limit depends on the place alone, by what holds the arm still there
+(``jointed.drive_limits.planned_share``). All rows are taken as shares of that.
 """
 
 from collections.abc import Iterator
@@ -12,6 +15,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.rounding import TINY
+from ccm_opt.jointed.drive_limits import planned_share
 from ccm_opt.retiming.efforts import Efforts
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
 from ccm_opt.retiming.motion_samples import MotionSamples
@@ -55,14 +59,17 @@ class DriveEffort(MotionLimit):
         a = efforts(q, rest, first) - c
         b = efforts(q, first, second) - c - d
         self._check_static_load(s, c)
+        usable = planned_share(c, self._path.share)
 
         # Joints that turn out of the plane have rows of rounding only, as shares of their limits.
         kept = np.flatnonzero(np.max([np.max(np.abs(row), axis=0) for row in (a, b, c, d)], axis=0) > TINY)
-        return SpeedRows(a[:, kept], b[:, kept], c[:, kept], d[:, kept] if efforts.damped else None)
+        rows = [(row / usable)[:, kept] for row in (a, b, c, d)]
+        return SpeedRows(rows[0], rows[1], rows[2], rows[3] if efforts.damped else None)
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
         """By the efforts at the samples."""
         parts = self._efforts.parts(samples.place, samples.velocity, samples.acceleration)
+        parts = parts.as_shares_of(planned_share(parts.static, self._path.share))
         damping = parts.damping if self._efforts.damped else None
         return np.asarray(np.max(slowings(parts.moving, parts.static, 1.0, damping), axis=1))
 
