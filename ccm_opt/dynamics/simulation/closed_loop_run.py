@@ -49,8 +49,8 @@ def simulate(
         settings: of the checks and of the run.
 
     Returns:
-        Angles, base and applied torques at the trajectory's own samples, with a verdict on drives and errors: an arm
-        that leaves its plan for good is not followed any further, and what it touches is not looked at here.
+        Angles, base and applied torques at the trajectory's own samples, with a verdict on drives and errors. An arm
+        that leaves its plan for good is not followed any further; what it touches is not looked at here.
 
     Raises:
         SimulationError: before the run, when the axes are singular on the motion or the gains are unstable at this
