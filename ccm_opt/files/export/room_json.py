@@ -9,21 +9,21 @@ def room_data(room: RoomRecord) -> Mapping[str, object]:
     """The record without its arrays, which are in ``solution.npz``; lengths [m], times [s]."""
     possible = room.possible
     return {
-        "wanted_gap_m": room.wanted,
-        "clearance_m": room.clearance,
-        "reach_m": room.reach,
-        "least": _place(room.nearest),
+        "wanted_gap": room.wanted,
+        "clearance": room.clearance,
+        "reach": room.reach,
+        "nearest": _place(room.nearest),
         "start": _place(room.at_start),
         "stops": [_place(end) for end in room.ends[1:-1]],
         "goal": _place(room.at_goal),
         "short": [
-            {"from_s": part.begin, "to_s": part.end, "cause": part.cause, "least": _place(part.nearest)}
+            {"from": part.begin, "to": part.end, "cause": part.cause, "nearest": _place(part.nearest)}
             for part in room.short
         ],
-        "possible_gap_m": None if possible is None else possible.value,
+        "possible_gap": None if possible is None else possible.value,
         "possible_by": None if possible is None else possible.by,
         "possible_is": None if possible is None else ("planned" if possible.planned else "upper bound"),
-        "price_s": room.price,
+        "price": room.price,
     }
 
 
@@ -34,4 +34,4 @@ def _place(place: NearPlace) -> Mapping[str, object]:
     elif place.link:
         other = {"obstacle": place.obstacle}
     near = {"link": place.link, **other} if place.link else {}
-    return {"gap_m": place.gap, "wanted_m": place.wanted, "time_s": place.time, **near}
+    return {"gap": place.gap, "wanted": place.wanted, "time": place.time, **near}

@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.files.report.charts import charts
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
+from ccm_opt.files.report.room_section import nearest_mark, room_section
 from ccm_opt.files.report.room_svg import goal_marks, scene_paths, view_box
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.problem import Goal, TipGoal
@@ -47,6 +48,8 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
         "body": f"{max(2.0 * problem.arm.radius, thin):.5g}",
         "thin": f"{thin:.5g}",
         "dash": f"{4 * thin:.5g} {2 * thin:.5g}",
+        "room": room_section(solution.room, settings),
+        "nearest": nearest_mark(solution, mark, thin),
         "figures": "".join(_figure(name, value) for name, value in solution.metrics.items()),
         "checks": "".join(_check_row(check) for check in solution.checks),
         "timings": "".join(
