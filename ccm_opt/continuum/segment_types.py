@@ -64,6 +64,14 @@ def classify(
     return SegmentType(name)
 
 
+def segment_words(segment: CurvatureSegment) -> str:
+    """The type of a segment, or that its curvature changes sign more than once, for which the paper has no type."""
+    try:
+        return str(classify(segment))
+    except ProblemError:
+        return "several inflections"
+
+
 def select_segment_type(
     base: FloatArray,
     base_heading: float | None,

@@ -6,18 +6,17 @@ from dataclasses import asdict
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.continuum.segment import CurvatureSegment
-from ccm_opt.continuum.segment_types import classify
-from ccm_opt.errors import Diagnosis, ProblemError
+from ccm_opt.continuum.segment_types import segment_words
+from ccm_opt.errors import Diagnosis
 from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.problem import Problem
 from ccm_opt.solution import StaticPose
 
+__all__ = ["SCHEMA", "curve_record", "pose_failure_json", "pose_json", "segment_words"]
+
 SCHEMA = 1
 """Version of the file's layout."""
-MIXED = "several inflections"
-"""Stands where a segment's curvature changes sign more than once, for which the paper has no type."""
 
 
 def pose_json(found: StaticPose) -> str:
@@ -78,14 +77,6 @@ def curve_record(curve: Configuration) -> dict[str, object]:
             for segment in curve.segments
         ],
     }
-
-
-def segment_words(segment: CurvatureSegment) -> str:
-    """The paper's type of a segment, in words."""
-    try:
-        return str(classify(segment))
-    except ProblemError:
-        return MIXED
 
 
 def _record(problem: Problem, status: str) -> dict[str, object]:

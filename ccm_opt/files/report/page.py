@@ -7,6 +7,7 @@ from importlib.resources import files
 import numpy as np
 
 from ccm_opt.files.report.charts import charts
+from ccm_opt.files.report.goal_pose_section import goal_pose_section
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.room_section import nearest_mark, room_section
 from ccm_opt.files.report.room_svg import goal_marks, scene_paths, view_box
@@ -49,6 +50,7 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
         "thin": f"{thin:.5g}",
         "dash": f"{4 * thin:.5g} {2 * thin:.5g}",
         "room": room_section(solution.room, settings),
+        "goal_pose": goal_pose_section(solution, settings),
         "nearest": nearest_mark(solution, mark, thin),
         "figures": "".join(_figure(name, value) for name, value in solution.metrics.items()),
         "checks": "".join(_check_row(check) for check in solution.checks),

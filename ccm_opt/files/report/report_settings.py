@@ -15,6 +15,7 @@ class ReportSettings:
         line_width: of thin lines, as a share of the room's extent.
         mark_size: radius of the mark of a goal, likewise.
         margin: round the boundary, likewise.
+        places_per_segment: of the goal pose's curve, at which it is drawn.
         chart_width: of the chart of gaps over time, in its own units, of which a letter is 13 high.
         chart_height: likewise.
         wanted_gaps_shown: gaps up to so many times the wanted one are drawn.
@@ -27,6 +28,7 @@ class ReportSettings:
     line_width: float = 0.003
     mark_size: float = 0.018
     margin: float = 0.03
+    places_per_segment: int = 24
     chart_width: float = 1000.0
     chart_height: float = 280.0
     wanted_gaps_shown: float = 4.0

@@ -1,0 +1,150 @@
+"""What the page ``report.html`` says about where the arm ends: the goal pose, its curve, its costs, its limits."""
+
+from html import escape
+
+import numpy as np
+
+from ccm_opt.continuum.segment_types import segment_words
+from ccm_opt.files.report.binding_words import binding_rows
+from ccm_opt.files.report.report_settings import REPORT, ReportSettings
+from ccm_opt.files.report.room_svg import scene_paths, view_box
+from ccm_opt.files.report.room_words import millimetres
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.solution import GoalPoseRecord, Solution
+
+_SEGMENT_COLOURS = ("#c1440e", "#1b7f3b", "#8a5a9e", "#b07d12", "#2a6f97")
+_COSTS = {
+    "room": "lack of room",
+    "bending": "bending of the curve",
+    "travel": "turns from the start",
+    "distance": "turns from where the search arrived",
+    "torque": "torque to hold the pose",
+    "knots": "uneven knots",
+    "bows": "rough curvature",
+}
+"""What the parts of the objective are called on the page."""
+
+
+def goal_pose_section(solution: Solution, settings: ReportSettings = REPORT) -> str:
+    """The section with its heading; empty where no goal-pose NLP was asked.
+
+    Args:
+        solution: the plan.
+        settings: of the drawing.
+    """
+    record = solution.path.goal_pose
+    if record is None:
+        return ""
+    tables = _segments(record) + _costs(record) + _binding(solution, record)
+    return (
+        f"<h2>Why the arm ends here</h2><p>{escape(_summary(record))}</p>"
+        f'<div class="goal-pose">{_picture(solution, record, settings)}<div>{tables}</div></div>'
+    )
+
+
+def _summary(record: GoalPoseRecord) -> str:
+    """How the pose came about, and whether the motion ends in it."""
+    variables, rows = record.size
+    poses = "one pose" if record.tried == 1 else f"the best of {record.tried} poses"
+    solved = (
+        f"A nonlinear program of {variables} variables and {rows} rows was solved in {record.iterations} iterations; "
+        f"this is {poses} it was asked for, with a gap of {millimetres(record.gap)} of the wanted "
+        f"{millimetres(record.wanted_gap)}."
+    )
+    if record.reached:
+        return f"{solved} The motion ends in it."
+    return f"{solved} The motion does not end in it: {record.reason}."
+
+
+def _picture(solution: Solution, record: GoalPoseRecord, settings: ReportSettings) -> str:
+    """The pose of the program, the end of the motion where that is another, and the curve by its segments."""
+    problem = solution.problem
+    xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
+    thin = settings.line_width * max(xmax - xmin, ymax - ymin)
+    body = max(2.0 * problem.arm.radius, thin)
+    parts = [scene_paths(problem.workspace, thin)]
+    if not record.reached:
+        parts.append(_polyline(solution.joint_positions[-1], "#b9c0c8", body, 0.7))
+    parts.append(_polyline(pose_points(solution, record), "var(--arm)", body, 0.35))
+    curve = record.curve
+    for number, (first, last) in enumerate(zip(curve.boundaries[:-1], curve.boundaries[1:], strict=True)):
+        places = curve.positions_at(np.linspace(first, last, settings.places_per_segment))
+        parts.append(_polyline(places, _colour(number), 1.6 * thin, 1.0))
+    for x, y in curve.positions_at(curve.boundaries):
+        parts.append(
+            f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{1.8 * thin:.5g}" fill="white" stroke="#2b2a27" '
+            f'stroke-width="{0.5 * thin:.5g}"/>'
+        )
+    box = view_box(problem.workspace, settings.margin)
+    label = "The goal pose and the curve behind it"
+    return f'<svg viewBox="{box}" role="img" aria-label="{label}"><g transform="scale(1,-1)">{"".join(parts)}</g></svg>'
+
+
+def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
+    """Base, joints and tip of the pose, shape (n + 1, 2) [m]; of fewer links than the arm has, where it is so."""
+    arm = solution.problem.arm
+    headings = record.headings
+    steps = arm.length / len(headings) * np.stack((np.cos(headings), np.sin(headings)), axis=1)
+    base = solution.joint_positions[-1, 0]
+    points: FloatArray = base + np.concatenate((np.zeros((1, 2)), np.cumsum(steps, axis=0)))
+    return points
+
+
+def _segments(record: GoalPoseRecord) -> str:
+    """A row for each segment of the curve, with the colour that it has in the picture."""
+    rows = []
+    for number, segment in enumerate(record.curve.segments):
+        knots = ", ".join(f"{knot:.2f}" for knot in segment.knots)
+        rows.append(
+            f'<tr><td><i style="background:{_colour(number)}"></i>{escape(segment_words(segment))}</td>'
+            f"<td class=n>{millimetres(segment.length)}</td><td class=n>{knots}</td></tr>"
+        )
+    return _table(("segment", "length", "inner knots"), rows)
+
+
+def _costs(record: GoalPoseRecord) -> str:
+    """A row for each part of the objective, the largest first, with a bar for its share."""
+    total = sum(abs(value) for value in record.costs.values()) or 1.0
+    rows = []
+    for name, value in sorted(record.costs.items(), key=lambda item: -abs(item[1])):
+        bar = f'<b class="bar" style="width:{100.0 * abs(value) / total:.1f}px"></b>'
+        rows.append(
+            f"<tr><td>{escape(cost_words(name))}</td><td class=n>{round(value, 3) + 0.0:g}</td><td>{bar}</td></tr>"
+        )
+    return _table(("part of the cost", f"of {record.cost:.3g}", ""), rows)
+
+
+def cost_words(name: str) -> str:
+    """A part of the objective in words; that of a user by the user's name."""
+    if name.startswith("user: "):
+        return f"your cost '{name.removeprefix('user: ')}'"
+    return _COSTS.get(name, name)
+
+
+def _binding(solution: Solution, record: GoalPoseRecord) -> str:
+    """What holds the pose where it is, the strongest first, and what giving way would bring."""
+    rows = [
+        f"<tr><td>{escape(row.words)}</td><td class=n>{row.gain:.2g}</td><td>for {escape(row.unit)}</td></tr>"
+        for row in binding_rows(solution, record, pose_points(solution, record))
+    ]
+    if not rows:
+        return "<p>No limit holds the pose where it is: the costs alone decide.</p>"
+    return _table(("what holds the pose", "cost saved", ""), rows)
+
+
+def _table(heads: tuple[str, ...], rows: list[str]) -> str:
+    first, *others = heads
+    head = f"<th>{escape(first)}</th>" + "".join(f"<th class=n>{escape(text)}</th>" for text in others)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def _polyline(points: FloatArray, colour: str, width: float, opacity: float) -> str:
+    places = " ".join(f"{x:.6g},{y:.6g}" for x, y in points)
+    return (
+        f'<polyline points="{places}" fill="none" stroke="{colour}" stroke-width="{width:.5g}" opacity="{opacity:g}" '
+        'stroke-linecap="round" stroke-linejoin="round"/>'
+    )
+
+
+def _colour(number: int) -> str:
+    return _SEGMENT_COLOURS[number % len(_SEGMENT_COLOURS)]
