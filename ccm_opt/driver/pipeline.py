@@ -7,11 +7,12 @@ from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.closed_loop import simulate_and_check
+from ccm_opt.driver.lowered_costs import planned_with_costs
 from ccm_opt.driver.plan_room import room_of
 from ccm_opt.driver.planner_choice import default_planner
 from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.verified_plan import timed_and_verified, verified_plan
+from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verified_plan
 from ccm_opt.dynamics.runtime.compiled_library import prepare
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
 from ccm_opt.errors import NoPlanFound
@@ -20,7 +21,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.legs import plan_legs
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.solution import JointPath, Solution
 from ccm_opt.user_terms.compiled_terms import UserTerms, compile_terms
 from ccm_opt.user_terms.terms import Constraint, Cost
 
@@ -66,15 +67,21 @@ def solve(
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation, settings=numbers.simulation)
         terms = compiled_terms(problem.arm, constraints, costs)
-    chosen = RecordingPlanner(planner or default_planner(problem, stages, terms, numbers))
+    recorded: list[tuple[Problem, JointPath]] = []
+
+    def attempt(hurried: Problem, lowered: UserTerms | None) -> VerifiedPlan:
+        """Legs, one to each goal, then their timing and verification: each by itself, then all as one motion."""
+        chosen = RecordingPlanner(planner or default_planner(hurried, stages, lowered, numbers))
+        try:
+            return timed_and_verified(problem, plan_legs(hurried, chosen), stages, retimer, terms, numbers)
+        finally:
+            recorded[:] = chosen.paths
 
     try:
         with stages("necessary checks"):
             refuse_impossible(problem)
-        # Legs, one to each goal: routes through free space, goal configuration, motion, smooth path.
-        legs = plan_legs(problem, chosen)
-        # Timing and verification: each leg by itself, then all of them as one motion.
-        plan = timed_and_verified(problem, legs, stages, retimer, terms, numbers)
+        # Routes through free space, goal configuration, motion, smooth path; timing; verification.
+        plan, cost_share = planned_with_costs(problem, None if planner else terms, attempt, numbers)
     except NoPlanFound as failure:
         if not explain:
             raise
@@ -85,7 +92,7 @@ def solve(
             quiet = Stages()
             its_terms = compiled_terms(changed.arm, constraints, costs)
             its_planner = planner or default_planner(changed, quiet, its_terms, numbers)
-            recording = RecordingPlanner(its_planner, chosen.paths)
+            recording = RecordingPlanner(its_planner, recorded)
             return verified_plan(changed, recording, quiet, retimer, its_terms, numbers)
 
         # Explanation: of the same kind as the failure, with the causes and the changes that would help.
@@ -98,6 +105,8 @@ def solve(
         room = room_of(problem, plan.trajectory, numbers)
     with stages("simulation"):
         simulated, of_simulation = simulate_and_check(problem, plan.trajectory, plan.joints, numbers)
+    if terms is not None and terms.all_costs:
+        of_simulation = {**of_simulation, "cost_share": cost_share}
     return assembled(problem, plan, simulated, of_simulation, stages.timings, room)
 
 

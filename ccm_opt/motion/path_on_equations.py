@@ -11,6 +11,7 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.limits.joint_limit import overbent
 from ccm_opt.motion.limits.limit import Limit
+from ccm_opt.motion.limits.motion_certificate import failed_intervals
 from ccm_opt.motion.limits.user_slopes import slope_norms
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.optimise import path_parameters
@@ -70,6 +71,8 @@ def _on_equations(base: BSpline, task: MotionTask) -> BSpline | None:
 
         spline = make_interp_spline(knots, np.array([values[float(u)] for u in knots]), k=3)
         missed = _missed_spans(spline, knots, limits, settings.equation_samples)
+        if not len(missed):
+            missed = _short_spans(spline, knots, limits, settings)
         if not len(missed):
             return spline
         if len(knots) + len(missed) > settings.most_spans:
@@ -138,6 +141,16 @@ def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[Limit, ...],
     for limit in limits:
         missed |= limit.misses_path(headings, places)
     return np.unique(np.minimum(np.flatnonzero(missed) // samples, len(knots) - 2))
+
+
+def _short_spans(
+    spline: BSpline, knots: FloatArray, limits: tuple[Limit, ...], settings: SmoothPathSettings
+) -> IntArray:
+    """Spans in which a limit holds, but with less room than its certificate asks for, sorted."""
+    places = _samples(spline, settings)
+    # Sample i to i + 1 lies in the span whose first knot is the last at or before it.
+    failing = places[failed_intervals(limits, spline(places))]
+    return np.unique(np.clip(np.searchsorted(knots, failing, side="right") - 1, 0, len(knots) - 2))
 
 
 def _within_limits(spline: BSpline, task: MotionTask) -> bool:

@@ -66,7 +66,7 @@ class SplineThroughKnots:
 
 
 PATH_STRATEGIES: tuple[PathStrategy, ...] = (SplineNearKeyframes(), SplineThroughKnots())
-"""The first that applies lays the path."""
+"""Those that apply are tried in turn; the first that lays a path decides."""
 
 
 def smooth_path(motion: Motion, task: MotionTask) -> SmoothPath | None:
@@ -76,5 +76,10 @@ def smooth_path(motion: Motion, task: MotionTask) -> SmoothPath | None:
         motion: certified.
         task: with the limits that the path has to meet.
     """
-    strategy = next(strategy for strategy in PATH_STRATEGIES if strategy.applies(task))
-    return strategy.path(motion, task)
+    for strategy in PATH_STRATEGIES:
+        path = strategy.path(motion, task) if strategy.applies(task) else None
+        # A user's gap may dip between the keyframes of a motion, by more than its samples show; a path through knots
+        # that are moved out of it may be laid where none beside the keyframes is. Nothing else would be moved.
+        if path is not None or not task.user_limits:
+            return path
+    return None

@@ -29,6 +29,8 @@ class CurvePlannerSettings:
             on a curve bend a little more than it does.
         full_curvature_share: the same for another guess when there is none at that share. Taste.
         planning_share: share of the time limit that the search may use. Taste: timing and checks need the rest.
+        cost_shares: shares of the weights of the user's costs with which a plan is sought in turn until one is
+            found; the first is all of them, the last none. Taste.
         beginnings: configurations along each route from which the static question is asked. Taste: the surplus length
             to either side.
         different: largest turn of a link by which two configurations count as different [rad]. Taste.
@@ -54,6 +56,7 @@ class CurvePlannerSettings:
     curvature_share: float = 0.9
     full_curvature_share: float = 0.995
     planning_share: float = 0.9
+    cost_shares: tuple[float, ...] = (1.0, 0.1, 0.0)
     beginnings: int = 2
     different: float = 0.3
     elastic_weights: tuple[float, ...] = (10.0, 1e2, 1e3, 1e5)

@@ -80,6 +80,17 @@ class UserTerms:
         """
         return replace(self, constraints=tuple(_softened(item, headings, weight) for item in self.constraints))
 
+    def with_costs_lowered(self, share: float) -> "UserTerms":
+        """The same terms with a share of the weights of costs and soft constraints; without these where it is 0."""
+        if share == 0.0:
+            return replace(self, constraints=self.hard, costs=())
+        constraints = tuple(
+            replace(item, constraint=replace(item.constraint, weight=share * item.constraint.weight))
+            for item in self.constraints
+        )
+        costs = tuple(replace(item, cost=replace(item.cost, weight=share * item.cost.weight)) for item in self.costs)
+        return replace(self, constraints=constraints, costs=costs)
+
     @cached_property
     def all_costs(self) -> tuple[CompiledCost, ...]:
         """The costs, with every soft constraint as half its squared violation."""

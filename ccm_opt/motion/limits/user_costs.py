@@ -51,6 +51,8 @@ class UserCosts:
             # Keyframe 0 is the fixed start: what it costs cannot be changed.
             for k in np.flatnonzero(weights[1:]) + 1:
                 gradient, hessian = cost.second_order(sweep.headings[k], float(self.u[k]))
+                if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
+                    continue  # there it says nothing of where to go; a motion at which its value is NaN is refused
                 # The nearest positive semidefinite matrix (in the Frobenius norm) drops the negative eigenvalues; the
                 # QP needs a convex model.
                 sizes, vectors = np.linalg.eigh(hessian)

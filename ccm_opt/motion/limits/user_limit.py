@@ -291,9 +291,13 @@ class UserLimit(Limit):
     def missed_on_path(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
         """Slopes by the link headings of equations and broken gaps, shape (k, links), and what they have to change."""
         values = self.terms.path_rows.at(headings, u)
-        broken = values.gaps < 0.0
+        settings = self.settings
+        reserve = settings.reserve * settings.keep_share * settings.margin * slope_norms(values.gap_slopes)
+        # The certificate asks for the reserve, by the steepest slope at the ends; beside its knots a path has less gap
+        # than at them.
+        broken = values.gaps < 0.5 * settings.knot_reserves * reserve
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
-        return slopes, np.append(-values.equations, -values.gaps[broken])
+        return slopes, np.append(-values.equations, settings.knot_reserves * reserve[broken] - values.gaps[broken])
 
     def misses_path(self, headings: FloatArray, u: FloatArray) -> BoolArray:
         """At which samples a row is missed by more than its share of what is allowed."""

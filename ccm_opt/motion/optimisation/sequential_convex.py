@@ -227,7 +227,8 @@ def _part_taken(
         sweep = Sweep(program.space, program.ended(start.coordinates + share * step.change))
         gain = (before - merit(problem, rows, sweep)) / max(share * foreseen, 1e-12)
         # The certificate costs most and is asked last.
-        if gain <= settings.sufficient or not program.feasible(sweep, start):
+        # Negated, so that a gain that is NaN, for a cost of the user that is not finite there, is refused.
+        if not gain > settings.sufficient or not program.feasible(sweep, start):
             continue
         failing = program.failures(sweep.headings)
         if len(failing) == 0:

@@ -31,6 +31,8 @@ class UserLimitSettings:
         keyframe_turn: a keyframe that needs a larger turn of a link to meet its equations does not meet them [rad].
             Taste.
         reserve: share of the kept margin that a gap keeps between keyframes, for what lies between samples. Taste.
+        knot_reserves: reserves to which a knot of the smooth path is moved that has less than half of that. Measured:
+            with 2 a path at the edge of a camera's view was refused, with 4 it is laid.
         samples: samples of an interval between keyframes. Taste.
         near_end: share of the intervals at either end at which a gap may be as narrow as at that end. Taste.
     """
@@ -49,5 +51,6 @@ class UserLimitSettings:
     far: float = 2.0
     keyframe_turn: float = 0.5
     reserve: float = 0.02
+    knot_reserves: float = 4.0
     samples: int = 4
     near_end: float = 0.1

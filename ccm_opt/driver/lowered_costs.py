@@ -1,0 +1,56 @@
+"""Costs never stand in the way: where no plan is found with the user's costs, it is sought with less of them."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
+
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.errors import NoPlanFound, UnreachableGoal, VerificationError
+from ccm_opt.problem import Problem
+from ccm_opt.user_terms.compiled_terms import UserTerms
+
+Plan = TypeVar("Plan")
+
+
+def planned_with_costs(
+    problem: Problem,
+    terms: UserTerms | None,
+    attempt: Callable[[Problem, UserTerms | None], Plan],
+    settings: Settings = DEFAULT_SETTINGS,
+) -> tuple[Plan, float]:
+    """A plan with as much of the user's costs as one is found with; hard constraints hold in full.
+
+    Args:
+        problem: what to solve.
+        terms: the user's constraints and costs.
+        attempt: plans, times and verifies a problem under terms.
+        settings: which shares of the costs' weights are tried.
+
+    Returns:
+        The plan, and the share of the costs' weights that it was made with.
+
+    Raises:
+        NoPlanFound: there is none without any costs either; or the goal cannot be reached.
+        VerificationError: the verifier refuses the last plan, which knows no costs.
+    """
+    give_up = time.monotonic() + problem.planner.time_limit
+    shares = settings.curve.cost_shares
+    if terms is None or not terms.all_costs:
+        return attempt(problem, terms), shares[0]
+    hurried = problem
+    for share in shares[:-1]:
+        try:
+            return attempt(hurried, _lowered(terms, share)), share
+        except UnreachableGoal:
+            raise
+        except (NoPlanFound, VerificationError):
+            left = give_up - time.monotonic()
+            if left <= 0.0:
+                raise
+            hurried = replace(problem, planner=replace(problem.planner, time_limit=left))
+    return attempt(hurried, _lowered(terms, shares[-1])), shares[-1]
+
+
+def _lowered(terms: UserTerms, share: float) -> UserTerms:
+    return terms if share == 1.0 else terms.with_costs_lowered(share)
