@@ -14,6 +14,7 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import PIECES
 from ccm_opt.continuum.spline import second_derivatives
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
+from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve
@@ -180,6 +181,23 @@ def test_sides_that_are_left_out_follow_from_those_that_are_kept() -> None:
             places = shapely.points(moved[link][inside])
             gaps = [shapely.distance(places, wall.core) - wall.rounding for wall in scene.workspace.walls]
             assert np.min(gaps) >= arm.radius - 1e-9
+
+
+@pytest.mark.parametrize("seed", [90_600, 90_601, 90_603])
+def test_links_that_stray_beyond_their_regions_touch_nothing(seed: int) -> None:
+    """A wall so far away that no region knows of it is avoided all the same when the best pose would lie in it."""
+    scene = clutter(seed, 0)
+    free = searched(scene).best(scene.goal)
+    assert free is not None
+    axis = shapely.LineString(scene.arm.joint_positions(scene.goal))
+    points = scene.arm.joint_positions(free.headings)
+    far = shapely.distance(shapely.points(points), axis)
+    post = Obstacle("post", shapely.Point(points[int(far.argmax())]), 0.01)
+    walled = searched(replace(scene, workspace=replace(scene.workspace, obstacles=(post,))))
+    short = replace(walled, settings=PoseSettings(reach=0.3 * float(far.max())))
+    pose = short.solved(scene.goal, scene.goal)
+    assert short.feasible(pose)
+    assert wall_gaps(scene.arm, short.problem.workspace, scene.arm.joint_positions(pose.headings)).min() > 0.0
 
 
 def test_the_curve_maps_to_the_links_of_the_pose() -> None:

@@ -156,7 +156,7 @@ class GoalPoseSearch:
 
     def _feasible_pose(self, near: FloatArray, start: FloatArray) -> ArmPose | None:
         """The solution from a start, None where it is not feasible."""
-        pose = self._solved(near, start)
+        pose = self.solved(near, start)
         return pose if self.feasible(pose) else None
 
     def _draws(self, near: FloatArray) -> PoseDraws:
@@ -183,7 +183,7 @@ class GoalPoseSearch:
         found: list[ArmPose] = []
         start = near
         for _ in range(self.settings.rounds):
-            pose = self._solved(near, start)
+            pose = self.solved(near, start)
             found.append(pose)
             if not self.feasible(pose) or pose.gap >= self.settings.enough * self.wanted_gap:
                 break
@@ -194,6 +194,44 @@ class GoalPoseSearch:
         """The best feasible pose of ``improved``; None when there is none."""
         feasible = [pose for pose in self.improved(near) if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.cost, default=None)
+
+    def solved(self, near: FloatArray, start: FloatArray) -> ArmPose:
+        """One solution of the NLP, feasible or not, with regions about the pose that it starts from.
+
+        Args:
+            near: link headings of the pose to stay near, shape (links,) [rad].
+            start: link headings of the pose to start from, shape (links,) [rad].
+        """
+        pose = self._solved_within(near, start, self.settings)
+        if pose.violation <= self.settings.feasible and not self.feasible(pose):
+            # A link has strayed beyond what its region was drawn for, and met a wall there.
+            pose = self._solved_within(near, start, replace(self.settings, reach=self.settings.far_reach))
+        return pose
+
+    def _solved_within(self, near: FloatArray, start: FloatArray, region_settings: PoseSettings) -> ArmPose:
+        """One solution, its regions drawn with settings of their own."""
+        problem = self.problem
+        arm = problem.arm
+        regions = link_regions(arm, problem.workspace, start, region_settings, self._walls)
+        torque = problem.limits.torque
+        goal = self.ends.goal
+        task = PoseTask(
+            arm=arm,
+            position=goal.position,
+            heading=_winding_of(goal.heading, start),
+            near=near,
+            origin=self.origin,
+            start=start,
+            regions=regions,
+            wanted_gap=self.wanted_gap,
+            clamped=self.ends.clamped,
+            gravity=problem.simulation.gravity[[0, 2]],
+            torque_limits=None if torque is None else self.settings.torque_share * torque[1::3],
+        )
+        question = PoseQuestion(
+            self._program(regions.sides, loaded=torque is not None), task, self._weights, self.settings
+        )
+        return question.solve(nearest_curve(arm, start))
 
     def feasible(self, pose: ArmPose) -> bool:
         """Whether a pose keeps every row, and touches nothing by the contacts that motions are planned with."""
@@ -235,30 +273,6 @@ class GoalPoseSearch:
             return self.problem.planner.wanted_gap
         share = self.settings.wanted_share * arm.length
         return share if arm.radius == 0.0 else min(share, 0.5 * arm.radius)
-
-    def _solved(self, near: FloatArray, start: FloatArray) -> ArmPose:
-        problem = self.problem
-        arm = problem.arm
-        regions = link_regions(arm, problem.workspace, start, self.settings, self._walls)
-        torque = problem.limits.torque
-        goal = self.ends.goal
-        task = PoseTask(
-            arm=arm,
-            position=goal.position,
-            heading=_winding_of(goal.heading, start),
-            near=near,
-            origin=self.origin,
-            start=start,
-            regions=regions,
-            wanted_gap=self.wanted_gap,
-            clamped=self.ends.clamped,
-            gravity=problem.simulation.gravity[[0, 2]],
-            torque_limits=None if torque is None else self.settings.torque_share * torque[1::3],
-        )
-        question = PoseQuestion(
-            self._program(regions.sides, loaded=torque is not None), task, self._weights, self.settings
-        )
-        return question.solve(nearest_curve(arm, start))
 
     def _program(self, sides: int, *, loaded: bool) -> PoseProgram:
         program = pose_program(

@@ -21,6 +21,9 @@ from ccm_opt.nlp.arm_pose.pose_task import PoseTask
 _SILENT: dict[str, Any] = {
     "print_time": False,
     "error_on_fail": False,
+    # Nobody asks how the optimum depends on the parameters; the gradient for it would take a quarter of the building.
+    "calc_lam_p": False,
+    "no_nlp_grad": True,
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.constr_viol_tol": 1e-8,
