@@ -3,7 +3,7 @@
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.errors import Finding, Relaxation
 
-KINDS = ("contact", "joint limit", "too short", "blocked", "too thick", "too stiff", "torque", "curve")
+KINDS = ("constraint", "contact", "joint limit", "too short", "blocked", "too thick", "too stiff", "torque", "curve")
 """Kinds of findings, the most elementary first: what comes later may follow from what comes first."""
 MENDS = {
     "arm.radius": ("too thick", "contact"),

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 
 from ccm_opt.diagnosis.explain import refuse_impossible
+from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.pipeline import compiled_terms
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.stages import Stages
-from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.planners.binding_sides import binding_sides
 from ccm_opt.planners.pose_over_routes import PoseTry, pose_search, pose_tries
 from ccm_opt.problem import Problem, TipGoal
@@ -48,8 +48,9 @@ def find_pose(
     refuse_other_questions(problem)
     terms = compiled_terms(problem.arm, constraints, costs)
     with stages("necessary checks"):
+        refuse_contradictions(problem, terms, numbers)
         refuse_impossible(problem)
-        search = pose_search(problem, resolve_ends(problem, numbers.curve.motion.ends), terms, numbers.curve)
+        search = pose_search(problem, terms, numbers.curve)
     with stages("configuration"):
         tries = sorted(pose_tries(search, numbers.curve), key=lambda each: each.cost)
         if not tries or tries[0].best is None:

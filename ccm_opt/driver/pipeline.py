@@ -7,9 +7,11 @@ from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.closed_loop import simulate_and_check
+from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.lowered_costs import planned_with_costs
 from ccm_opt.driver.plan_room import room_of
 from ccm_opt.driver.planner_choice import default_planner
+from ccm_opt.driver.pose_failure import with_constraint_first
 from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verified_plan
@@ -67,6 +69,9 @@ def solve(
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation, settings=numbers.simulation)
         terms = compiled_terms(problem.arm, constraints, costs)
+    with stages("necessary checks"):
+        # No change of the problem that is tried after a failure would mend this.
+        refuse_contradictions(problem, terms, numbers)
     recorded: list[tuple[Problem, JointPath]] = []
 
     def attempt(hurried: Problem, lowered: UserTerms | None) -> VerifiedPlan:
@@ -98,7 +103,7 @@ def solve(
         # Explanation: of the same kind as the failure, with the causes and the changes that would help.
         with stages("diagnosis"):
             trials = Trials(solve_changed, give_up, settings=numbers.diagnosis.trials)
-            explanation = explained(problem, failure, trials)
+            explanation = explained(problem, with_constraint_first(failure, problem, terms, numbers), trials)
         raise explanation from failure
 
     with stages("room"):

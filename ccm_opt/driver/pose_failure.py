@@ -8,11 +8,10 @@ import numpy as np
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.errors import ConfigurationNotFound, Diagnosis
+from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
-from ccm_opt.planners.pose_over_routes import PoseTry, tried_from
-from ccm_opt.problem import Problem
+from ccm_opt.planners.pose_over_routes import PoseTry, pose_search, pose_tries, tried_from
+from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.user_terms.compiled_terms import UserTerms
 
 ADVICE = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "free the goal heading")
@@ -51,6 +50,31 @@ def no_pose(
     elif tries:
         reason += f"; {tries[0].start}: {tries[0].reason}"
     return ConfigurationNotFound(Diagnosis(reason, "configuration", ADVICE, evidence))
+
+
+def with_constraint_first(
+    failure: NoPlanFound, problem: Problem, terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS
+) -> NoPlanFound:
+    """The same error; where no pose at the goal was found that keeps the user's constraints, its reason begins with it.
+
+    Args:
+        failure: how the search for a motion ended.
+        problem: what was asked.
+        terms: the user's constraints and costs.
+        settings: of poses at the goal.
+    """
+    asked = terms is not None and bool(terms.hard_at_goal) and not problem.arm.base_axes and not problem.stops
+    if not asked or isinstance(failure, UnreachableGoal) or not isinstance(problem.goal, TipGoal):
+        return failure
+    tries = list(pose_tries(pose_search(problem, terms, settings.curve), settings.curve))
+    missed = {} if any(each.best is not None for each in tries) else least_misses(tries, terms, settings)
+    if not missed:
+        return failure
+    old = failure.diagnosis
+    evidence = {**old.evidence, "missed_constraints": missed}
+    advice = ("change the bounds of the constraint, or the goal", *old.advice)
+    reason = f"{missed_words(missed)}; {old.reason}"
+    return type(failure)(replace(old, reason=reason, evidence=evidence, advice=advice))
 
 
 def missed_words(missed: dict[str, float]) -> str:
@@ -117,13 +141,12 @@ def failure_words(each: PoseTry) -> str:
     pose = min(each.poses, key=lambda pose: pose.violation)
     if pose.violation > each.search.settings.feasible:
         worst = list(pose.broken.items())[:3]
-        return f"it misses {', '.join(_row_words(name, by, pose, each) for name, by in worst)}"
+        return f"it misses {', '.join(_row_words(name, by, each) for name, by in worst)}"
     return f"it touches something: {each.search.nearest(pose.headings)}"
 
 
-def _row_words(name: str, violation: float, pose: ArmPose, each: PoseTry) -> str:
+def _row_words(name: str, violation: float, each: PoseTry) -> str:
     """A row that is violated, in the user's terms."""
-    del pose
     length = each.search.problem.arm.length
     what, _, rest = name.partition(": ")
     if what == "user":

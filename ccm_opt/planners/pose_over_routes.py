@@ -11,7 +11,7 @@ from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.motion.ends import Ends, clamped_arm
+from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import attempt, attempts
@@ -55,12 +55,14 @@ class PoseTry:
 
 
 def pose_search(
-    problem: Problem,
-    ends: Ends,
-    terms: UserTerms | None = None,
-    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+    problem: Problem, terms: UserTerms | None = None, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 ) -> GoalPoseSearch:
-    """The goal-pose NLP for a problem whose goal is for the tip."""
+    """The goal-pose NLP for a problem whose goal is for the tip.
+
+    Raises:
+        UnreachableGoal: the start or the goal touches something, or the start breaks a joint limit.
+    """
+    ends = resolve_ends(problem, settings.motion.ends)
     arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
     return GoalPoseSearch(for_arm(problem, arm), ends, ends.start, terms, settings.goal_pose)
 

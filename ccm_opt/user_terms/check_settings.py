@@ -18,6 +18,8 @@ class TermCheckSettings:
             than a motion passes between two samples.
         newton_steps: steps of Newton's method from the nearest place. Taste: three square an error of 1/16 knot to
             below rounding.
+        bisections: times that the headings of the tip are halved in the proof that a constraint contradicts the goal.
+            Taste: with 12 they are told apart to less than a degree.
     """
 
     tolerance: float = 1e-6
@@ -25,6 +27,7 @@ class TermCheckSettings:
     places_per_knot: int = 16
     window: int = 40 * 16
     newton_steps: int = 3
+    bisections: int = 12
 
 
 TERM_CHECKS = TermCheckSettings()

@@ -1,0 +1,70 @@
+"""A user's constraint that contradicts a goal is named before anything is searched for; it is proved, or not named."""
+
+import numpy as np
+
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.errors import Diagnosis, Finding, UnreachableGoal
+from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.user_terms.compiled_terms import UserTerms
+from ccm_opt.user_terms.contradictions import Contradiction, GoalPlaces, contradictions
+from ccm_opt.user_terms.terms import applies_at
+
+ADVICE = ("change the bounds of the constraint, or the goal", "let it apply on the way only", "make it soft")
+
+
+def refuse_contradictions(problem: Problem, terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS) -> None:
+    """Refuse constraints that are proved not to hold at a goal, whatever the pose.
+
+    A start that breaks a constraint is bad input, which is for the planner to say; then nothing is refused here.
+
+    Args:
+        problem: what to solve.
+        terms: the user's constraints and costs.
+        settings: how exactly constraints are checked.
+
+    Raises:
+        UnreachableGoal: naming the constraint and by how much it is off.
+    """
+    if terms is None or problem.arm.base_axes or _breaks_start(problem, terms, settings):
+        return
+    several = len(problem.stops) > 0
+    goals = [(stop.goal, stop.tolerances) for stop in problem.stops] + [(problem.goal, problem.tolerances)]
+    for number, (goal, tolerances) in enumerate(goals, start=1):
+        where = f"goal {number} of {len(goals)}" if several else "the goal"
+        findings = tuple(_finding(each, where) for each in _contradictions(terms, goal, tolerances, settings))
+        if findings:
+            raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", ADVICE, findings=findings))
+
+
+def _breaks_start(problem: Problem, terms: UserTerms, settings: Settings) -> bool:
+    """Whether the start breaks a constraint: then the input is bad, and the planner says so."""
+    start = problem.start
+    arm = problem.arm
+    if isinstance(start, JointPose):
+        headings = arm.headings(start.bends)
+    else:
+        headings = map_curve(arm, start.configuration, problem.planner.mapping)
+    misses = (
+        float(item.residuals(headings[None], np.zeros(1))[0])
+        for item in terms.hard
+        if bool(applies_at(item.constraint.where, np.array([0.0, 1.0]))[0])
+    )
+    return any(not miss <= settings.user_terms.tolerance for miss in misses)
+
+
+def _contradictions(
+    terms: UserTerms, goal: Goal, tolerances: Tolerances, settings: Settings
+) -> tuple[Contradiction, ...]:
+    if not isinstance(goal, TipGoal):
+        return ()
+    places = GoalPlaces(goal.position, goal.heading, tolerances.position, tolerances.heading)
+    return contradictions(terms, places, settings.user_terms)
+
+
+def _finding(each: Contradiction, where: str) -> Finding:
+    reason = (
+        f"constraint '{each.name}' cannot hold at {where}: off by {each.miss:.4g} with the tip there, and by "
+        f"{each.least:.4g} at least wherever it counts as there"
+    )
+    return Finding("constraint", reason, key="constraints", measured=each.miss, allowed=0.0, unit="")
