@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ccm_opt import errors
     from ccm_opt.driver.finding_pose import find_pose
+    from ccm_opt.driver.pareto import pareto
     from ccm_opt.driver.pipeline import solve
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.solve_settings import Settings
@@ -40,6 +41,7 @@ __all__ = [
     "errors",
     "find_pose",
     "load_problem",
+    "pareto",
     "retarget",
     "solve",
 ]
@@ -57,6 +59,7 @@ _HOMES = {
     "check": ("ccm_opt.verification", "verify"),
     "find_pose": ("ccm_opt.driver.finding_pose", "find_pose"),
     "load_problem": ("ccm_opt.files.problem_file", "load_problem"),
+    "pareto": ("ccm_opt.driver.pareto", "pareto"),
     "retarget": ("ccm_opt.driver.retargeting", "retarget"),
     "solve": ("ccm_opt.driver.pipeline", "solve"),
 }

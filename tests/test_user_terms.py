@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.cli.solving import TermReferences, solve_files
+from ccm_opt.cli.solving import solve_files
+from ccm_opt.cli.term_references import TermReferences
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal

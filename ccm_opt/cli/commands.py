@@ -63,16 +63,22 @@ def solve_command(
     cost: Annotated[
         list[str] | None, typer.Option(help="User cost, as module:function or file.py:function. May be repeated.")
     ] = None,
+    pareto: Annotated[
+        bool, typer.Option("--pareto", help="Make five plans from the fastest to the roomiest, and recommend one.")
+    ] = False,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
     no_diagnosis: Annotated[
         bool, typer.Option("--no-diagnosis", help="When there is no plan, do not look for what would help.")
     ] = False,
 ) -> None:
     """Solve problems; write OUT/<name>/ for each."""
-    from ccm_opt.cli.solving import TermReferences, solve_files  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.solving import solve_files  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.term_references import TermReferences  # noqa: PLC0415
 
     terms = TermReferences(tuple(constraint or ()), tuple(cost or ()))
-    raise typer.Exit(solve_files(files, out, method, terms, pictures=not no_pictures, explain=not no_diagnosis))
+    raise typer.Exit(
+        solve_files(files, out, method, terms, pictures=not no_pictures, explain=not no_diagnosis, several=pareto)
+    )
 
 
 @app.command("pose")
@@ -90,7 +96,7 @@ def pose_command(
 ) -> None:
     """Find the best pose at the goal, without a motion to it; write OUT/<name>/ for each."""
     from ccm_opt.cli.posing import pose_files  # noqa: PLC0415 - loads numpy
-    from ccm_opt.cli.solving import TermReferences  # noqa: PLC0415
+    from ccm_opt.cli.term_references import TermReferences  # noqa: PLC0415
 
     terms = TermReferences(tuple(constraint or ()), tuple(cost or ()))
     raise typer.Exit(pose_files(files, out, terms, pictures=not no_pictures))

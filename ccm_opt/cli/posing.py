@@ -7,9 +7,9 @@ from pathlib import Path
 from rich.markup import escape
 
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
-from ccm_opt.cli.solving import NO_TERMS, TermReferences
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import report_console, stage_line, value_table
+from ccm_opt.cli.term_references import NO_TERMS, TermReferences
 from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError
 from ccm_opt.files.export.folder import POSE_RECORD, check_target
 from ccm_opt.files.export.pose_folder import write_pose, write_pose_failure

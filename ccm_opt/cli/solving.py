@@ -1,41 +1,26 @@
 """``ccm-opt solve``: read a problem, solve it, draw and write the plan, or leave a record of why there is none."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 from ccm_opt.cli.display_settings import DISPLAY
+from ccm_opt.cli.failure_record import failures_recorded
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
-from ccm_opt.cli.stage_clock import StageClock, stage_display
+from ccm_opt.cli.pareto_table import print_pareto
+from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.cli.tables import print_solution
-from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError, VerificationError
-from ccm_opt.files.export.folder import check_target, write_failure, write_solution
+from ccm_opt.cli.term_references import NO_TERMS, TermReferences
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.export.folder import check_target, write_solution
+from ccm_opt.files.export.pareto_folder import write_pareto
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import MethodName, Problem
-from ccm_opt.solution import Solution
-from ccm_opt.user_terms.references import load_terms
-from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.solution import ParetoPlans, Solution
 
 METHODS: tuple[MethodName, ...] = get_args(MethodName)
 """What ``--method`` accepts."""
-
-
-@dataclass(frozen=True)
-class TermReferences:
-    """User constraints and costs named on the command line.
-
-    Attributes:
-        constraints: each ``module:function`` or ``file.py:function``.
-        costs: likewise.
-    """
-
-    constraints: tuple[str, ...] = ()
-    costs: tuple[str, ...] = ()
-
-
-NO_TERMS = TermReferences()
 
 
 def solve_files(
@@ -46,6 +31,7 @@ def solve_files(
     *,
     pictures: bool,
     explain: bool = True,
+    several: bool = False,
 ) -> int:
     """Solve every file; all are tried.
 
@@ -56,6 +42,7 @@ def solve_files(
         terms: user constraints and costs.
         pictures: whether to draw.
         explain: whether a problem without a plan is explained in the time that is left.
+        several: whether plans from the fastest to the roomiest are made in place of one.
 
     Returns:
         The exit code.
@@ -71,7 +58,8 @@ def solve_files(
         first = taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
-        return _solve(problem, out, terms, pictures=pictures, explain=explain)
+        solve = _solve_several if several else _solve
+        return solve(problem, out, terms, pictures=pictures, explain=explain)
 
     return run_all(files, solve_one)
 
@@ -93,7 +81,12 @@ def _known_method(method: str | None) -> MethodName | None:
 def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool, explain: bool) -> int:
     check_target(out / problem.name)
     with stage_display(problem.name) as clock:
-        solution = _plan_or_record_why_not(problem, out, clock, terms, explain=explain)
+        clock("loading")
+        from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
+
+        constraints, costs = terms.loaded()
+        with failures_recorded(problem, out, clock):
+            solution = solve(problem, progress=clock, constraints=constraints, costs=costs, explain=explain)
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
@@ -115,36 +108,28 @@ def _warn_of_tracking(solution: Solution) -> None:
     )
 
 
-def _plan_or_record_why_not(
-    problem: Problem, out: Path, clock: StageClock, terms: TermReferences, *, explain: bool
-) -> Solution:
-    """Run the pipeline; a problem without a plan leaves the record of why in the output folder.
+def _solve_several(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool, explain: bool) -> int:
+    """Plans from the fastest to the roomiest, all written, the recommended one in the place of the only one."""
+    check_target(out / problem.name)
+    with stage_display(problem.name) as clock:
+        clock("loading")
+        from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - loads casadi and toppra
 
-    Raises:
-        NoPlanFound: its diagnosis is written to ``solution.json``.
-        VerificationError: likewise.
-        KeyboardInterrupt: a record with the status ``cancelled`` is written.
-    """
-    clock("loading")
-    from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
-
-    if terms != NO_TERMS:
-        constraints = load_terms(terms.constraints, Constraint)
-        costs = load_terms(terms.costs, Cost)
-        solve = partial(solve, constraints=constraints, costs=costs)
-    try:
-        return solve(problem, progress=clock, explain=explain)
-    except NoPlanFound as error:
-        write_failure(problem, error.status, error.diagnosis, out, clock.timings)
-        raise
-    except VerificationError as error:
-        diagnosis = Diagnosis("the verifier refuses the plan: " + "; ".join(error.failures), "verification")
-        write_failure(problem, "infeasible", diagnosis, out, clock.timings)
-        raise
-    except KeyboardInterrupt:
-        diagnosis = Diagnosis("cancelled by the user", clock.current or "planning")
-        write_failure(problem, "cancelled", diagnosis, out, clock.timings)
-        raise
+        constraints, costs = terms.loaded()
+        with failures_recorded(problem, out, clock):
+            found = pareto(
+                problem,
+                progress=lambda stage: clock(stage.partition(":")[0]),
+                constraints=constraints,
+                costs=costs,
+                explain=explain,
+            )
+        clock("writing")
+        folder = write_pareto(found, out, _pareto_pictures(found) if pictures else {})
+        clock.finish()
+    code = code_of_simulation(problem.name, found.best.simulation.verdict)
+    _warn_of_tracking(found.best)
+    return print_result(lambda: print_pareto(found, clock, str(folder)), code)
 
 
 def _pictures(solution: Solution) -> Mapping[str, bytes]:
@@ -157,3 +142,9 @@ def _pictures(solution: Solution) -> Mapping[str, bytes]:
         "motion.gif": motion_gif(solution),
         "report.html": report_html(solution).encode(),
     }
+
+
+def _pareto_pictures(found: ParetoPlans) -> Mapping[str, bytes]:
+    from ccm_opt.files.plotting.pareto_picture import pareto_png  # noqa: PLC0415 - loads matplotlib
+
+    return {**_pictures(found.best), "pareto.png": pareto_png(found)}

@@ -1,6 +1,7 @@
 """Frozen results of every stage, from the curve's keyframes to the simulated arm."""
 
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
+from ccm_opt.solution.pareto_plans import ParetoPlan, ParetoPlans
 from ccm_opt.solution.room_record import NearPlace, PossibleGap, RoomRecord, ShortStretch
 from ccm_opt.solution.simulation_verdict import SimulationOutcome, SimulationVerdict
 from ccm_opt.solution.stage_results import (
@@ -21,6 +22,8 @@ __all__ = [
     "JointStates",
     "JointTrajectory",
     "NearPlace",
+    "ParetoPlan",
+    "ParetoPlans",
     "PoseOutcome",
     "PossibleGap",
     "RoomRecord",

@@ -26,8 +26,10 @@ POSE_FILES = (POSE_RECORD, "pose.npz", "pose.png")
 REACH_RECORD = "reach.json"
 """Of the folder of a map of reach; always there."""
 REACH_FILES = (REACH_RECORD, "reach.npz", "reach.png")
-WRITTEN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES))
-"""Files that a run writes; anything else in an old folder is the user's and is kept."""
+PARETO_FILES = ("pareto.json", "pareto.png", "pareto")
+"""Beside the recommended one of several plans; the last is a folder with a folder for each plan."""
+WRITTEN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES))
+"""Files and folders that a run writes; anything else in an old folder is the user's and is kept."""
 
 
 def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
@@ -44,10 +46,13 @@ def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] 
     Raises:
         ProblemError: when the folder cannot be written, or another folder is in its place.
     """
-    texts = solution_texts(solution)
-    files = {name: text.encode() for name, text in texts.items()}
-    files[ARRAYS] = arrays_npz(solution_arrays(solution))
-    return write_folder(out / solution.problem.name, {**files, **(pictures or {})})
+    return write_folder(out / solution.problem.name, {**solution_files(solution), **(pictures or {})})
+
+
+def solution_files(solution: Solution) -> dict[str, bytes]:
+    """Content of every file of a solved problem but the pictures, by file name."""
+    files = {name: text.encode() for name, text in solution_texts(solution).items()}
+    return {**files, ARRAYS: arrays_npz(solution_arrays(solution))}
 
 
 def write_failure(
@@ -110,7 +115,7 @@ def write_folder(target: Path, files: Mapping[str, bytes], record: str = RECORD)
 
     Args:
         target: the folder.
-        files: content by file name.
+        files: content by file name; a name with slashes lies in folders of the folder.
         record: name of the record of this kind of folder, see ``check_target``.
 
     Returns:
@@ -134,7 +139,9 @@ def _assemble(workshop: Path, files: Mapping[str, bytes]) -> None:
     new = workshop / "new"
     new.mkdir()
     for name, content in files.items():
-        (new / name).write_bytes(content)
+        place = new / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(content)
 
 
 def _swap(workshop: Path, target: Path) -> None:

@@ -12,12 +12,12 @@ def room_data(room: RoomRecord) -> Mapping[str, object]:
         "wanted_gap": room.wanted,
         "clearance": room.clearance,
         "reach": room.reach,
-        "nearest": _place(room.nearest),
-        "start": _place(room.at_start),
-        "stops": [_place(end) for end in room.ends[1:-1]],
-        "goal": _place(room.at_goal),
+        "nearest": place_data(room.nearest),
+        "start": place_data(room.at_start),
+        "stops": [place_data(end) for end in room.ends[1:-1]],
+        "goal": place_data(room.at_goal),
         "short": [
-            {"from": part.begin, "to": part.end, "cause": part.cause, "nearest": _place(part.nearest)}
+            {"from": part.begin, "to": part.end, "cause": part.cause, "nearest": place_data(part.nearest)}
             for part in room.short
         ],
         "possible_gap": None if possible is None else possible.value,
@@ -27,7 +27,8 @@ def room_data(room: RoomRecord) -> Mapping[str, object]:
     }
 
 
-def _place(place: NearPlace) -> Mapping[str, object]:
+def place_data(place: NearPlace) -> Mapping[str, object]:
+    """Where a link is near something."""
     other: dict[str, object] = {}
     if place.second_link:
         other = {"second_link": place.second_link}

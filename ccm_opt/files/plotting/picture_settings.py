@@ -88,9 +88,30 @@ class ComparisonPictureSettings:
     room: float = 0.06
 
 
+@dataclass(frozen=True)
+class ParetoPictureSettings:
+    """Sizes of the picture of several plans; all of them are taste.
+
+    Attributes:
+        dots_per_inch: resolution.
+        width: of the picture [inch].
+        chart_height: of the chart of time against room [inch].
+        most_thumbnail: height of the picture of one plan, at most [inch].
+        margins: above, between and below the two [inch].
+    """
+
+    dots_per_inch: int = 120
+    width: float = 9.6
+    chart_height: float = 2.6
+    most_thumbnail: float = 2.6
+    margins: float = 1.55
+
+
 PICTURES = PictureSettings()
 """Used where no other settings are given."""
 FILM = FilmSettings()
+"""Likewise."""
+PARETO_PICTURE = ParetoPictureSettings()
 """Likewise."""
 COMPARISON_PICTURES = ComparisonPictureSettings()
 """Likewise."""

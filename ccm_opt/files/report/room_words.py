@@ -34,7 +34,7 @@ def room_sentences(room: RoomRecord, most: int = 3) -> Iterator[str]:
     if room.short and room.possible is not None and room.possible.by != "wanted gap":
         yield bound(room.possible)
     if room.price is not None:
-        yield f"the wanted gap costs {room.price:.3g} s"
+        yield _price(room.price)
 
 
 def least_gap(room: RoomRecord) -> str:
@@ -63,6 +63,13 @@ def bound(possible: PossibleGap) -> str:
 def millimetres(length: float) -> str:
     """A length of a few millimetres, with three figures."""
     return f"{1e3 * length:.3g} mm"
+
+
+def _price(seconds: float) -> str:
+    """What the wanted gap costs against the motion that wants none."""
+    if seconds < 0.0:
+        return f"with the wanted gap the motion is even {-seconds:.3g} s shorter than without one"
+    return f"the wanted gap costs {seconds:.3g} s"
 
 
 def _of_wanted(near: NearPlace) -> str:

@@ -1,0 +1,61 @@
+"""The closing table of ``ccm-opt solve --pareto``."""
+
+from rich.markup import escape
+
+from ccm_opt.cli.stage_clock import StageClock
+from ccm_opt.cli.tables import columned_table, print_room, report_console, stage_line
+from ccm_opt.solution import ParetoPlan, ParetoPlans
+
+COLUMNS = (
+    "plan",
+    "wanted [mm]",
+    "duration [s]",
+    "least gap [mm]",
+    "gap at goal [mm]",
+    "energy [J]",
+    "peak torque [N m]",
+    "planning CPU [s]",
+    "",
+)
+
+
+def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
+    """Print what came out of the trade-off between time and room, on stdout."""
+    table = columned_table(f"{found.problem.name}: from the fastest plan to the roomiest", COLUMNS)
+    for number, plan in enumerate(found.plans, start=1):
+        table.add_row(f"{number}", *_cells(plan), escape(_note(found, plan, number)))
+    console = report_console()
+    console.print(table)
+    console.print(f"plan {found.recommended}, recommended:")
+    print_room(console, found.best.room)
+    console.print(f"all {len(found.best.checks)} checks of the verifier hold")
+    console.print(escape(stage_line(clock)), soft_wrap=True)
+    console.print(escape(f"written to {folder}, every plan to its folder in {folder}/pareto"), soft_wrap=True)
+
+
+def _cells(plan: ParetoPlan) -> tuple[str, ...]:
+    wanted = f"{1e3 * plan.wanted_gap:.3g}"
+    if plan.solution is None:
+        return (wanted, *[""] * 6)
+    return (
+        wanted,
+        f"{plan.duration:.3f}",
+        f"{1e3 * plan.gap:.3g}",
+        f"{1e3 * plan.goal_gap:.3g}",
+        f"{plan.energy:.3g}",
+        f"{plan.peak_torque:.3g}",
+        f"{plan.cpu:.2f}",
+    )
+
+
+def _note(found: ParetoPlans, plan: ParetoPlan, number: int) -> str:
+    """What there is to say of a plan beside its figures."""
+    if plan.solution is None:
+        return f"no plan: {plan.reason}"
+    notes = ["recommended"] if number == found.recommended else []
+    if plan.dominated_by:
+        notes.append(f"dominated by {plan.dominated_by}")
+    verdict = plan.solution.simulation.verdict
+    if not verdict.followed:
+        notes.append(f"simulation: {verdict.outcome}")
+    return ", ".join(notes)

@@ -1,0 +1,179 @@
+"""The trade-off between time and room: one problem planned with several wanted gaps, each plan verified by itself."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from ccm_opt.diagnosis.possible_gap import possible_gap
+from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
+from ccm_opt.driver.pipeline import solve
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
+from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
+from ccm_opt.problem import Problem
+from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
+from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.verification.room_over_time import room_over_time
+
+
+def pareto(
+    problem: Problem,
+    *,
+    progress: Callable[[str], None] | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    explain: bool = True,
+    settings: Settings | None = None,
+    trade_off: ParetoSettings = DEFAULT_PARETO,
+) -> ParetoPlans:
+    """Plan a problem several times, from the fastest motion to the roomiest.
+
+    The first plan wants no gap. The others want gaps between the one that it keeps unasked and the largest that makes
+    sense in the scene: some times the default, or, where that is less, what any motion can keep. Every plan has the
+    problem's time limit for itself.
+
+    Args:
+        problem: what to solve; its own ``wanted_gap`` is not used.
+        progress: called with the name of each stage when it starts, the number of the plan before it.
+        constraints: of the user, as ``solve`` takes them.
+        costs: of the user, likewise.
+        explain: whether it is explained why there is no plan when there is none at all.
+        settings: numbers of the stages that the problem does not set; the defaults when None.
+        trade_off: which gaps are wanted, and what is recommended.
+
+    Returns:
+        The plans, all but the first perhaps without a solution but with a reason.
+
+    Raises:
+        ProblemError: the problem cannot be used as it stands, or its planner knows no wanted gaps.
+        NoPlanFound: there is no plan for the first wanted gap, which asks for nothing.
+        VerificationError: the verifier refuses that plan.
+    """
+    if problem.arm.base_axes or problem.planner.method != "nlp":
+        raise ProblemError(
+            f'{problem.name}: plans for several wanted gaps need a fixed base and planner.method "nlp"; '
+            "other planners do not know wanted gaps"
+        )
+    numbers = settings or DEFAULT_SETTINGS
+    run = _Run(problem, progress, constraints, costs, numbers)
+    first = run.solved(0.0, 1, explain=explain)
+    roomiest = run.roomiest(first, trade_off)
+    plans = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
+    # What the fastest keeps unasked is no wish.
+    low = plans[0].gap if plans[0].gap < roomiest.wanted_gap else 0.0
+    for number, share in enumerate(trade_off.shares[:-1], start=2):
+        plans.append(run.tried(low + share * (roomiest.wanted_gap - low), number))
+    plans.append(roomiest)
+    plans = [_priced(plan, first.trajectory.duration) for plan in plans]
+    judged = tuple(replace(plan, dominated_by=_dominator(plan, plans, trade_off)) for plan in plans)
+    return ParetoPlans(problem, judged, _recommended(judged, trade_off), trade_off.most_time)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Solves one problem with different wanted gaps; attributes as for ``pareto``."""
+
+    problem: Problem
+    progress: Callable[[str], None] | None
+    constraints: Sequence[Constraint]
+    costs: Sequence[Cost]
+    settings: Settings
+
+    def solved(self, wanted_gap: float, number: int, *, explain: bool = False) -> Solution:
+        """The plan for a wanted gap [m]; raises as ``solve`` does."""
+        options = replace(self.problem.planner, wanted_gap=wanted_gap)
+
+        def numbered(stage: str) -> None:
+            if self.progress is not None:
+                self.progress(f"plan {number}: {stage}")
+
+        return solve(
+            replace(self.problem, planner=options, source=""),
+            progress=numbered,
+            constraints=self.constraints,
+            costs=self.costs,
+            explain=explain,
+            settings=self.settings,
+        )
+
+    def tried(self, wanted_gap: float, number: int) -> ParetoPlan:
+        """The plan for a wanted gap [m], or the reason why there is none."""
+        try:
+            solution = self.solved(wanted_gap, number)
+        except NoPlanFound as failure:
+            return ParetoPlan(wanted_gap, None, failure.diagnosis.reason)
+        except VerificationError as failure:
+            return ParetoPlan(wanted_gap, None, "the verifier refuses the plan: " + "; ".join(failure.failures))
+        return ParetoPlan(wanted_gap, solution, cpu=_planning_time(solution))
+
+    def roomiest(self, fastest: Solution, trade_off: ParetoSettings) -> ParetoPlan:
+        """The plan for the largest wanted gap that the scene has."""
+        number = len(trade_off.shares) + 1
+        top = largest_wanted_gap(fastest, self.settings, trade_off)
+        plan = self.tried(top, number)
+        least = trade_off.least_top * usual_wanted_gap(self.problem, self.settings.curve.goal_pose)
+        if plan.solution is None or not least <= plan.gap < trade_off.enough_of_top * top:
+            return plan
+        # No bound knew how narrow the scene is, but this plan does.
+        return self.tried(plan.gap, number)
+
+
+def largest_wanted_gap(
+    plan: Solution, settings: Settings = DEFAULT_SETTINGS, trade_off: ParetoSettings = DEFAULT_PARETO
+) -> float:
+    """The largest gap that is worth asking for [m]: some times the default, or what any motion can keep at most.
+
+    Args:
+        plan: any plan for the problem.
+        settings: of all stages.
+        trade_off: how many times the default.
+    """
+    problem = plan.problem
+    usual = usual_wanted_gap(problem, settings.curve.goal_pose)
+    most = trade_off.most * usual
+    room = room_over_time(problem, plan.trajectory, most, settings.room, settings.verification)
+    bound = possible_gap(problem, room, settings.diagnosis.passages)
+    if bound is None or bound.value < trade_off.least_top * usual:
+        return most
+    return min(most, bound.value)
+
+
+def usual_wanted_gap(problem: Problem, settings: PoseSettings) -> float:
+    """The wanted gap of an arm for which nothing else is asked [m]."""
+    arm = problem.arm
+    share = settings.wanted_share * arm.length
+    return share if arm.radius == 0.0 else min(share, 0.5 * arm.radius)
+
+
+def _planning_time(solution: Solution) -> float:
+    """CPU time of everything but the simulation [s]."""
+    return sum(seconds for stage, seconds in solution.timings.items() if stage != "simulation")
+
+
+def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
+    """The plan with what its wanted gap costs in time."""
+    solution = plan.solution
+    if solution is None or solution.room is None or plan.wanted_gap == 0.0:
+        return plan
+    room = replace(solution.room, price=solution.trajectory.duration - fastest)
+    return replace(plan, solution=replace(solution, room=room))
+
+
+def _dominator(plan: ParetoPlan, plans: Sequence[ParetoPlan], trade_off: ParetoSettings) -> int:
+    """Number of a plan that is no worse in time and room and better in one of them; 0 when there is none."""
+    if plan.solution is None:
+        return 0
+    shorter = plan.duration * (1.0 - trade_off.same_time)
+    longer = plan.duration * (1.0 + trade_off.same_time)
+    for number, other in enumerate(plans, start=1):
+        no_worse = other.duration <= longer and other.gap >= plan.gap - trade_off.same_gap
+        better = other.duration < shorter or other.gap > plan.gap + trade_off.same_gap
+        if no_worse and better:
+            return number
+    return 0
+
+
+def _recommended(plans: Sequence[ParetoPlan], trade_off: ParetoSettings) -> int:
+    """Number of the roomiest plan that is not much slower than the fastest, and not dominated."""
+    most = (1.0 + trade_off.most_time) * min(plan.duration for plan in plans)
+    eligible = [k for k, plan in enumerate(plans) if plan.duration <= most and not plan.dominated_by]
+    return 1 + max(eligible, key=lambda k: (plans[k].gap, -plans[k].duration))
