@@ -84,9 +84,9 @@ def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool
         clock("loading")
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
-        constraints, costs = terms.loaded()
+        arguments = terms.loaded()
         with failures_recorded(problem, out, clock):
-            solution = solve(problem, progress=clock, constraints=constraints, costs=costs, explain=explain)
+            solution = solve(problem, progress=clock, explain=explain, **arguments)
         clock("writing")
         folder = write_solution(solution, out, _pictures(solution) if pictures else {})
         clock.finish()
@@ -115,14 +115,13 @@ def _solve_several(problem: Problem, out: Path, terms: TermReferences, *, pictur
         clock("loading")
         from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - loads casadi and toppra
 
-        constraints, costs = terms.loaded()
+        arguments = terms.loaded()
         with failures_recorded(problem, out, clock):
             found = pareto(
                 problem,
                 progress=lambda stage: clock(stage.partition(":")[0]),
-                constraints=constraints,
-                costs=costs,
                 explain=explain,
+                **arguments,
             )
         clock("writing")
         folder = write_pareto(found, out, _pareto_pictures(found) if pictures else {})

@@ -1,9 +1,18 @@
 """User constraints and costs named on the command line."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypedDict
 
 from ccm_opt.user_terms.references import load_terms
 from ccm_opt.user_terms.terms import Constraint, Cost
+
+
+class UserArguments(TypedDict, total=False):
+    """Arguments of ``solve`` and its like."""
+
+    constraints: Sequence[Constraint]
+    costs: Sequence[Cost]
 
 
 @dataclass(frozen=True)
@@ -18,13 +27,18 @@ class TermReferences:
     constraints: tuple[str, ...] = ()
     costs: tuple[str, ...] = ()
 
-    def loaded(self) -> tuple[list[Constraint], list[Cost]]:
-        """The constraints and the costs.
+    def loaded(self) -> UserArguments:
+        """The constraints and the costs as arguments of ``solve`` and its like; nothing where none are named.
 
         Raises:
             ProblemError: naming the reference that cannot be loaded.
         """
-        return list(load_terms(self.constraints, Constraint)), list(load_terms(self.costs, Cost))
+        if self == NO_TERMS:
+            return {}
+        return {
+            "constraints": load_terms(self.constraints, Constraint),
+            "costs": load_terms(self.costs, Cost),
+        }
 
 
 NO_TERMS = TermReferences()
