@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.dynamics.simulation.reference import step_reference
 from ccm_opt.errors import RetimingError
 from ccm_opt.jointed.coordinates import planar_coordinates
 from ccm_opt.problem import Limits
@@ -16,6 +17,7 @@ from ccm_opt.retiming.motion_limits import limits_along
 from ccm_opt.retiming.path_rows import path_rows
 from ccm_opt.retiming.profile import SpeedProfile
 from ccm_opt.retiming.reachability import reachable_profile
+from ccm_opt.retiming.sampling import with_jumps
 from ccm_opt.retiming.speed_optimizer import fastest_profile
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import GridSettings
@@ -270,3 +272,23 @@ def test_speed_profile_times_are_exact() -> None:
     np.testing.assert_allclose(speed, time, atol=1e-12)
     np.testing.assert_allclose(growth, 1.0, atol=1e-9)
     assert profile.slowed(2.0).duration == pytest.approx(2.0 * profile.duration)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.3, 3.0), st.floats(2.0, 30.0))
+@settings(max_examples=25, deadline=None)
+def test_a_reference_between_the_samples_keeps_the_accelerations(seed: int, velocity: float, growth: float) -> None:
+    """A cubic through angles and velocities, which a drive interpolates, hardly passes the limit beside a jump."""
+    limits = even_limits(3, velocity, growth)
+    trajectory = run(make_path(random_control(seed, 3)), limits)
+    reference = step_reference(trajectory.time, trajectory.positions, trajectory.velocities, 1e-3)
+    window, _ = reference.window(0, reference.steps)
+    assert np.max(np.abs(window[:, 2])) <= 1.1 * growth
+
+
+def test_samples_stand_at_jumps_unless_one_is_there_anyhow() -> None:
+    """Every jump has a sample at it or beside it, and no step becomes shorter than its share."""
+    time = np.linspace(0.0, 1.0, 11)
+    jumps = np.array([0.05, 0.2, 0.3005, 0.333, 0.3335, 0.999])
+    sampled = with_jumps(time, jumps, 0.02)
+    np.testing.assert_allclose(np.setdiff1d(sampled, time), [0.05, 0.333])
+    assert np.min(np.diff(sampled)) > 0.002

@@ -49,6 +49,16 @@ class SpeedProfile:
         s = self.s[k] + since * (speed + 0.5 * since * growth)
         return np.clip(s, self.s[k], self.s[k + 1]), np.maximum(speed + since * growth, 0.0), growth
 
+    def jumps(self, gain: FloatArray, least: float) -> FloatArray:
+        """When s̈ jumps so that what depends on it changes at once by more than ``least``, increasing [s].
+
+        Args:
+            gain: change for a change of s̈ by 1, at every grid point, shape (N + 1,) [s²].
+            least: of the change.
+        """
+        change = gain[1:-1] * np.abs(np.diff(self.acceleration))
+        return np.asarray(self.times[1:-1][change > least])
+
     def slowed(self, factor: float) -> "SpeedProfile":
         """The same profile with all times longer by a factor."""
         return SpeedProfile(self.s, self.squared / factor**2)

@@ -62,6 +62,7 @@ def sample_motion(
     chords: Chords | None,
     coordinates: Coordinates,
     settings: SamplingSettings = DEFAULT_TIMING.sampling,
+    jumps: FloatArray | None = None,
 ) -> MotionSamples:
     """Sample a path travelled at a speed profile: q̇ = q' ṡ, q̈ = q' s̈ + q'' ṡ².
 
@@ -72,18 +73,36 @@ def sample_motion(
         chords: how far chords between samples may leave the path; None for anyhow.
         coordinates: what the columns of the spline are.
         settings: of sampling.
+        jumps: times at which accelerations jump, so that samples are to stand there; None for none [s].
     """
     # The small number keeps rounding from adding a step where the duration is a whole number of them.
     count = max(int(np.ceil(profile.duration / step - 1e-9)), settings.least_samples)
     time = np.linspace(0.0, profile.duration, count + 1)
     if chords is not None:
         time = near_the_path(spline, profile, time, chords, coordinates, settings)
+    if jumps is not None:
+        time = with_jumps(time, jumps, settings.beside_jump)
     s, speed, growth = (values[:, None] for values in profile.at(time))
     # Both ends are free of rounding, so that start and goal are met exactly and at rest.
     s[[0, -1], 0] = (0.0, 1.0)
     speed[[0, -1], 0] = 0.0
     poses = [np.asarray(spline(s[:, 0], nu)) for nu in range(3)]
     return MotionSamples(s[:, 0], time, poses[0], poses[1] * speed, poses[1] * growth + poses[2] * speed**2)
+
+
+def with_jumps(time: FloatArray, jumps: FloatArray, apart: float) -> FloatArray:
+    """Sample times with those of jumps among them, but for jumps that stand next to a sample anyhow.
+
+    Args:
+        time: strictly increasing, shape (T,) [s].
+        jumps: increasing, within the motion, shape (J,) [s].
+        apart: share of a step that a jump is at least away from its ends, and from the jump before.
+    """
+    after = np.clip(np.searchsorted(time, jumps, side="right"), 1, len(time) - 1)
+    least = apart * (time[after] - time[after - 1])
+    away = np.minimum(jumps - time[after - 1], time[after] - jumps) > least
+    since_last = np.diff(jumps, prepend=-np.inf) > least
+    return np.union1d(time, jumps[away & since_last])
 
 
 def near_the_path(

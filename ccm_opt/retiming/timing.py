@@ -109,10 +109,14 @@ class _Timing:
         """The limits at points of the path, at which every drive can hold the arm still, or it is an error."""
         return path_rows(self.limits, self.path.spline, s)
 
+    @cached_property
+    def _dense(self) -> PathRows:
+        """The limits at the grid points and between them."""
+        return self.rows(refine(self._grid, self.settings.profile.substeps))
+
     def fastest(self) -> SpeedProfile:
         """The fastest speeds along the path."""
-        settings = self.settings.profile
-        return fastest_within(self.rows(refine(self._grid, settings.substeps)), settings)
+        return fastest_within(self._dense, self.settings.profile)
 
     def smooth(self, fastest: SpeedProfile) -> SmoothProfile:
         """The motion with bounded jerk, slowed down until all limits hold at every look."""
@@ -131,7 +135,13 @@ class _Timing:
         for _ in range(settings.resamplings):
             # Sampled a little finer than asked, so that a small stretch does not make the steps too long.
             samples = sample_motion(
-                self.path.spline, profile, step / settings.small_stretch, chords, self.path.coordinates, settings
+                self.path.spline,
+                profile,
+                step / settings.small_stretch,
+                chords,
+                self.path.coordinates,
+                settings,
+                self._jumps(profile),
             )
             stretch = needed_stretch(samples, self.limits)
             if stretch <= settings.small_stretch:
@@ -139,6 +149,14 @@ class _Timing:
             self.rows(samples.s)  # a drive that is too weak between grid points is the reason, and is named
             profile = profile.slowed(stretch)
         raise _no_speed(profile)
+
+    def _jumps(self, profile: SpeedProfile | SmoothProfile) -> FloatArray | None:
+        """When the motion's accelerations jump; None for a motion whose jerk is limited."""
+        if isinstance(profile, SmoothProfile):
+            return None
+        # Rows are shares of the limits, so the greatest coefficient of s̈ is what a change of it does to any of them.
+        gain = np.max(np.abs(self._dense.every(self.settings.profile.substeps).a), axis=1)
+        return profile.jumps(gain, self.settings.sampling.jump)
 
 
 def _no_speed(profile: SpeedProfile | SmoothProfile) -> RetimingError:

@@ -103,6 +103,12 @@ class SamplingSettings:
         hair: sag that is allowed anyhow [m]. Derived: half of what the verifier forgives.
         most_pieces: pieces that a step may be cut into so that chords stay near the path. Taste; it bounds the samples.
         cuttings: most rounds of cutting steps. Measured: the first leaves few steps too long.
+        jump: change of an acceleration or effort, as a share of its limit, at which a sample is put when it happens at
+            once. A drive's reference that is interpolated between two samples beside a jump passes the accelerations
+            before and after it by up to a third of the jump. Taste: what smaller ones add is within the share that
+            plans leave.
+        beside_jump: share of a step by which such a sample is at least away from its neighbours. Derived: nearer than
+            this to a sample, a jump adds less than 4 %.
         small_stretch: stretch of time that keeps the samples where they are on the path; steps are shorter by as much
             before it. Taste.
         resamplings: most samplings, each of a motion slower than the last by at least a small stretch. Derived: they
@@ -115,6 +121,8 @@ class SamplingSettings:
     hair: float = 5e-7
     most_pieces: int = 32
     cuttings: int = 8
+    jump: float = 0.1
+    beside_jump: float = 0.02
     small_stretch: float = 1.01
     resamplings: int = 60
 

@@ -34,7 +34,9 @@ class StepReference:
             Angles, velocities and accelerations at the start of each step, shape (count, 3, joints), and the angles at
             the end of each step, shape (count, joints). Steps past the end hold the last pose.
         """
-        times = np.minimum(np.arange(first, first + count + 1), self.steps) * self.step
+        # The last step may reach past the end of the motion, where the splines would run on.
+        end = float(self.angles.x[-1])
+        times = np.minimum(np.arange(first, first + count + 1) * self.step, end)
         angles = self.angles(times)
         velocities = self.velocities(times)
         accelerations = np.diff(velocities, axis=0) / self.step  # means over the steps: see the class
