@@ -13,6 +13,7 @@ from ccm_opt.solution.stage_results import (
     Solution,
 )
 from ccm_opt.solution.static_pose import BindingSide, PoseOutcome, StaticPose
+from ccm_opt.solution.survived_error import SurvivedError
 
 __all__ = [
     "BindingSide",
@@ -33,4 +34,5 @@ __all__ = [
     "SimulationVerdict",
     "Solution",
     "StaticPose",
+    "SurvivedError",
 ]

@@ -13,6 +13,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
 from ccm_opt.solution.room_record import RoomRecord
 from ccm_opt.solution.simulation_verdict import FOLLOWED, SimulationVerdict
+from ccm_opt.solution.survived_error import SurvivedError
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -230,6 +231,7 @@ class Solution:
         timings: CPU time by stage [s].
         versions: of Python and of the packages that the plan was made with.
         room: how much room the motion keeps; None where nobody asked.
+        tolerance: errors that the motion survives; none where nobody asked.
     """
 
     problem: Problem
@@ -242,6 +244,7 @@ class Solution:
     timings: Mapping[str, float]
     versions: Mapping[str, str] = field(default_factory=dict)
     room: RoomRecord | None = None
+    tolerance: tuple[SurvivedError, ...] = ()
 
     @property
     def joint_positions(self) -> FloatArray:

@@ -88,16 +88,18 @@ class ChainMotion:
         return self.positions[:, : self.arm.links]
 
     @cached_property
-    def _headings(self) -> FloatArray:
+    def headings(self) -> FloatArray:
+        """Headings of the links at the samples, shape (T, links) [rad]."""
         return link_headings(self.arm, self.positions)
 
     @cached_property
-    def _carried(self) -> FloatArray:
+    def carried(self) -> FloatArray:
+        """How far the base is carried along its heading at the samples, shape (T,) [m]."""
         return advance(self.arm, self.positions)
 
     @cached_property
     def _heading_steps(self) -> FloatArray:
-        return np.diff(self._headings, axis=0)
+        return np.diff(self.headings, axis=0)
 
     @cached_property
     def turned(self) -> FloatArray:
@@ -107,7 +109,7 @@ class ChainMotion:
         """
         # In link lengths the base adds to the sum like one more link that turns.
         turned = _running_sum(np.abs(self._heading_steps))
-        return turned + np.abs(np.diff(self._carried))[:, None] / self.arm.link_length
+        return turned + np.abs(np.diff(self.carried))[:, None] / self.arm.link_length
 
     @cached_property
     def bent(self) -> FloatArray:
@@ -128,8 +130,8 @@ class ChainMotion:
     def poses(self, nodes: Nodes) -> FloatArray:
         """Joint and tip positions at the middle of each stretch, shape (N, links + 1, 2) [m]."""
         # Bends are linear in time between samples, and so are headings, which are sums of them.
-        headings = self._headings[nodes.interval] + nodes.centre[:, None] * self._heading_steps[nodes.interval]
-        carried = self._carried[nodes.interval] + nodes.centre * np.diff(self._carried)[nodes.interval]
+        headings = self.headings[nodes.interval] + nodes.centre[:, None] * self._heading_steps[nodes.interval]
+        carried = self.carried[nodes.interval] + nodes.centre * np.diff(self.carried)[nodes.interval]
         return chain_points(self.arm, headings, carried)
 
     def when(self, nodes: Nodes, index: int) -> float:

@@ -1,0 +1,153 @@
+"""The largest errors with which a timed motion keeps its clearance from the walls, and off itself, at all times."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.solution import JointTrajectory, SurvivedError
+from ccm_opt.verification.bisection import Pairs
+from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.selfcollision import first_distant
+from ccm_opt.verification.tolerance.chain_cases import ChainCases
+from ccm_opt.verification.tolerance.chain_support import worst_errors
+from ccm_opt.verification.tolerance.error_model import (
+    ErrorModel,
+    base_heading_error,
+    base_position_error,
+    joint_errors,
+    link_length_errors,
+    wall_errors,
+)
+from ccm_opt.verification.tolerance.hidden_corners import hidden_corners
+from ccm_opt.verification.tolerance.largest_error import LargestError, Limiting
+from ccm_opt.verification.tolerance.link_cases import LinkCases
+from ccm_opt.verification.tolerance.moving_chain import MovingChain
+from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
+from ccm_opt.verification.tolerance.wall_cases import WallCases
+from ccm_opt.verification.wall_clearance import WallEdges, exposed_starts, wall_edges
+
+MODELS: tuple[Callable[[Arm], ErrorModel], ...] = (
+    joint_errors,
+    link_length_errors,
+    base_heading_error,
+    base_position_error,
+    wall_errors,
+)
+"""Everything that may be wrong with the geometry."""
+
+_TINY = 1e-300
+_DIGITS = 3
+"""Digits of the shares of the worst errors that are worth telling."""
+
+
+def survived_errors(
+    arm: Arm, workspace: Workspace, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
+) -> tuple[SurvivedError, ...]:
+    """The largest errors of every kind, one kind at a time; arguments as for ``survived_error``."""
+    return tuple(survived_error(arm, workspace, trajectory, make(arm), settings) for make in MODELS)
+
+
+def survived_error(
+    arm: Arm,
+    workspace: Workspace,
+    trajectory: JointTrajectory,
+    model: ErrorModel,
+    settings: ToleranceSettings = DEFAULT_TOLERANCE,
+) -> SurvivedError:
+    """The largest error of one kind with which every motion keeps clear, certified at all times.
+
+    Every motion whose coordinates are within the error of the planned ones at all times keeps the clearance from every
+    wall, beyond the mount, and two radii between distant links where the arm has to. Joints that a guide tube holds
+    straight have no error.
+
+    Args:
+        arm: the arm.
+        workspace: the room, its obstacles and the clearance.
+        trajectory: the plan, linear between its samples.
+        model: what may be wrong.
+        settings: how closely the error is sought.
+    """
+    motion = ChainMotion(arm, trajectory.time, trajectory.positions)
+    edges = wall_edges(workspace)
+    search = LargestError(_largest(arm, model, settings), settings)
+    coarse = MovingChain.in_strides(motion, model, settings.stride * arm.link_length)
+    fine = MovingChain.through_all(motion, model)
+
+    kinds: list[Callable[[MovingChain], WallCases | LinkCases]] = []
+    if np.any(exposed_starts(arm) < 1.0):
+        hidden = hidden_corners(workspace)
+        kinds.append(lambda chain: WallCases(chain, edges, workspace.clearance, hidden))
+    if model.with_itself and arm.self_collision and first_distant(arm) < arm.links:
+        kinds.append(LinkCases)
+    # A good upper end first: it decides how far anything has to look.
+    for kind in kinds:
+        search.tighten(kind(fine).nearest(settings.probes))
+    for kind in kinds:
+        _prove(search, kind(coarse), kind(fine))
+    return _named(model, search.certified, search.limiting, fine, edges)
+
+
+def _largest(arm: Arm, model: ErrorModel, settings: ToleranceSettings) -> float:
+    """Errors above this are not looked at [unit]."""
+    turned = float(np.sum(model.turns))
+    return settings.largest_turn / turned if turned > 0.0 else settings.largest_length * arm.length
+
+
+def _prove(search: LargestError, coarse: WallCases | LinkCases, fine: WallCases | LinkCases) -> None:
+    """Prove all cases over strides of the motion, and those that are left over at its samples."""
+    pairs = coarse.within(search.upper)
+    left = search.undecided(coarse.cases(pairs), of_motion=False)
+    search.prove(fine.cases(_at_samples(left, coarse.chain.at)))
+
+
+def _at_samples(cases: ChainCases, at: IntArray) -> Pairs:
+    """The pairs of cases over strides, for every interval between samples in these strides."""
+    pairs = np.unique(np.stack((cases.interval, cases.link, cases.other), axis=1), axis=0)
+    first = at[pairs[:, 0]]
+    counts = at[pairs[:, 0] + 1] - first
+    row = np.repeat(np.arange(len(pairs)), counts)
+    within = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return Pairs(first[row] + within, pairs[row, 1], pairs[row, 2])
+
+
+def _named(
+    model: ErrorModel, size: float, limiting: Limiting | None, chain: MovingChain, edges: WallEdges
+) -> SurvivedError:
+    if limiting is None:
+        return SurvivedError(model.name, size, model.unit, "nothing; larger errors are not looked at", limited=False)
+    case = limiting.case
+    time = chain.motion.time
+    k = int(case.interval[0])
+    when = float(time[k] + case.stretch[0, 0] * (time[k + 1] - time[k]))
+    link = int(case.link[0])
+    other = int(case.other[0])
+    body = f"link {other + 1}" if case.with_link[0] else repr(edges.names[edges.owner[other]])
+    where = f"link {link + 1} to {body} at t = {when:.4f} s"
+    worst = _worst_shares(limiting, chain.arm.links) if np.any(model.turns[1:]) else ()
+    return SurvivedError(model.name, size, model.unit, where, when, link + 1, worst)
+
+
+def _worst_shares(limiting: Limiting, links: int) -> tuple[float, ...]:
+    """Errors of the joints, as shares of the largest, that bring the limiting link near, shape (links,)."""
+    case = limiting.case
+    widths = limiting.error * case.turns
+    errors = worst_errors(case.lengths[:, 0], case.angles[:, 0], widths, np.array([limiting.direction]))[0]
+    shares = np.zeros(links + 1)
+    used = case.joints[0] > 0
+    shares[case.joints[0, used]] = case.sense[0] * errors[used] / max(limiting.error, _TINY)
+    # Nought has no sign.
+    return tuple(float(share) + 0.0 for share in np.round(shares[1:], _DIGITS))
+
+
+def worst_motion(trajectory: JointTrajectory, error: SurvivedError, size: float) -> FloatArray:
+    """Bends of a motion whose joints are off all the time as leads to a touch soonest, shape (T, links) [rad].
+
+    Args:
+        trajectory: the plan.
+        error: what its joints survive.
+        size: of the error of every joint [rad].
+    """
+    return np.asarray(trajectory.bend_angles + size * np.array(error.worst))

@@ -1,0 +1,59 @@
+"""How closely the errors that a plan survives are sought."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ToleranceSettings:
+    """Numbers of the search for the largest errors that a motion survives.
+
+    Attributes:
+        stride: no point of the arm travels farther between the samples that are looked at first than this many link
+            lengths. Measured: ``python -m tests.benchmarks.bench_tolerance``, where half and twice as much take longer.
+        precision: share by which the certified error may stay below the least one that the bound refuses at some
+            pose. Taste.
+        coarse_fan: directions beside that of the shortest line in which a chain and its target are parted, to either
+            side [rad]. Taste: errors bend the place where a chain may be, so the shortest line need not be the best.
+        fine_fan: further directions about the best of them [rad]. Taste.
+        probes: poses at which the nearest wall of every link, and all pairs of links, are looked up first. Taste.
+        solved: cases at one level of halving for which the error is solved exactly. Taste.
+        tightenings: how often at one level. Taste.
+        solve_steps: most steps of solving it, by false position. Taste: three are usual.
+        solved_share: share of the gap without errors that may be left when it is solved. Derived: well below the
+            precision.
+        depth: most halvings of a stretch of time. Derived: the sag falls four-fold at each, down to rounding.
+        most_cases: undecided cases above which a smaller error is tried instead of shorter stretches. Derived: some
+            100 MB of arrays.
+        least: errors below this count as none [rad, m]. Derived: far below what the verifier tells apart.
+        largest_turn: errors of angles that may turn the tip by more than this, all together, are not looked at [rad].
+            Taste: convex bounds are tight up to some 0.2 rad, and an arm so far off follows no plan.
+        largest_length: the same of lengths, as a share of the arm's length. Taste.
+        far_turn: turn of a vector beyond which a linearisation does not find the worst errors well [rad]. Measured on
+            random chains of 24 vectors: the bound grows loose from there on.
+        far_steps: steps that find them then. Taste.
+        chunk: cases handled at a time, so that the intermediate arrays stay small. Taste.
+        tube_directions: directions in which the places of every joint are bounded for the picture of the tube. Taste.
+    """
+
+    stride: float = 0.4
+    precision: float = 2e-3
+    coarse_fan: tuple[float, ...] = (0.2, 0.45, 0.8, 1.2)
+    fine_fan: tuple[float, ...] = (0.04, 0.1)
+    probes: int = 64
+    solved: int = 12
+    tightenings: int = 3
+    solve_steps: int = 12
+    solved_share: float = 2e-4
+    depth: int = 20
+    most_cases: int = 20_000
+    least: float = 1e-7
+    largest_turn: float = 1.2
+    largest_length: float = 0.25
+    far_turn: float = 0.25
+    far_steps: int = 12
+    chunk: int = 2048
+    tube_directions: int = 24
+
+
+DEFAULT_TOLERANCE = ToleranceSettings()
+"""What is used unless others are given."""
