@@ -10,7 +10,7 @@ from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.binding_sides import binding_sides
-from ccm_opt.planners.pose_over_routes import PoseTry, pose_search, pose_tries
+from ccm_opt.planners.pose_over_routes import PoseTry, drawn_tries, pose_search, pose_tries
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import GoalPoseRecord, PoseOutcome, StaticPose
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -52,7 +52,8 @@ def find_pose(
         refuse_impossible(problem)
         search = pose_search(problem, terms, numbers.curve)
     with stages("configuration"):
-        tries = sorted(pose_tries(search, numbers.curve), key=lambda each: each.cost)
+        tries = list(pose_tries(search, numbers.curve))
+        tries = sorted((*tries, *drawn_tries(search, tries)), key=lambda each: each.cost)
         if not tries or tries[0].best is None:
             raise no_pose(problem, tries, terms, numbers)
     return _answer(problem, tries, terms, stages)

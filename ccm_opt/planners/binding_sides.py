@@ -1,9 +1,11 @@
 """The sides of links' regions that a goal pose leans on, read from the names of rows with a multiplier."""
 
 import re
+from dataclasses import replace
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
+from ccm_opt.nlp.arm_pose.pose_task import LinkRegions
 from ccm_opt.planners.goal_pose import GoalPoseSearch
 from ccm_opt.planners.link_regions import link_regions
 from ccm_opt.solution import BindingSide
@@ -21,8 +23,9 @@ def binding_sides(search: GoalPoseSearch, pose: ArmPose, start: FloatArray) -> t
         start: link headings about which its regions were drawn, shape (links,) [rad].
     """
     arm = search.problem.arm
-    normals = link_regions(arm, search.problem.workspace, start, search.settings).normals
     points = arm.joint_positions(pose.headings)
+    both = (search.settings, replace(search.settings, reach=search.settings.far_reach))
+    drawn = [link_regions(arm, search.problem.workspace, start, settings) for settings in both]
     sides = []
     for name, multiplier in pose.multipliers.items():
         row = _ROW.fullmatch(name)
@@ -30,9 +33,23 @@ def binding_sides(search: GoalPoseSearch, pose: ArmPose, start: FloatArray) -> t
             continue
         link = int(row[1])
         place = points[link if row[3] == "end" else link - 1]
-        normal = normals[link - 1, int(row[2]) - 1]
-        sides.append(BindingSide(link, _pair(place), _pair(normal), multiplier))
+        normal = _normal(drawn, link - 1, int(row[2]) - 1, place, pose.gap, search)
+        if normal is not None:
+            sides.append(BindingSide(link, _pair(place), _pair(normal), multiplier))
     return tuple(sides)
+
+
+def _normal(
+    drawn: list[LinkRegions], link: int, side: int, place: FloatArray, gap: float, search: GoalPoseSearch
+) -> FloatArray | None:
+    """The side's outward normal, shape (2,), in the regions by which the place has just the gap to it; None in none."""
+    allowed = search.settings.leaning * search.problem.arm.length
+    for regions in drawn:
+        if side < regions.sides:
+            normal: FloatArray = regions.normals[link, side]
+            if abs(float(regions.offsets[link, side] - normal @ place) - gap) <= allowed:
+                return normal
+    return None
 
 
 def _pair(vector: FloatArray) -> tuple[float, float]:

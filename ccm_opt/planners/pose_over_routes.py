@@ -1,6 +1,6 @@
-"""The static question alone: poses at the goal from every beginning that routes offer, by the goal-pose NLP."""
+"""The static question alone: poses at the goal by the NLP, begun along every route and from poses drawn at random."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -89,6 +89,23 @@ def pose_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_
             continue
         for letter, headings in zip("abcdefgh", beginnings, strict=False):
             yield tried_from(search, f"{start}, {letter}" if len(beginnings) > 1 else start, headings)
+
+
+def drawn_tries(search: GoalPoseSearch, tries: Sequence[PoseTry]) -> Iterator[PoseTry]:
+    """Tries from poses of other classes that are drawn at random about what costs least without walls.
+
+    Args:
+        search: for the problem.
+        tries: made so far; the best of them says below which cost a pose is worth drawing.
+    """
+    best = min(tries, key=lambda each: each.cost, default=None)
+    near = search.ends.start
+    if best is not None and best.best is not None:
+        near = best.poses[best.best].headings
+    elif best is not None and best.starts:
+        near = best.starts[0]
+    for number, candidate in enumerate(search.candidates(near), start=1):
+        yield tried_from(search, f"drawn pose {number}", candidate.pose.headings)
 
 
 def tried_from(search: GoalPoseSearch, start: str, headings: FloatArray) -> PoseTry:

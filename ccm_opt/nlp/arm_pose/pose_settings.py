@@ -41,6 +41,7 @@ class PoseSettings:
         binding: a multiplier above this, beside an objective of order one, marks a row that shapes the pose (taste).
         region_sizes: numbers of sides that programs are built for, so that poses share solvers (measured: of 42 clutter
             scenes all need eight or fewer).
+        leaning: by how much the room to a side may differ from the gap of a pose that leans on it (taste).
         enough: share of the wanted gap at which no further round is worth its time (taste).
     """
 
@@ -66,4 +67,5 @@ class PoseSettings:
     feasible: float = 1e-6
     binding: float = 1e-4
     region_sizes: tuple[int, ...] = (8, 16, 32, 64, 128)
+    leaning: float = 1e-4
     enough: float = 0.999
