@@ -36,6 +36,11 @@ __all__ = [
     "Weights",
 ]
 
+WANTED_SHARE_OF_LENGTH = 0.015
+"""Room that plans keep unless the problem says otherwise, as a share of the arm's length."""
+WANTED_SHARE_OF_RADIUS = 0.5
+"""The same as a share of its radius; the lesser room counts."""
+
 MethodName = Literal["nlp", "hill-climbing"]
 OptimiserName = Literal["sequential-convex", "interior-point", "none"]
 RetimingName = Literal["toppra", "paul"]
@@ -152,9 +157,10 @@ class PlannerOptions:
         optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.
         retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
         weights: what counts how much when configurations and motions are optimised.
+        wanted_gap: room beyond radius and clearance that the goal pose and the motion keep where there is so much [m];
+            0 asks for none, None for ``Problem.default_gap``.
         effort_share: share of every drive's limits on velocity, acceleration, jerk and effort that plans use, above 0
             and at most 1, so that feedback has something left; where gravity alone takes nearly so much, more.
-        wanted_gap: room beyond radius and clearance that the goal pose and the motion keep where there is so much [m].
     """
 
     method: MethodName = "nlp"
@@ -165,7 +171,7 @@ class PlannerOptions:
     optimiser: OptimiserName = "sequential-convex"
     retiming: RetimingName = "toppra"
     weights: Weights = field(default_factory=Weights)
-    wanted_gap: float = 0.0
+    wanted_gap: float | None = None
     effort_share: float = 0.9
 
 
@@ -246,6 +252,21 @@ class Problem:
     planner: PlannerOptions = field(default_factory=PlannerOptions)
     simulation: SimulationOptions = field(default_factory=SimulationOptions)
     source: str = ""
+
+    @property
+    def wanted_gap(self) -> float:
+        """Room beyond radius and clearance that planning keeps where there is so much [m]."""
+        return self.default_gap if self.planner.wanted_gap is None else self.planner.wanted_gap
+
+    @property
+    def default_gap(self) -> float:
+        """The wanted gap unless the options name one [m]: 1.5 % of the arm's length or half its radius.
+
+        The lesser of the two: as much as one would leave beside a hose of that size. An arm without a radius gets the
+        former.
+        """
+        share = WANTED_SHARE_OF_LENGTH * self.arm.length
+        return share if self.arm.radius == 0.0 else min(share, WANTED_SHARE_OF_RADIUS * self.arm.radius)
 
     def __post_init__(self) -> None:
         defects = tuple(_defects(self))

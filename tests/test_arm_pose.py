@@ -154,16 +154,17 @@ def test_poses_are_at_the_goal_within_limits_and_have_room(seed: int) -> None:
 
 
 def test_parts_of_the_objective_are_what_they_are_called() -> None:
-    """Travel and distance, weighted, are those of the pose's links, reckoned without the program."""
+    """Distance and bending, weighted, are those of the pose, reckoned without the program."""
     scene = clutter(91_000, 20)
     search = searched(scene)
     pose = search.best(scene.goal)
     assert pose is not None
     settings = search.settings
-    turned = search.problem.arm.bends(pose.headings) - search.problem.arm.bends(search.origin)
-    apart = pose.headings - scene.goal
-    assert pose.costs["travel"] == pytest.approx(settings.travel_weight * np.sum(turned**2))
-    assert pose.costs["distance"] == pytest.approx(settings.distance_weight * np.mean(apart**2))
+    turned = search.problem.arm.bends(pose.headings) - search.problem.arm.bends(search.near)
+    assert pose.costs["distance"] == pytest.approx(settings.distance_weight * np.sum(turned**2))
+    arcs = np.linspace(0.0, pose.curve.length, 20_001)
+    bending = np.trapezoid(pose.curve.curvature_at(arcs) ** 2, arcs) * pose.curve.length
+    assert pose.costs["bending"] == pytest.approx(settings.bending_weight * bending, rel=1e-4)
 
 
 def test_sides_that_are_left_out_follow_from_those_that_are_kept() -> None:

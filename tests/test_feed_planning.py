@@ -17,8 +17,8 @@ from ccm_opt.files.problem_file import load_problem
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Feed
+from ccm_opt.motion.clamped_spline import clamped_spline
 from ccm_opt.motion.continuation import Deadline
-from ccm_opt.motion.spline_path import clamped_spline
 from ccm_opt.planners.feed import FeedPlanner
 from ccm_opt.planners.feed.reshaping import Reshaping
 from ccm_opt.planners.following.deviation import deviation

@@ -13,6 +13,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.motion.clamped_spline import clamped_spline
 from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
@@ -29,7 +30,7 @@ from ccm_opt.motion.settings.guide_settings import (
     TipLedSettings,
 )
 from ccm_opt.motion.settings.step_settings import GoalSettings, StepSettings
-from ccm_opt.motion.spline_path import certified_spline, clamped_spline
+from ccm_opt.motion.spline_path import certified_spline
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, round_base
 

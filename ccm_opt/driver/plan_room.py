@@ -17,7 +17,7 @@ def room_of(problem: Problem, trajectory: JointTrajectory, settings: Settings = 
         trajectory: the motion.
         settings: of all stages.
     """
-    room = room_over_time(problem, trajectory, problem.planner.wanted_gap, settings.room, settings.verification)
+    room = room_over_time(problem, trajectory, problem.wanted_gap, settings.room, settings.verification)
     if room.wanted == 0.0:
         return room
     return replace(room, possible=possible_gap(problem, room, settings.diagnosis.passages))

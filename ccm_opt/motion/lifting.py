@@ -41,7 +41,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     within = np.all(np.abs(task.arm.bends(headings)) <= task.arm.bend_limits)
     if len(failing) or not within:
         return None
-    return Motion(space, coordinates, headings, f"{motion.candidate}, lifted")
+    return Motion(space, coordinates, headings, f"{motion.candidate}, lifted", end_pose=motion.end_pose)
 
 
 def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:

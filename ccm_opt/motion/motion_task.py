@@ -24,8 +24,8 @@ from ccm_opt.motion.settings.motion_settings import MotionSettings
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.problem import OptimiserName, Weights
 
-EndPose: TypeAlias = Callable[[Arm, FloatArray, FloatArray], FloatArray | None]
-"""Offers a better pose at the goal."""
+EndPose: TypeAlias = Callable[[Arm, FloatArray], FloatArray | None]
+"""Offers a better pose at the goal than one in which a motion ends."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class MotionTask:
         weights: what counts how much when the motion is optimised.
         slowness: of the joints; None when all are alike.
         user_limits: what the user asks of the motion; usually nothing.
-        end_pose: link headings of a better pose at the goal than one that the search arrived at, for an arm and the
-            headings at both ends of the motion found, each of shape (links,) [rad]; None where there is none.
+        end_pose: link headings of a better pose at the goal than one in which a motion of an arm ends, both of shape
+            (links,) [rad]; None where there is none.
         wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
         settings: numbers of every stage of the search.
     """
@@ -94,7 +94,7 @@ class MotionTask:
     weights: Weights = field(default_factory=Weights)
     slowness: JointSlowness | None = None
     user_limits: tuple[Limit, ...] = ()
-    end_pose: EndPose = field(default=lambda _arm, _start, _end: None)
+    end_pose: EndPose = field(default=lambda _arm, _end: None)
     wanted_gap: float = 0.0
     settings: MotionSettings = field(default_factory=MotionSettings)
 
@@ -130,9 +130,21 @@ class MotionTask:
         walls = Walls.from_workspace(self.workspace)
         return ContactFinder(self.arm, walls, self.workspace.clearance, margin, reach, self.settings.contacts)
 
-    def limits(self, finder: ContactFinder) -> tuple[Limit, ...]:
-        """All limits of the motion, contact by a finder's margin and reach."""
-        return assembled_limits(finder, self.contact_certificate, self.settings.step, self.user_limits)
+    def limits(self, finder: ContactFinder, wanted_gap: float = 0.0) -> tuple[Limit, ...]:
+        """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
+        return assembled_limits(finder, self.contact_certificate, self.settings.step, self.user_limits, wanted_gap)
+
+    def certificate_with(self, spare: float) -> MotionCertificate:
+        """The certificate of all limits, with more gap beyond contact than motions must have [m]."""
+        contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
+        limits = assembled_limits(self._end_finder, contact, self.settings.step, self.user_limits)
+        return MotionCertificate(self.arm, contact.spare, limits)
+
+    def least_gap(self, headings: FloatArray) -> float:
+        """Least gap beyond contact of the poses of a motion, shape (K, links) [m], as far as the wanted gap sees."""
+        finder = self.finder(0.0, self.wanted_gap)
+        gaps = (finder.find(self.arm.joint_positions(pose)).gap.min(initial=finder.reach) for pose in headings)
+        return float(min(gaps))
 
     @property
     def parametric(self) -> bool:
@@ -182,6 +194,8 @@ class Motion:
         headings: link headings at the keyframes, shape (K, links) [rad].
         candidate: name of the candidate that led to it.
         u: path parameter at the keyframes, shape (K,), or None where nothing depends on it.
+        end_pose: link headings of the offered pose at the goal that it ends in, of the arm it was planned for; None
+            where it ends elsewhere.
     """
 
     space: LinkSpace
@@ -189,6 +203,7 @@ class Motion:
     headings: FloatArray
     candidate: str
     u: FloatArray | None = None
+    end_pose: FloatArray | None = None
 
 
 def coarsened(task: MotionTask, links: int) -> MotionTask:

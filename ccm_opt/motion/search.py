@@ -4,7 +4,7 @@ Arms of many links are planned with few links in the same coordinates and lifted
 links, they are planned on their own links.
 """
 
-from ccm_opt.motion.end_pose import led_to_end_pose
+from ccm_opt.motion.ending import optimised_to_end_pose
 from ccm_opt.motion.failures import Failure, nothing_found
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import NOMINAL_LINKS
@@ -34,12 +34,12 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         if coarse is not None:
             # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.
             found = strategy.find(coarse, failures, NOMINAL_LINKS)
-            lifted = _lifted(*led_to_end_pose(found, coarse), task) if found is not None else None
+            lifted = _lifted(found, coarse, task) if found is not None else None
             if lifted is not None:
                 return lifted
         motion = strategy.find(task, failures, nominal_links)
         if motion is not None:
-            return optimise(*led_to_end_pose(motion, task))
+            return optimised_to_end_pose(motion, task)
     raise nothing_found(task, failures)
 
 
@@ -56,7 +56,7 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
     """A coarse motion on the task's links: optimised and lifted, or else lifted as it was found and then optimised."""
     # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where it
     # still cannot be lifted, the motion as it was found has more room.
-    lifted = lift(optimise(found, coarse, task.settings.search.lift_margin), task)
+    lifted = lift(optimised_to_end_pose(found, coarse, task.settings.search.lift_margin), task)
     if lifted is not None:
         return lifted
     lifted = lift(found, task)

@@ -4,11 +4,10 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.motion.clamped_spline import DEGREE, clamped_spline
 from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
 from ccm_opt.motion.settings.search_settings import SmoothPathSettings
 
-DEGREE = 3
-"""Of the spline: the least with a continuous second derivative."""
 SMOOTH_PATH = SmoothPathSettings()
 """The settings unless others are given."""
 
@@ -40,14 +39,6 @@ def certified_spline(
         # differences, by which the curve leaves it, become smaller.
         control = _halve_legs(control, failing)
     return None
-
-
-def clamped_spline(control: FloatArray) -> BSpline:
-    """Clamped uniform cubic B-spline over [0, 1] with given control points, shape (m ≥ 4, links)."""
-    spans = len(control) - DEGREE
-    # End knots of multiplicity four: the curve begins and ends on its first and last control point.
-    knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
-    return BSpline(knots, control, DEGREE)
 
 
 def spare_kept(spline: BSpline, certificate: IntervalCertificate, settings: SmoothPathSettings = SMOOTH_PATH) -> float:

@@ -39,6 +39,11 @@ class Sweep:
         return self.space.arm.joint_positions(0.5 * (self.headings[:-1] + self.headings[1:]))
 
     @cached_property
+    def middle_points(self) -> FloatArray:
+        """As ``points``, half-way through the intervals, shape (K, n + 2, 2) [m]."""
+        return np.concatenate((self.middles, self._at_mount(self.middles)), axis=1)
+
+    @cached_property
     def turns(self) -> FloatArray:
         """Turns of the links over the intervals Δφ, shape (K, n) [rad]."""
         return np.diff(self.headings, axis=0)

@@ -6,7 +6,7 @@ the certified motion on the links, and a smooth path through joint space.
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from scipy.interpolate import BSpline
 
@@ -14,19 +14,18 @@ from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.user_limit import UserLimit
 from ccm_opt.motion.link_space import nearest_curve
-from ccm_opt.motion.motion_task import CachedItems, EndPose, JointSlowness, Motion, MotionTask
+from ccm_opt.motion.motion_task import CachedItems, JointSlowness, Motion, MotionTask
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.smooth_path import smooth_path
 from ccm_opt.planners.curve_guesses import find_guesses, further_guesses
 from ccm_opt.planners.curve_routes import find_routes, route_inflation, tip_paths_along
 from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
-from ccm_opt.planners.goal_pose import GoalPoseSearch, for_arm
+from ccm_opt.planners.end_poses import EndPoses
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -64,9 +63,12 @@ class CurvePlanner:
                 limit.refuse_ends(ends.start, ends.goal_headings)
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
-        task = self.motion_task(problem, ends, deadline)
+        end_poses = EndPoses(problem, ends, self.stages, self.terms, self.settings.goal_pose)
+        task = replace(self.motion_task(problem, ends, deadline), end_pose=end_poses)
         with self.stages("motion"):
-            return joint_path(problem, task, find_motion(task))
+            motion = find_motion(task)
+            path = joint_path(problem, task, motion)
+        return replace(path, goal_pose=end_poses.record(motion.end_pose))
 
     def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
         """What the search for a motion between ends that are already resolved is asked.
@@ -97,23 +99,9 @@ class CurvePlanner:
             weights=problem.planner.weights,
             slowness=slowness(problem),
             user_limits=self.user_limits,
-            end_pose=self._end_pose(problem, ends),
-            wanted_gap=problem.planner.wanted_gap,
+            wanted_gap=problem.wanted_gap,
             settings=settings.motion,
         )
-
-    def _end_pose(self, problem: Problem, ends: Ends) -> EndPose:
-        """Offers the best pose at the goal by the goal-pose NLP, where room is wanted."""
-
-        def best(arm: Arm, start: FloatArray, headings: FloatArray) -> FloatArray | None:
-            if problem.planner.wanted_gap == 0.0 or ends.goal_headings is not None:
-                return None
-            with self.stages("configuration"):
-                search = GoalPoseSearch(for_arm(problem, arm), ends, start, self.terms, self.settings.goal_pose)
-                pose = search.best(headings)
-            return None if pose is None else pose.headings
-
-        return best
 
     def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
         """Configurations, each made in the stage of that name when it is asked for."""

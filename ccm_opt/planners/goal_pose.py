@@ -48,7 +48,8 @@ class GoalPoseSearch:
     Attributes:
         problem: with a goal for the tip.
         ends: its ends as planning takes them.
-        origin: link headings at the start of the motion, shape (links,) [rad].
+        near: link headings of the pose to stay near, shape (links,) [rad]: where the motion would end by itself, or
+            where it starts.
         terms: the user's constraints and costs, or None.
         settings: of the NLP.
         draw_settings: of the poses that are drawn to start it from.
@@ -56,12 +57,12 @@ class GoalPoseSearch:
 
     problem: Problem
     ends: Ends
-    origin: FloatArray
+    near: FloatArray
     terms: UserTerms | None = None
     settings: PoseSettings = field(default_factory=PoseSettings)
     draw_settings: PoseDrawSettings = field(default_factory=PoseDrawSettings)
 
-    def candidates(self, near: FloatArray, deadline: Deadline | None = None) -> tuple[PoseCandidate, ...]:
+    def candidates(self, start: FloatArray, deadline: Deadline | None = None) -> tuple[PoseCandidate, ...]:
         """Good poses of several classes, by the NLP from a pose at the goal and from cheap random poses there.
 
         First the NLP is solved from the pose given. Where that leaves more than a few per cent above what the pose
@@ -71,37 +72,34 @@ class GoalPoseSearch:
         best of 50 random starts in nine of ten scenes.
 
         Args:
-            near: link headings of the pose that the search arrived at, shape (links,) [rad].
+            start: link headings of the pose that the search arrived at, shape (links,) [rad].
             deadline: no further pose is begun after it.
 
         Returns:
-            Feasible poses, at most one a class, the best first. Where the best is of another class than ``near``, the
+            Feasible poses, at most one a class, the best first. Where the best is of another class than ``start``, the
             best of that class follows among the others, if it has one; an empty tuple when nothing is feasible.
         """
-        own = self._feasible_pose(near, near)
+        own = self._feasible_pose(start)
         found = [] if own is None else [own]
         known = self.draw_settings.unknown_cost if own is None else own.cost
-        draws = self._draws(near)
+        draws = self._draws(start)
         cheapest = draws.cheapest_below(known)
         enough = (1.0 + self.draw_settings.close_enough) * min((pose.cost for pose in cheapest), default=np.inf)
         if known > enough:
-            found += self._from_drawn(near, draws.about(cheapest, known), known, enough, deadline)
+            found += self._from_drawn(draws.about(cheapest, known), known, enough, deadline)
 
         # The best is worth further rounds, and so is the one that can be reached most easily.
-        classes = self._one_a_class(near, found)
+        classes = self._one_a_class(start, found)
         refined = []
         for place, candidate in enumerate(classes):
             worth = place == 0 or candidate.same_class
-            refined.append(self._refined(near, candidate.pose, enough, deadline) if worth else candidate.pose)
-        return self._one_a_class(near, refined)
+            refined.append(self._refined(candidate.pose, enough, deadline) if worth else candidate.pose)
+        return self._one_a_class(start, refined)
 
-    def _from_drawn(
-        self, near: FloatArray, drawn: FloatArray, known: float, enough: float, deadline: Deadline | None
-    ) -> list[ArmPose]:
+    def _from_drawn(self, drawn: FloatArray, known: float, enough: float, deadline: Deadline | None) -> list[ArmPose]:
         """Feasible solutions from drawn poses, the cheapest first, of different classes where there are several.
 
         Args:
-            near: pose to stay near.
             drawn: link headings, shape (m, links) [rad].
             known: cost of the best pose known.
             enough: cost at which no better pose is looked for.
@@ -117,19 +115,19 @@ class GoalPoseSearch:
             if any(self._alike(start, other) for other in tried):
                 continue
             tried.append(start)
-            pose = self._feasible_pose(near, start)
+            pose = self._feasible_pose(start)
             if pose is not None:
                 found.append(pose)
                 known = min(known, pose.cost)
         return found
 
-    def _one_a_class(self, near: FloatArray, poses: list[ArmPose]) -> tuple[PoseCandidate, ...]:
+    def _one_a_class(self, start: FloatArray, poses: list[ArmPose]) -> tuple[PoseCandidate, ...]:
         """The best pose of every class, the best first."""
         kept: list[ArmPose] = []
         for pose in sorted(poses, key=lambda pose: pose.cost):
             if not any(self._alike(pose.headings, other.headings) for other in kept):
                 kept.append(pose)
-        return tuple(PoseCandidate(pose, self._alike(pose.headings, near)) for pose in kept)
+        return tuple(PoseCandidate(pose, self._alike(pose.headings, start)) for pose in kept)
 
     def _alike(self, first: FloatArray, second: FloatArray) -> bool:
         return same_class(self.problem.arm, self._landmarks, first, second)
@@ -138,14 +136,14 @@ class GoalPoseSearch:
     def _landmarks(self) -> FloatArray:
         return landmarks(self.problem.workspace)
 
-    def _refined(self, near: FloatArray, pose: ArmPose, enough: float, deadline: Deadline | None) -> ArmPose:
+    def _refined(self, pose: ArmPose, enough: float, deadline: Deadline | None) -> ArmPose:
         """A pose solved for again in regions drawn anew about it, as long as that pays."""
         best = pose
         for _ in range(self.draw_settings.further_rounds):
             bounded = any("of its region" in name for name in best.multipliers)
             if not bounded or best.cost <= enough or (deadline is not None and deadline.passed()):
                 break
-            again = self._feasible_pose(near, best.headings)
+            again = self._feasible_pose(best.headings)
             if again is None or again.cost >= best.cost:
                 break
             gain = 1.0 - again.cost / best.cost
@@ -154,61 +152,59 @@ class GoalPoseSearch:
                 break
         return best
 
-    def _feasible_pose(self, near: FloatArray, start: FloatArray) -> ArmPose | None:
+    def _feasible_pose(self, start: FloatArray) -> ArmPose | None:
         """The solution from a start, None where it is not feasible."""
-        pose = self.solved(near, start)
+        pose = self.solved(start)
         return pose if self.feasible(pose) else None
 
-    def _draws(self, near: FloatArray) -> PoseDraws:
+    def _draws(self, start: FloatArray) -> PoseDraws:
         """Of cheap poses at the goal."""
-        space, _ = LinkSpace.through(self.problem.arm, near, clamped=self.ends.clamped)
+        space, _ = LinkSpace.through(self.problem.arm, start, clamped=self.ends.clamped)
         weights = self._weights
-        energy = PoseEnergy.of(space, self.origin, near, EnergyWeights(*weights[1:4].tolist()))
+        energy = PoseEnergy.of(space, self.near, EnergyWeights(*weights[1:3].tolist()))
         goal = self.ends.goal
-        return PoseDraws(energy, self._walls, goal.position, goal.heading, self.origin, near, self.draw_settings)
+        return PoseDraws(energy, self._walls, goal.position, goal.heading, self.near, start, self.draw_settings)
 
     @cached_property
     def _walls(self) -> WallSegments:
         return WallSegments.from_workspace(self.problem.workspace)
 
-    def improved(self, near: FloatArray) -> tuple[ArmPose, ...]:
+    def improved(self, start: FloatArray) -> tuple[ArmPose, ...]:
         """Solutions of the NLP from a pose, each from the one before with its regions drawn anew about it.
 
         Args:
-            near: link headings of a pose at or near the goal, shape (links,) [rad].
+            start: link headings of a pose at or near the goal, shape (links,) [rad].
 
         Returns:
             At least one; the last is the best when it is feasible. One that is not says why.
         """
         found: list[ArmPose] = []
-        start = near
         for _ in range(self.settings.rounds):
-            pose = self.solved(near, start)
+            pose = self.solved(start)
             found.append(pose)
             if not self.feasible(pose) or pose.gap >= self.settings.enough * self.wanted_gap:
                 break
             start = pose.headings
         return tuple(found)
 
-    def best(self, near: FloatArray) -> ArmPose | None:
+    def best(self, start: FloatArray) -> ArmPose | None:
         """The best feasible pose of ``improved``; None when there is none."""
-        feasible = [pose for pose in self.improved(near) if self.feasible(pose)]
+        feasible = [pose for pose in self.improved(start) if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.cost, default=None)
 
-    def solved(self, near: FloatArray, start: FloatArray) -> ArmPose:
+    def solved(self, start: FloatArray) -> ArmPose:
         """One solution of the NLP, feasible or not, with regions about the pose that it starts from.
 
         Args:
-            near: link headings of the pose to stay near, shape (links,) [rad].
             start: link headings of the pose to start from, shape (links,) [rad].
         """
-        pose = self._solved_within(near, start, self.settings)
+        pose = self._solved_within(start, self.settings)
         if pose.violation <= self.settings.feasible and not self.feasible(pose):
             # A link has strayed beyond what its region was drawn for, and met a wall there.
-            pose = self._solved_within(near, start, replace(self.settings, reach=self.settings.far_reach))
+            pose = self._solved_within(start, replace(self.settings, reach=self.settings.far_reach))
         return pose
 
-    def _solved_within(self, near: FloatArray, start: FloatArray, region_settings: PoseSettings) -> ArmPose:
+    def _solved_within(self, start: FloatArray, region_settings: PoseSettings) -> ArmPose:
         """One solution, its regions drawn with settings of their own."""
         problem = self.problem
         arm = problem.arm
@@ -219,8 +215,7 @@ class GoalPoseSearch:
             arm=arm,
             position=goal.position,
             heading=_winding_of(goal.heading, start),
-            near=near,
-            origin=self.origin,
+            near=self.near,
             start=start,
             regions=regions,
             wanted_gap=self.wanted_gap,
@@ -265,14 +260,9 @@ class GoalPoseSearch:
     def wanted_gap(self) -> float:
         """Room beyond radius and clearance above which more is worth nothing [m].
 
-        That of the problem; where it says none, 1.5 % of the length or half the radius, whichever is less. An arm of no
-        radius asks for the former.
+        That of the problem; where its motion is to keep none, still what a pose would keep by default.
         """
-        arm = self.problem.arm
-        if self.problem.planner.wanted_gap > 0.0:
-            return self.problem.planner.wanted_gap
-        share = self.settings.wanted_share * arm.length
-        return share if arm.radius == 0.0 else min(share, 0.5 * arm.radius)
+        return self.problem.wanted_gap or self.problem.default_gap
 
     def _program(self, sides: int, *, loaded: bool) -> PoseProgram:
         program = pose_program(
@@ -289,8 +279,7 @@ class GoalPoseSearch:
             [
                 settings.room_weight,
                 settings.bending_weight * given.bending,
-                settings.travel_weight * given.path_length,
-                settings.distance_weight,
+                settings.distance_weight * given.path_length,
                 settings.torque_weight,
                 settings.knot_weight,
                 settings.bow_weight,

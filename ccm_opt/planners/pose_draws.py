@@ -47,8 +47,8 @@ class PoseDraws:
         walls: what they must not cross.
         position: of the tip, shape (2,) [m].
         heading: of the tip [rad], or None.
-        origin: link headings of the start of the motion, shape (links,) [rad].
-        near: link headings of a pose at the goal, shape (links,) [rad].
+        near: link headings of the pose that distance counts from, shape (links,) [rad].
+        start: link headings of a pose at the goal, shape (links,) [rad].
         settings: numbers.
     """
 
@@ -56,8 +56,8 @@ class PoseDraws:
     walls: WallSegments
     position: FloatArray
     heading: float | None
-    origin: FloatArray
     near: FloatArray
+    start: FloatArray
     settings: PoseDrawSettings = field(default_factory=PoseDrawSettings)
 
     def cheapest_below(self, cost: float) -> tuple[CheapestPose, ...]:
@@ -91,7 +91,7 @@ class PoseDraws:
         """
         if self.heading is None:
             return np.array([np.nan])
-        nearest = self.heading + WHOLE_TURN * np.round((self.origin[-1] - self.heading) / WHOLE_TURN)
+        nearest = self.heading + WHOLE_TURN * np.round((self.near[-1] - self.heading) / WHOLE_TURN)
         turns = WHOLE_TURN * np.arange(-self.settings.whole_turns, self.settings.whole_turns + 1)
         return np.array([tip for tip in nearest + turns if self.energy.least_with_heading(tip) < cost])
 
@@ -100,7 +100,7 @@ class PoseDraws:
 
     def _starts(self) -> FloatArray:
         """Coordinates from which the cheapest poses are looked for, shape (m, p)."""
-        ends = np.array([self._coordinates(self.origin), self._coordinates(self.near)])
+        ends = np.array([self._coordinates(self.near), self._coordinates(self.start)])
         costs = np.full(self.settings.starts, self.settings.start_cost)
         return np.concatenate((ends, self.energy.drawn(self._rng, ends[0], costs)))
 

@@ -1,6 +1,6 @@
 """What a pose costs but for room and torque: a quadratic form in the coordinates of the curve, walls left aside.
 
-Bending, travel from the start and distance from a pose are the same parts as in the goal-pose NLP, with bends in the
+Bending and distance from a pose are the same parts as in the goal-pose NLP, with bends in the
 place of the curvature. Without walls nothing but the goal bends the form: its normal distribution is where cheap poses
 lie.
 """
@@ -23,12 +23,10 @@ class EnergyWeights:
 
     Attributes:
         bending: of ∫κ² ds over the unit arm.
-        travel: of the squared turns of the joints from the start [1/rad²].
-        distance: of the mean square turn of the links from a pose [1/rad²].
+        distance: of the squared turns of the joints from a pose [1/rad²].
     """
 
     bending: float
-    travel: float
     distance: float
 
 
@@ -49,12 +47,11 @@ class PoseEnergy:
     constant: float
 
     @classmethod
-    def of(cls, space: LinkSpace, origin: FloatArray, near: FloatArray, weights: EnergyWeights) -> "PoseEnergy":
+    def of(cls, space: LinkSpace, near: FloatArray, weights: EnergyWeights) -> "PoseEnergy":
         """The energy of poses of an arm.
 
         Args:
             space: of the arm.
-            origin: link headings that travel counts from, shape (links,) [rad].
             near: link headings that distance counts from, shape (links,) [rad].
             weights: of the parts.
         """
@@ -64,8 +61,7 @@ class PoseEnergy:
         # Every part is a weight times |rows · φ - wanted|², and φ = A v + φ₀; ∫κ² ds ≈ Σ (bend / l)² l, l = 1/links.
         parts = (
             (weights.bending * links, inner, np.zeros(links - 1)),
-            (weights.travel, bends, bends @ origin),
-            (weights.distance / links, np.eye(links), near),
+            (weights.distance, bends, bends @ near),
         )
         size = space.dimension
         hessian = np.zeros((size, size))

@@ -75,7 +75,7 @@ def problem_data(problem: Problem) -> Table:
         "limits": _limits(problem.limits),
         "start": _pose(problem.start, problem.arm),
         "goal": _goals(problem),
-        "planner": asdict(problem.planner),
+        "planner": {key: value for key, value in asdict(problem.planner).items() if value is not None},
         "simulation": _simulation(problem.simulation),
     }
 

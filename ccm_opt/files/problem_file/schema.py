@@ -239,7 +239,7 @@ class PlannerTable(Table):
     seed: Annotated[int, Field(ge=0)] = PlannerOptions.seed
     optimiser: OptimiserName = PlannerOptions.optimiser
     retiming: RetimingName = PlannerOptions.retiming
-    wanted_gap: NonNegativeLength = PlannerOptions.wanted_gap
+    wanted_gap: NonNegativeLength | None = PlannerOptions.wanted_gap
     effort_share: Annotated[float, Field(gt=0.0, le=1.0)] = PlannerOptions.effort_share
     weights: WeightsTable = WeightsTable()
 

@@ -16,6 +16,7 @@ from ccm_opt.collision.contacts import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
+from ccm_opt.motion.clamped_spline import smoothing_matrix
 from ccm_opt.motion.limits.sweep_regions import HalfPlanes, WallSegments, sweep_regions
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.swept_motion import Sweep
@@ -140,6 +141,7 @@ def motion_rows(
     margin: float,
     reach: float,
     settings: LinkMarginSettings = DEFAULT_LINK_MARGINS,
+    wanted: float = 0.0,
 ) -> IntervalRows:
     """All rows of a motion, from regions about its own sweep; poses at the fixed start keep clear without margin.
 
@@ -150,15 +152,49 @@ def motion_rows(
         margin: gap to keep beyond contact [m].
         reach: what is farther apart makes no rows [m].
         settings: of margins between links.
+        wanted: room beyond contact that the smooth path along the motion should have [m].
     """
     arm = sweep.space.arm
     planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach)
     need = arm.radius + workspace.clearance + margin
-    rows = joined_rows([wall_rows(planes, sweep.space, need), self_rows(sweep, reach, margin, settings)])
+    walls = wall_rows(planes, sweep.space, need)
+    links = self_rows(sweep, reach, margin, settings)
+    if wanted > margin:
+        smooth = Sweep(sweep.space, smoothing_matrix(len(sweep.coordinates)) @ sweep.coordinates)
+        between = arm.link_margins(links.low, links.high - 1, wanted, settings)
+        between -= arm.link_margins(links.low, links.high - 1, margin, settings)
+        walls = asking_for_room(walls, np.full(len(walls), wanted - margin), sweep, smooth)
+        links = asking_for_room(links, between, sweep, smooth)
+    rows = joined_rows([walls, links])
 
     # The start is given and may stand nearer than the margin; with it these rows could never hold.
     at_start = rows.interval + rows.side == 0
     return replace(rows, constant=rows.constant - margin * at_start)
+
+
+def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: Sweep, smooth: Sweep) -> IntervalRows:
+    """Rows that ask for more room, of the smooth path and not of its control polygon.
+
+    A row for contact counts the sag, which bounds what lies between two keyframes however the links turn. Room is
+    counted as it is: by how much nearer the smooth path comes, beside the keyframe and half-way through the interval.
+    What is larger is asked for. The loss changes little from one step to the next and counts as constant.
+
+    Args:
+        rows: for contact.
+        more: room asked for beyond theirs, shape (m,) [m].
+        sweep: the motion through the keyframes.
+        smooth: the smooth path's poses beside the keyframes.
+    """
+    keyframe = rows.interval + rows.side
+    beside = smooth.points - sweep.points
+    half_way = smooth.middle_points - 0.5 * (sweep.points[:-1] + sweep.points[1:])
+    at_keyframe = beside[keyframe, rows.plus] - beside[keyframe, rows.minus]
+    between = half_way[rows.interval, rows.plus] - half_way[rows.interval, rows.minus]
+    loss = np.maximum(np.einsum("md,md->m", rows.normal, at_keyframe), np.einsum("md,md->m", rows.normal, between))
+    sag = sweep.sag[rows.interval, rows.high] - sweep.sag[rows.interval, rows.low]
+    missing = np.maximum(more + np.maximum(loss, 0.0) - sag, 0.0)
+    at_start = keyframe == 0
+    return replace(rows, constant=rows.constant + np.where(at_start, 0.0, missing))
 
 
 def wall_rows(planes: HalfPlanes, space: LinkSpace, need: float) -> IntervalRows:

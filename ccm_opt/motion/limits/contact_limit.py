@@ -32,11 +32,13 @@ class ContactLimit(Limit):
         finder: of near pairs; its margin is kept where there is room, its reach says which pairs make rows.
         certificate: of what lies between keyframes.
         settings: of the step.
+        wanted: room beyond contact that the optimisation of a motion asks for where there is so much [m].
     """
 
     finder: ContactFinder
     certificate: Certificate
     settings: StepSettings
+    wanted: float = 0.0
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
@@ -82,7 +84,8 @@ class ContactLimit(Limit):
         workspace = self.certificate.workspace
         finder = self.finder
         link_margins = finder.settings.link_margins
-        return (motion_rows(sweep, workspace, self._segments, finder.margin, finder.reach, link_margins),)
+        rows = motion_rows(sweep, workspace, self._segments, finder.margin, finder.reach, link_margins, self.wanted)
+        return (rows,)
 
     @cached_property
     def _segments(self) -> WallSegments:

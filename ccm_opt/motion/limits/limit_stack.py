@@ -13,7 +13,11 @@ from ccm_opt.motion.settings.step_settings import StepSettings
 
 
 def assembled_limits(
-    finder: ContactFinder, certificate: Certificate, settings: StepSettings, user_limits: tuple[Limit, ...] = ()
+    finder: ContactFinder,
+    certificate: Certificate,
+    settings: StepSettings,
+    user_limits: tuple[Limit, ...] = (),
+    wanted_gap: float = 0.0,
 ) -> tuple[Limit, ...]:
     """All limits of a motion, in the order of their rows; true checks run backwards, the costly one of contact last.
 
@@ -22,9 +26,10 @@ def assembled_limits(
         certificate: of contact between keyframes.
         settings: of the step.
         user_limits: what the user asks for; usually none.
+        wanted_gap: room that the optimisation of a motion asks for where there is so much [m].
     """
     return (
-        ContactLimit(finder, certificate, settings),
+        ContactLimit(finder, certificate, settings, wanted_gap),
         TurnLimit(),
         JointLimit(settings),
         *user_limits,

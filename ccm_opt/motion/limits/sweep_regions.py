@@ -85,9 +85,18 @@ def sweep_regions(sweep: Sweep, walls: WallSegments, first_link: int, reach: flo
     free = np.arange(first_link, links)
     interval, link = (grid.ravel() for grid in np.meshgrid(np.arange(intervals), free, indexing="ij"))
 
+    # A disc about each sweep first: hulls are costly to build, and many links are far from every wall.
+    far = reach + walls.rounding.max()
+    corners = _corners(sweep, interval, link)
+    centres = corners.mean(axis=1)
+    extents = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+    near = np.unique(walls.tree.query(shapely.points(centres), predicate="dwithin", distance=far + extents)[0])
+    interval = interval[near]
+    link = link[near]
+
     # All walls within reach of the hulls, and for each the half-plane across the shortest line to it.
-    hulls = _hulls(sweep, interval, link)
-    q, wall = walls.tree.query(hulls, predicate="dwithin", distance=reach + walls.rounding.max())
+    hulls: Any = shapely.convex_hull(shapely.multipoints(corners[near]))
+    q, wall = walls.tree.query(hulls, predicate="dwithin", distance=far)
     normal, gap = _directions(sweep, hulls, walls, q, wall, interval, link)
     # b = min n·x over the wall, less its rounding: the half-plane touches the wall, and none of the wall is inside.
     least = np.einsum("mid,md->mi", walls.ends[wall], normal).min(axis=1) - walls.rounding[wall]
@@ -99,14 +108,14 @@ def sweep_regions(sweep: Sweep, walls: WallSegments, first_link: int, reach: flo
     return HalfPlanes(interval[q[kept]], link[q[kept]], normal[kept], least[kept])
 
 
-def _hulls(sweep: Sweep, interval: IntArray, link: IntArray) -> Any:
-    """Hulls of the links at the start, half-way and at the end of the intervals."""
+def _corners(sweep: Sweep, interval: IntArray, link: IntArray) -> FloatArray:
+    """Ends of the links at the start, half-way and at the end of the intervals, shape (m, 6, 2) [m]."""
     corners = [
         positions[at, link + end]
         for positions, at in ((sweep.points, interval), (sweep.middles, interval), (sweep.points, interval + 1))
         for end in (0, 1)
     ]
-    return shapely.convex_hull(shapely.multipoints(np.stack(corners, axis=1)))
+    return np.stack(corners, axis=1)
 
 
 def _directions(

@@ -22,13 +22,14 @@ NO_BREAKS = np.zeros(0)
 """No path parameters."""
 
 
-def optimise(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
+def optimise(motion: Motion, task: MotionTask, margin: float | None = None, rounds: int | None = None) -> Motion:
     """Shorten a certified motion in its homotopy class.
 
     Args:
         motion: piecewise linear in its link space, certified; its keyframes meet all equations.
         task: arm, room, goal, limits and deadline.
         margin: gap that rows ask for beyond contact, as a share of the arm's length; that of the settings when None.
+        rounds: most steps; those of the settings when None.
 
     Returns:
         The last certified motion: with a shorter joint path (or whatever the task's weights ask for) and few
@@ -36,29 +37,60 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None) -> M
     """
     if task.optimiser == "none" or len(motion.coordinates) < 2 or task.deadline.passed():
         return motion
+    whole = _program(motion, task, task.settings.optimisation.margin if margin is None else margin)
+    if any(limit.moves_keyframes for limit in task.user_limits):
+        return _optimised_on_limits(motion, task, whole)
+    optimised = _optimised(motion, task, whole, rounds)
+    # With default weights the objective is close to the length but not the same; with others a longer path may be
+    # what was asked for.
+    plain = task.weights == Weights() and task.wanted_gap == 0.0
+    return optimised if not plain or travel(optimised) < travel(motion) else motion
+
+
+def _optimised_on_limits(motion: Motion, task: MotionTask, whole: MotionProgram) -> Motion:
+    """The motion optimised through keyframes that limits have moved; the given one when none can be certified."""
     settings = task.settings.optimisation
-    moved = any(limit.moves_keyframes for limit in task.user_limits)
-    whole = _program(motion, task, settings.margin if margin is None else margin)
-    # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do. A
-    # motion whose keyframes no limit moves is optimised at the first number.
-    for intervals in settings.moved_intervals if moved else (settings.intervals,):
+    # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
+    for intervals in settings.moved_intervals:
         keyframes, u = thinned(motion, task.certificate, settings, intervals, _breaks(task))
         program = replace(whole, u=u)
         start = program.restored(keyframes)
-        # Thinned keyframes are certified; those that a limit has moved have to be judged anew. Where no limit moves
-        # any, restoring gives back the very same array.
-        if start is not keyframes and not _certified(program, start):
-            continue
-        if moved:
+        # Thinned keyframes are certified; those that a limit has moved have to be judged anew.
+        if start is keyframes or _certified(program, start):
             # What is left is the best there is under the limits, even where the found motion was shorter.
             return _with_keyframes(motion, sequential_convex(program, start), u)
-        solve = interior_point if task.optimiser == "interior-point" else sequential_convex
-        optimised = _with_keyframes(motion, solve(program, start), motion.u)
-        # With default weights the objective is close to the length but not the same; with others a longer path may be
-        # what was asked for.
-        plain = task.weights == Weights() and task.wanted_gap == 0.0
-        return optimised if not plain or travel(optimised) < travel(motion) else motion
     return motion
+
+
+def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: int | None) -> Motion:
+    """The motion optimised at few keyframes.
+
+    A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after some rounds
+    it is thinned again.
+    """
+    settings = task.settings.optimisation
+    left = settings.rounds if rounds is None else rounds
+    spare = 0.0
+    while left > 0:
+        keyframes, u = _few_keyframes(motion, task, spare)
+        program = replace(whole, u=u)
+        if task.optimiser == "interior-point":
+            return _with_keyframes(motion, interior_point(program, keyframes), motion.u)
+        many = len(keyframes) - 1 > settings.many * settings.intervals
+        taken = min(left, settings.first_rounds) if many else left
+        motion = _with_keyframes(motion, sequential_convex(program, keyframes, taken), motion.u)
+        left -= taken
+        # A motion that keeps room already is not thinned into the walls again.
+        spare = settings.kept_share * task.least_gap(motion.headings) if many else 0.0
+    return motion
+
+
+def _few_keyframes(motion: Motion, task: MotionTask, spare: float) -> tuple[FloatArray, FloatArray]:
+    """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
+    settings = task.settings.optimisation
+    if settings.intervals <= len(motion.coordinates) - 1 <= settings.many * settings.intervals:
+        return motion.coordinates, path_parameters(motion)
+    return thinned(motion, task.certificate_with(spare), settings)
 
 
 def _breaks(task: MotionTask) -> FloatArray:
@@ -137,12 +169,13 @@ def _program(motion: Motion, task: MotionTask, margin: float) -> MotionProgram:
         task.limited_goal,
         task.goal_headings is not None,
         # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
-        task.limits(task.finder(max(margin * length, task.wanted_gap), settings.reach * link + task.wanted_gap)),
+        task.limits(task.finder(margin * length, settings.reach * link + task.wanted_gap), task.wanted_gap),
         np.zeros(0),
         settings.active * link + task.wanted_gap,
         task.deadline,
         normalised(task.weights),
         task.slowness,
+        task.wanted_gap,
         task.settings,
     )
 

@@ -40,6 +40,7 @@ class MotionProgram:
         deadline: when to stop.
         weights: how much each part of the objective counts.
         slowness: of the joints.
+        wanted_gap: room that rows ask for where there is so much [m].
         settings: of the search for a motion.
     """
 
@@ -52,6 +53,7 @@ class MotionProgram:
     deadline: Deadline
     weights: Weights = field(default_factory=Weights)
     slowness: JointSlowness | None = None
+    wanted_gap: float = 0.0
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @property
@@ -132,12 +134,13 @@ class _Iterate:
     gained: float = 0.0
 
 
-def sequential_convex(program: MotionProgram, coordinates: FloatArray) -> FloatArray:
+def sequential_convex(program: MotionProgram, coordinates: FloatArray, rounds: int | None = None) -> FloatArray:
     """Optimise a certified motion.
 
     Args:
         program: what to keep.
         coordinates: at the keyframes, shape (K + 1, p).
+        rounds: most steps; those of the settings when None.
 
     Returns:
         The last iterate's coordinates, shape (K + 1, p); certified.
@@ -150,7 +153,9 @@ def sequential_convex(program: MotionProgram, coordinates: FloatArray) -> FloatA
     prices = np.full(len(sweep.turns), settings.price)
     iterate = _Iterate(sweep, RowCurvature.none(sweep), settings.first_damping, prices)
     idle = 0
-    for _ in range(settings.moved_rounds if moved else settings.rounds):
+    if rounds is None:
+        rounds = settings.moved_rounds if moved else settings.rounds
+    for _ in range(rounds):
         before = objective.value(iterate.sweep.coordinates)
         following = _round(program, objective, iterate)
         if following is None:
@@ -238,6 +243,9 @@ def _part_taken(
             # Where longer steps failed, slack was too cheap, even though this shorter one passes.
             prices = problem.prices.copy()
             prices[failed] *= settings.price_rise
+            lacking = _worst_rows(rows, sweep) > settings.lack * program.wanted_gap
+            if program.wanted_gap > 0.0:
+                prices[lacking] = np.minimum(settings.lack_rise * prices[lacking], settings.highest_lack_price)
             gained = _cost(problem, start) - _cost(problem, sweep)
             return _Iterate(sweep, curvature, _damping(problem.damping, share, gain, settings), prices, gained), failed
         failed = failing
@@ -258,9 +266,14 @@ def _cost(problem: KeyframeProgram, sweep: Sweep) -> float:
 def merit(problem: KeyframeProgram, rows: IntervalRows, sweep: Sweep) -> float:
     """Objective plus the price of the worst row of every interval."""
     # All rows count here, not only the thinned ones of the QP: a row that was left out may have become the worst.
+    return _cost(problem, sweep) + float(problem.prices @ _worst_rows(rows, sweep)) / problem.nominal_length
+
+
+def _worst_rows(rows: IntervalRows, sweep: Sweep) -> FloatArray:
+    """By how much the worst row of every interval is not kept, at least 0, shape (K,) [m]."""
     worst = np.zeros(len(sweep.turns))
-    np.maximum.at(worst, rows.interval, rows.values(sweep) / problem.nominal_length)
-    return _cost(problem, sweep) + float(problem.prices @ worst)
+    np.maximum.at(worst, rows.interval, rows.values(sweep))
+    return worst
 
 
 def _damping(damping: float, share: float, gain: float, settings: OptimisationSettings) -> float:

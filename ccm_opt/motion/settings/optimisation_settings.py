@@ -66,6 +66,16 @@ class OptimisationSettings:
         sectors: directions that count as different when rows are thinned. Taste.
         groups: arms with more links than this have rows for groups of neighbouring joints. Taste.
         rounds: most steps that are taken. Taste.
+        first_rounds: steps at many keyframes, before the motion is thinned again. Taste.
+        many: keyframes that are many, as a multiple of the intervals wanted. Taste.
+        kept_share: share of its gap that a motion keeps when it is thinned. Taste.
+        lack: share of the wanted gap that an interval may lack without its slack becoming dearer. Taste.
+        lack_rise: rise of the price of slack where an interval lacks room, step by step. Taste.
+        highest_lack_price: to which it rises. Taste.
+        free_rounds: most steps before it is decided where the motion ends. Taste.
+        end_rounds: most steps after that. Taste.
+        bending_from: places along the motion, as shares of it, from where on it is tried to be bent to another end.
+            Taste.
         moved_rounds: the same where keyframes have to be moved onto limits. Taste.
         tries: QPs of one round before it is given up. Taste.
         worth: share of the objective that a round has to gain. Taste.
@@ -100,6 +110,15 @@ class OptimisationSettings:
     sectors: int = 12
     groups: int = 36
     rounds: int = 14
+    free_rounds: int = 9
+    first_rounds: int = 5
+    many: float = 1.5
+    kept_share: float = 0.8
+    lack: float = 0.03
+    lack_rise: float = 2.0
+    highest_lack_price: float = 500.0
+    end_rounds: int = 5
+    bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
     moved_rounds: int = 24
     tries: int = 5
     worth: float = 3e-3

@@ -33,13 +33,8 @@ def rough_curvature(curve: LiftedCurve) -> ca.SX:
 
 
 def distance_from(link_headings: ca.SX, near: ca.SX) -> ca.SX:
-    """Mean square turn of the links from a pose [rad²]."""
-    return ca.sumsqr(link_headings - near) / link_headings.numel()
-
-
-def travel_from(link_headings: ca.SX, start: ca.SX) -> ca.SX:
-    """Sum of squared turns of the joints from the start of the motion [rad²]: a near end is soon reached."""
-    turned = link_headings - start
+    """Sum of the squared turns of the joints from a pose [rad²]: what is near in the joints is soon reached."""
+    turned = link_headings - near
     return turned[0] ** 2 + ca.sumsqr(turned[1:] - turned[:-1])
 
 

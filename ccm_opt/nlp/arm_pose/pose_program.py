@@ -22,7 +22,7 @@ from ccm_opt.nlp.arm_pose.pose_rows import (
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.constraints import RowBlock
 
-PARTS = ("room", "bending", "travel", "distance", "torque", "knots", "bows")
+PARTS = ("room", "bending", "distance", "torque", "knots", "bows")
 """Names of the parts of the objective, in the order of their weights among the parameters."""
 
 
@@ -57,10 +57,9 @@ class PoseParameters:
     """Symbols of what changes from question to question; lengths in units of the arm's length.
 
     Attributes:
-        weights: of the parts of the objective, shape (7, 1).
+        weights: of the parts of the objective, shape (6, 1).
         wanted_gap: scalar.
         near: link headings to stay near, shape (links, 1) [rad].
-        origin: link headings from which the motion comes, shape (links, 1) [rad].
         base_heading: of the straight arm [rad].
         bend_limits: shape (links, 1) [rad].
         first_shares: where on each link the part begins that must be inside its region, shape (links, 1).
@@ -74,7 +73,6 @@ class PoseParameters:
     weights: ca.SX
     wanted_gap: ca.SX
     near: ca.SX
-    origin: ca.SX
     base_heading: ca.SX
     bend_limits: ca.SX
     first_shares: ca.SX
@@ -92,7 +90,6 @@ class PoseParameters:
             weights=ca.SX.sym("weight", len(PARTS)),
             wanted_gap=ca.SX.sym("wanted_gap"),
             near=ca.SX.sym("near", size.links),
-            origin=ca.SX.sym("origin", size.links),
             base_heading=ca.SX.sym("base_heading"),
             bend_limits=ca.SX.sym("bend_limit", size.links),
             first_shares=ca.SX.sym("first_share", size.links),
@@ -184,7 +181,6 @@ def pose_program(size: PoseSize) -> PoseProgram:
         "bending": pose_costs.bending(curve),
         "knots": pose_costs.uneven_knots(curve),
         "bows": pose_costs.rough_curvature(curve),
-        "travel": pose_costs.travel_from(link_headings, given.origin),
         "distance": pose_costs.distance_from(link_headings, given.near),
         "torque": ca.SX(0),
     }

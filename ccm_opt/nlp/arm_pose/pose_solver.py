@@ -139,7 +139,6 @@ class PoseQuestion:
             self.weights,
             [task.wanted_gap / self._length],
             task.near,
-            task.origin,
             [arm.base_heading],
             limits,
             np.minimum(self._free_from, 1.0),

@@ -52,7 +52,6 @@ class PoseTask:
         position: where the tip has to be, shape (2,) [m].
         heading: where the last link points, whole turns included [rad], or None.
         near: link headings of a pose to stay near, shape (links,) [rad].
-        origin: link headings of the pose in which the motion begins, shape (links,) [rad].
         start: link headings of the pose that the solver starts from, shape (links,) [rad]; usually in its regions.
         regions: a convex region for every link.
         wanted_gap: room beyond radius and clearance above which more room is worth nothing [m].
@@ -65,7 +64,6 @@ class PoseTask:
     position: FloatArray
     heading: float | None
     near: FloatArray
-    origin: FloatArray
     start: FloatArray
     regions: LinkRegions
     wanted_gap: float

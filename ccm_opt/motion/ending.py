@@ -1,0 +1,101 @@
+"""The end of a motion: optimised with a free end, bent to a better pose at the goal, and optimised with that end.
+
+The first optimisation finds the end that costs the motion least; the goal pose is asked for near it, so that what room,
+bending and torque are worth is weighed against the way there, and the motion has little left to change.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.motion.continuation import Stalled, follow
+from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.optimisation.optimise import optimise, path_parameters
+from ccm_opt.motion.step import Stepper
+
+
+def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
+    """A certified motion, optimised, that ends in the pose which the task prefers at the goal.
+
+    Args:
+        motion: certified, with the tip at the goal.
+        task: it was found for.
+        margin: that rows of the optimisation ask for, see ``optimise``.
+
+    Returns:
+        Certified. Where the task offers no other end, or that end cannot be reached, the motion ends where its
+        optimisation with a free end liked best.
+    """
+    settings = task.settings.optimisation
+    if task.goal_headings is not None or task.wanted_gap == 0.0:
+        return optimise(motion, task, margin)
+    free = optimise(motion, task, margin, settings.free_rounds)
+    wanted = task.end_pose(task.arm, free.headings[-1])
+    bent = None if wanted is None else bent_to(free, wanted, task)
+    if wanted is None or bent is None:
+        return optimise(free, task, margin, settings.end_rounds)
+    end = bent.coordinates[-1]
+    to_end = replace(task, goal=replace(task.goal, coordinates=end), goal_headings=wanted)
+    return optimise(bent, to_end, margin, settings.end_rounds)
+
+
+def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:
+    """A certified motion with another end.
+
+    The difference between the ends is added to the motion, more and more towards its end; where that is not certified
+    on any stretch, the motion is led on from its end to the other.
+
+    Args:
+        motion: certified.
+        wanted: link headings of the other end, shape (links,) [rad]; at the same goal.
+        task: arm, room and limits.
+    """
+    space, end = motion.space.blended_to(wanted)
+    # The last coordinate of the space says how much of what the curve cannot show is added.
+    before = np.column_stack((motion.coordinates, np.zeros(len(motion.coordinates))))
+    change = end - before[-1]
+    u = path_parameters(motion)
+    for beginning in task.settings.optimisation.bending_from:
+        share = np.clip((u - beginning) / (1.0 - beginning), 0.0, 1.0)
+        coordinates = before + (share**2 * (3.0 - 2.0 * share))[:, None] * change
+        headings = space.headings(coordinates)
+        if len(task.certificate.failures(headings)) == 0 and _within_limits(headings, task):
+            return Motion(space, coordinates, headings, motion.candidate, motion.u, wanted)
+    if motion.u is not None:
+        return None  # whose limits depend on where along the motion they are: nothing can be added to it
+    return _led_on(Motion(space, before, motion.headings, motion.candidate, end_pose=wanted), end, task)
+
+
+def _within_limits(headings: FloatArray, task: MotionTask) -> bool:
+    return bool(np.all(np.abs(task.arm.bends(headings)) <= task.arm.bend_limits))
+
+
+def _led_on(motion: Motion, end: FloatArray, task: MotionTask) -> Motion | None:
+    """A motion with a way from its end to other coordinates added."""
+    settings = task.settings.search
+    space = motion.space
+    for links in settings.margins:
+        margin = links * space.nominal_length
+        finder = task.finder(margin, max(settings.reach * space.nominal_length, settings.reach_margins * margin))
+        stepper = Stepper(space, finder, task.limits(finder), task.settings)
+        added = _certified_way(stepper, task, motion.coordinates[-1], end)
+        if added is not None:
+            coordinates = np.vstack((motion.coordinates, added))
+            return replace(motion, coordinates=coordinates, headings=space.headings(coordinates))
+    return None
+
+
+def _certified_way(stepper: Stepper, task: MotionTask, start: FloatArray, end: FloatArray) -> FloatArray | None:
+    """Coordinates behind the start, up to and with the end, of a certified way between them; None without one."""
+    first = stepper.pose(start)
+    guide = Interpolation(stepper.space, start, end)
+    try:
+        poses = follow(stepper, guide, first, task.deadline)
+    except Stalled:
+        return None
+    coordinates = np.array([*(pose.v for pose in poses), end])
+    if len(task.certificate.failures(stepper.space.headings(coordinates))):
+        return None
+    return coordinates[1:]

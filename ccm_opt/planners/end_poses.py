@@ -1,0 +1,90 @@
+"""Where a motion ends: asks the goal-pose NLP on behalf of the search, and remembers what it said for the record."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.stages import Stages
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.ends import Ends
+from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
+from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
+from ccm_opt.planners.goal_pose import GoalPoseSearch, for_arm
+from ccm_opt.problem import Problem
+from ccm_opt.solution import GoalPoseRecord
+from ccm_opt.user_terms.compiled_terms import UserTerms
+
+
+@dataclass
+class EndPoses:
+    """Offers the search better poses at the goal than those in which its motions arrive; an ``EndPose``.
+
+    Attributes:
+        problem: whose goal it is.
+        ends: its ends as planning takes them.
+        stages: names and times the stage.
+        terms: the user's constraints and costs, or None.
+        settings: of the NLP.
+        said: every pose that was asked for, with the search that asked, in the order of asking.
+    """
+
+    problem: Problem
+    ends: Ends
+    stages: Stages
+    terms: UserTerms | None
+    settings: PoseSettings
+    said: list[tuple[GoalPoseSearch, ArmPose]] = field(default_factory=list)
+
+    def __call__(self, arm: Arm, headings: FloatArray) -> FloatArray | None:
+        """Link headings of the best pose near the one in which a motion ends; None where there is none, or no need.
+
+        Args:
+            arm: the arm, or one as long with fewer links.
+            headings: of its links at the end of the motion, shape (links,) [rad].
+        """
+        if self.problem.wanted_gap == 0.0 or self.ends.goal_headings is not None:
+            return None
+        with self.stages("configuration"):
+            search = GoalPoseSearch(for_arm(self.problem, arm), self.ends, headings, self.terms, self.settings)
+            poses = search.improved(headings)
+            feasible = [pose for pose in poses if search.feasible(pose)]
+            best = min(feasible, key=lambda pose: pose.cost, default=poses[-1])
+        self.said.append((search, best))
+        return best.headings if feasible else None
+
+    def record(self, reached: FloatArray | None) -> GoalPoseRecord | None:
+        """What was said of the pose in which the motion ends, or of the last that was asked for.
+
+        Args:
+            reached: link headings of the offered pose that the motion ends in, shape (links,) [rad]; None where it
+                ends elsewhere.
+        """
+        if not self.said:
+            return None
+        taken = [each for each in self.said if reached is not None and np.array_equal(each[1].headings, reached)]
+        search, pose = taken[-1] if taken else self.said[-1]
+        return GoalPoseRecord(
+            reached=bool(taken),
+            reason="" if taken else _why_not(search, pose),
+            headings=pose.headings,
+            curve=pose.curve,
+            gap=pose.gap,
+            wanted_gap=search.wanted_gap,
+            costs=pose.costs,
+            multipliers=pose.multipliers,
+            iterations=pose.iterations,
+            size=pose.size,
+            status=pose.status,
+            tried=len(self.said),
+        )
+
+
+def _why_not(search: GoalPoseSearch, pose: ArmPose) -> str:
+    """Why a motion does not end in the pose that was asked for last."""
+    if not search.feasible(pose):
+        return (
+            f"the nonlinear program ended with {pose.status}, its row '{pose.worst_row}' off by {pose.violation:.2g}; "
+            "the motion ends where the search arrived"
+        )
+    return "no certified way leads from where the search arrived to this pose, so the motion ends where it arrived"
