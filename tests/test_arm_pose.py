@@ -196,7 +196,7 @@ def test_links_that_stray_beyond_their_regions_touch_nothing(seed: int) -> None:
     post = Obstacle("post", shapely.Point(points[int(far.argmax())]), 0.01)
     walled = searched(replace(scene, workspace=replace(scene.workspace, obstacles=(post,))))
     short = replace(walled, settings=PoseSettings(reach=0.3 * float(far.max())))
-    pose = short.solved(scene.goal, scene.goal)
+    pose = short.solved(scene.goal)
     assert short.feasible(pose)
     assert wall_gaps(scene.arm, short.problem.workspace, scene.arm.joint_positions(pose.headings)).min() > 0.0
 

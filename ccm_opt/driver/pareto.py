@@ -8,7 +8,6 @@ from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
-from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.user_terms.terms import Constraint, Cost
@@ -110,7 +109,7 @@ class _Run:
         number = len(trade_off.shares) + 1
         top = largest_wanted_gap(fastest, self.settings, trade_off)
         plan = self.tried(top, number)
-        least = trade_off.least_top * usual_wanted_gap(self.problem, self.settings.curve.goal_pose)
+        least = trade_off.least_top * self.problem.default_gap
         if plan.solution is None or not least <= plan.gap < trade_off.enough_of_top * top:
             return plan
         # No bound knew how narrow the scene is, but this plan does.
@@ -128,20 +127,13 @@ def largest_wanted_gap(
         trade_off: how many times the default.
     """
     problem = plan.problem
-    usual = usual_wanted_gap(problem, settings.curve.goal_pose)
+    usual = problem.default_gap
     most = trade_off.most * usual
     room = room_over_time(problem, plan.trajectory, most, settings.room, settings.verification)
     bound = possible_gap(problem, room, settings.diagnosis.passages)
     if bound is None or bound.value < trade_off.least_top * usual:
         return most
     return min(most, bound.value)
-
-
-def usual_wanted_gap(problem: Problem, settings: PoseSettings) -> float:
-    """The wanted gap of an arm for which nothing else is asked [m]."""
-    arm = problem.arm
-    share = settings.wanted_share * arm.length
-    return share if arm.radius == 0.0 else min(share, 0.5 * arm.radius)
 
 
 def _planning_time(solution: Solution) -> float:

@@ -71,26 +71,26 @@ class Measured:
 
 
 def arrival(problem: Problem) -> FloatArray | None:
-    """Link headings in which the planner's search arrives at the goal; None where it does not."""
+    """Link headings in which the motion would end by itself, found and optimised; None where there is none."""
     seen: list[FloatArray] = []
 
-    def look_on(_arm: Arm, _start: FloatArray, headings: FloatArray) -> None:
+    def look_on(_arm: Arm, headings: FloatArray) -> None:
         seen.append(headings)
 
     ends = resolve_ends(problem)
     task = CurvePlanner().motion_task(problem, ends, Deadline(time.monotonic() + problem.planner.time_limit))
     try:
-        find_motion(replace(task, end_pose=look_on, optimiser="none"))
+        find_motion(replace(task, end_pose=look_on))
     except NoPlanFound:
         return None
     return seen[-1] if len(seen[-1]) == problem.arm.links else None
 
 
-def patient(search: GoalPoseSearch, near: FloatArray, start: FloatArray) -> ArmPose | None:
+def patient(search: GoalPoseSearch, start: FloatArray) -> ArmPose | None:
     """The solution from a start, its regions drawn anew until that brings nothing; None when it is not feasible."""
     best: ArmPose | None = None
     for _ in range(ROUNDS):
-        pose = search.solved(near, start)
+        pose = search.solved(start)
         if not search.feasible(pose) or (best is not None and pose.cost > best.cost):
             break
         gained = np.inf if best is None else 1.0 - pose.cost / best.cost
@@ -113,14 +113,14 @@ def measured(seed: int, polygons: int) -> Measured | None:
     if near is None:
         return None
     ends = resolve_ends(problem)
-    first = GoalPoseSearch(problem, ends, ends.start).solved(near, near)
-    search = GoalPoseSearch(problem, ends, ends.start)
+    first = GoalPoseSearch(problem, ends, near).solved(near)
+    search = GoalPoseSearch(problem, ends, near)
     begin = user_seconds()
     candidates = search.candidates(near)
     seconds = user_seconds() - begin
     own = next((each.pose for each in candidates if each.same_class), None)
     starts = RandomPoses(problem, ends, np.random.default_rng([seed, polygons])).draw(STARTS)
-    found = [patient(search, near, start) for start in [near, *starts]]
+    found = [patient(search, start) for start in [near, *starts]]
     candidate = candidates[0].pose if candidates else None
     best = min(cost_of(pose) for pose in [*found, candidate])
     ratios = (cost_of(first) if search.feasible(first) else np.inf, cost_of(own), cost_of(candidate), best)
@@ -223,7 +223,7 @@ def hard(seeds: range) -> None:
     for name, problem, goal in hard_problems(seeds):
         ends = resolve_ends(problem)
         search = GoalPoseSearch(problem, ends, ends.start)
-        pose = search.solved(goal, goal)
+        pose = search.solved(goal)
         statuses[pose.status] += 1
         total += 1
         if not search.feasible(pose):
