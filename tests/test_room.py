@@ -1,14 +1,18 @@
 """The room that a motion keeps: measured like an independent sweep, explained, and bounded from above."""
 
+import json
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
+from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.freespace.workspace import Obstacle, Workspace
@@ -20,6 +24,7 @@ from ccm_opt.verification.room_settings import RoomSettings
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
 from .arms import plain_arm
+from .conftest import PROBLEMS
 from .test_verification import ROOM, make_case, quintic, random_motion, random_obstacles
 
 POST = Obstacle("post", shapely.Point(0.3, 0.12), 0.02)
@@ -135,6 +140,33 @@ def test_a_narrow_place_on_the_way_is_a_passage() -> None:
     sentences = list(room_sentences(room))
     assert sentences[0].startswith("least gap 5 mm of the wanted 10 mm, at 1.00 s, link 6 to 'pin'")
     assert "on the way there are 5" in sentences[1]
+
+
+@pytest.mark.slow
+def test_the_room_is_printed_written_and_printed_again(tmp_path: Path) -> None:
+    """The table, the record, the arrays and the check name one and the same least gap, that of the verifier."""
+    problem = tmp_path / "room.toml"
+    text = (PROBLEMS / "swan-neck.toml").read_text()
+    problem.write_text(f"{text}\n[planner]\nwanted_gap = 0.009\n")
+    runs = tmp_path / "runs"
+    solved = CliRunner().invoke(app, ["solve", str(problem), "--out", str(runs), "--no-pictures"])
+    checked = CliRunner().invoke(app, ["check", str(runs / "swan-neck")])
+    record = json.loads((runs / "swan-neck" / "solution.json").read_text())
+    room = record["room"]
+    worst = {check["name"]: check["worst"] for check in record["checks"]}
+    assert room["nearest"]["gap"] == pytest.approx(min(worst["wall clearance"], worst["self-collision"]), abs=1e-12)
+    assert room["wanted_gap"] == 0.009
+    assert room["possible_is"] == "upper bound"
+    assert room["nearest"]["gap"] <= room["possible_gap"]
+    line = f"least gap {1e3 * room['nearest']['gap']:.3g} mm of the wanted 9 mm"
+    assert line in solved.output
+    assert line in checked.output
+    with np.load(runs / "swan-neck" / "solution.npz") as arrays:
+        gaps = np.minimum(arrays["wall_gaps"], arrays["self_gaps"])
+        assert gaps[0] == room["start"]["gap"]
+        assert gaps[-1] == room["goal"]["gap"]
+        assert gaps.min() >= room["nearest"]["gap"]
+        assert len(arrays["room_time"]) == len(gaps)
 
 
 # ---------------------------------------------------------------- what would be possible

@@ -1,0 +1,167 @@
+"""The trade-off between time and room: which plans are made, which are dominated, which is recommended and written."""
+
+import json
+import shutil
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+from typer.testing import CliRunner
+
+from ccm_opt import load_problem, pareto
+from ccm_opt.cli.commands import app
+from ccm_opt.driver.pareto import _dominator, _recommended
+from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
+from ccm_opt.errors import ProblemError, UnreachableGoal
+from ccm_opt.files.plotting.pareto_picture import pareto_png
+from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.problem import Problem
+from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
+from ccm_opt.verification.room_over_time import room_over_time
+
+from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution
+
+FIGURES = st.lists(st.tuples(st.floats(0.5, 5.0), st.floats(0.0, 0.05)), min_size=1, max_size=6)
+"""Durations [s] and least gaps [m] of some plans."""
+
+
+def made_up(problem: Problem, duration: float, gap: float) -> ParetoPlan:
+    """A plan of which only the duration and the least gap count."""
+    solution = make_solution(problem, np.full(problem.arm.links, 0.3))
+    trajectory = replace(solution.trajectory, time=duration * solution.trajectory.time)
+    room = room_over_time(problem, trajectory, 0.0)
+    room = replace(room, nearest=replace(room.nearest, gap=gap, link=1, obstacle="post"))
+    return ParetoPlan(gap, replace(solution, trajectory=trajectory, room=room))
+
+
+@given(figures=FIGURES)
+def test_what_is_recommended_is_on_the_front_and_in_time(figures: list[tuple[float, float]]) -> None:
+    """The fastest is never dominated but by an equally fast one, and the recommended plan is the roomiest in time."""
+    problem = parse_problem(SMALL_PROBLEM, "small.toml")
+    plans = [made_up(problem, duration, gap) for duration, gap in figures]
+    judged = [replace(plan, dominated_by=_dominator(plan, plans, DEFAULT_PARETO)) for plan in plans]
+    for plan in judged:
+        if plan.dominated_by:
+            other = plans[plan.dominated_by - 1]
+            assert other.duration <= plan.duration * (1.0 + DEFAULT_PARETO.same_time)
+            assert other.gap >= plan.gap - DEFAULT_PARETO.same_gap
+    best = judged[_recommended(judged, DEFAULT_PARETO) - 1]
+    most = 1.15 * min(plan.duration for plan in plans)
+    assert not best.dominated_by
+    assert best.duration <= most
+    in_time = [plan for plan in judged if plan.duration <= most and not plan.dominated_by]
+    assert best.gap == max(plan.gap for plan in in_time)
+
+
+def test_a_plan_that_is_slower_with_less_room_is_dominated(small_problem: Problem) -> None:
+    """Of three plans the slow one with little room is dominated; equal ones do not dominate each other."""
+    plans = [made_up(small_problem, *figures) for figures in ((1.0, 0.002), (1.1, 0.010), (1.3, 0.004), (1.0, 0.002))]
+    assert [_dominator(plan, plans, DEFAULT_PARETO) for plan in plans] == [0, 0, 2, 0]
+    assert _recommended(plans, DEFAULT_PARETO) == 2
+    assert _recommended(plans, ParetoSettings(most_time=0.05)) in {1, 4}
+
+
+def test_the_energy_is_the_work_of_all_drives(small_solution: Solution) -> None:
+    """Under a torque of 2 N m the work is twice the angle that every revolute turns through."""
+    joints = replace(small_solution.joints, torques=np.full_like(small_solution.joints.torques, 2.0))
+    plan = ParetoPlan(0.0, replace(small_solution, joints=joints))
+    turned = np.abs(np.diff(joints.angles, axis=0)).sum()
+    assert plan.energy == pytest.approx(2.0 * turned, rel=1e-3)
+
+
+def test_the_picture_shows_plans_that_there_are_not(small_problem: Problem) -> None:
+    """A plan without a solution has a place in the picture, and the picture is one."""
+    plans = (made_up(small_problem, 1.0, 0.002), ParetoPlan(0.01, None, "no motion was found"))
+    picture = Image.open(BytesIO(pareto_png(ParetoPlans(small_problem, plans, 1, 0.15))))
+    assert picture.width > picture.height > 200
+
+
+def test_planners_that_know_no_wanted_gap_are_refused() -> None:
+    """Neither an arm on a feed axis nor the baseline has a trade-off to offer."""
+    fed = load_problem(PROBLEMS / "feed-s-duct.toml")
+    fork = load_problem(PROBLEMS / "fork.toml")
+    climbing = replace(fork, planner=replace(fork.planner, method="hill-climbing"))
+    for problem in (fed, climbing):
+        with pytest.raises(ProblemError, match="several wanted gaps need a fixed base"):
+            pareto(problem)
+
+
+def test_without_any_plan_there_is_a_reason(small_problem: Problem) -> None:
+    """Where not even the plan that asks for nothing exists, it is said why."""
+    goal = replace(small_problem.goal, position=np.array([0.9, 0.9]))  # type: ignore[type-var]
+    with pytest.raises(UnreachableGoal, match="reach"):
+        pareto(replace(small_problem, goal=goal), explain=False)
+
+
+# ---------------------------------------------------------------- through the command line
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    """Exit code and everything printed."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return result.exit_code, result.output
+
+
+@pytest.fixture(scope="module")
+def forked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The folder of the fork with its plans, and what was printed."""
+    out = tmp_path_factory.mktemp("runs")
+    code, output = run("solve", "--pareto", PROBLEMS / "fork.toml", "--out", out)
+    assert code == 0, output
+    return out / "fork", output
+
+
+@pytest.mark.slow
+def test_five_plans_lead_from_the_fastest_to_the_roomiest(forked: tuple[Path, str]) -> None:
+    """More room costs more time; every plan keeps nine tenths of what it wants, and none asks for what nobody has."""
+    folder, output = forked
+    record = json.loads((folder / "pareto.json").read_text())
+    plans = record["plans"]
+    assert len(plans) == 5
+    gaps = [plan["nearest"]["gap"] for plan in plans]
+    wanted = [plan["wanted_gap"] for plan in plans]
+    assert wanted == sorted(wanted)
+    assert wanted[0] == 0.0
+    assert all(gap > 0.9 * want for gap, want in zip(gaps, wanted, strict=True))
+    assert gaps[-1] > gaps[0] + 0.005
+    assert plans[-1]["duration"] > plans[0]["duration"]
+    best = plans[record["recommended"] - 1]
+    assert best["duration"] <= (1.0 + record["most_time"]) * min(plan["duration"] for plan in plans)
+    assert f"plan {best['number']}, recommended:" in output
+    for plan in plans:
+        assert f"{plan['duration']:.3f}" in output
+
+
+@pytest.mark.slow
+def test_every_plan_can_be_checked_from_its_files(forked: tuple[Path, str]) -> None:
+    """Each plan's folder passes the verifier by itself, and the problem's folder holds the recommended one."""
+    folder, _ = forked
+    record = json.loads((folder / "pareto.json").read_text())
+    for plan in record["plans"]:
+        code, output = run("check", folder / plan["folder"])
+        assert code == 0, output
+        assert f"least gap {1e3 * plan['nearest']['gap']:.3g} mm" in output
+    with np.load(folder / "pareto" / str(record["recommended"]) / "solution.npz") as arrays:
+        chosen = arrays["bend_angles"]
+    with np.load(folder / "solution.npz") as arrays:
+        np.testing.assert_array_equal(arrays["bend_angles"], chosen)
+    solution = json.loads((folder / "solution.json").read_text())
+    assert solution["room"]["price"] == pytest.approx(record["plans"][record["recommended"] - 1]["price"])
+
+
+@pytest.mark.slow
+def test_a_single_plan_takes_the_place_of_several(forked: tuple[Path, str], tmp_path: Path) -> None:
+    """A later solve leaves none of the five plans behind, and keeps what the user put beside them."""
+    folder = tmp_path / "fork"
+    shutil.copytree(forked[0], folder)
+    (folder / "notes.txt").write_text("mine")
+    code, output = run("solve", PROBLEMS / "fork.toml", "--out", folder.parent, "--no-pictures")
+    assert code == 0, output
+    assert not (folder / "pareto").exists()
+    assert not (folder / "pareto.json").exists()
+    assert (folder / "notes.txt").read_text() == "mine"
