@@ -255,14 +255,19 @@ class Problem:
 
     @property
     def wanted_gap(self) -> float:
-        """Room beyond radius and clearance that planning keeps where there is so much [m]."""
+        """Room beyond radius and clearance that planning keeps where there is so much [m].
+
+        The planner of a feed axis and the paper's planner know no wanted gap, and so keep none.
+        """
+        if self.arm.base_axes or self.planner.method != "nlp":
+            return 0.0
         return self.default_gap if self.planner.wanted_gap is None else self.planner.wanted_gap
 
     @property
     def default_gap(self) -> float:
-        """The wanted gap unless the options name one [m]: 1.5 % of the arm's length or half its radius.
+        """The wanted gap where the options name none, 1.5 % of the arm's length or half its radius [m].
 
-        The lesser of the two: as much as one would leave beside a hose of that size. An arm without a radius gets the
+        The lesser of the two, as much as one would leave beside a hose of that size. An arm without a radius gets the
         former.
         """
         share = WANTED_SHARE_OF_LENGTH * self.arm.length

@@ -48,7 +48,10 @@ class ParetoPlan:
 
     @property
     def energy(self) -> float:
-        """Work that the drives do and take back, ∫ Σ |effort · speed| dt [J]; inf without a motion."""
+        """Work that the drives do and take back, the integral of effort times speed without its sign [J].
+
+        Infinite without a motion.
+        """
         if self.solution is None:
             return np.inf
         joints = self.solution.joints
