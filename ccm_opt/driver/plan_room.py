@@ -5,7 +5,7 @@ from dataclasses import replace
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointTrajectory, RoomRecord
+from ccm_opt.solution import JointTrajectory, PossibleGap, RoomRecord
 from ccm_opt.verification.room_over_time import room_over_time
 
 
@@ -20,4 +20,7 @@ def room_of(problem: Problem, trajectory: JointTrajectory, settings: Settings = 
     room = room_over_time(problem, trajectory, problem.wanted_gap, settings.room, settings.verification)
     if room.wanted == 0.0:
         return room
+    if not room.short:
+        # What the motion keeps is possible, and more was not wanted.
+        return replace(room, possible=PossibleGap(room.wanted, "wanted gap"))
     return replace(room, possible=possible_gap(problem, room, settings.diagnosis.passages))

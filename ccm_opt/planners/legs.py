@@ -90,4 +90,5 @@ def whole_path(legs: tuple[Leg, ...]) -> JointPath:
         tuple(curve for path in paths for curve in path.curves),
         "; ".join(path.candidate for path in paths),
         tuple(leader for path in paths for leader in path.leaders),
+        goal_pose=paths[-1].goal_pose,
     )
