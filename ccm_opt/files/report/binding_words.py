@@ -11,6 +11,8 @@ from ccm_opt.solution import GoalPoseRecord, Solution
 
 _REGION = re.compile(r"link (\d+): side \d+ of its region, at its (start|end)")
 _BEND = re.compile(r"joint (\d+): bend (left|right)")
+_NEAR = 3.0
+"""Multiples of the wanted gap within which the neighbour of a link is named. Taste."""
 _TORQUE = re.compile(r"joint (\d+): torque (?:up|down)")
 
 
@@ -40,20 +42,21 @@ def binding_rows(solution: Solution, record: GoalPoseRecord, points: FloatArray,
     """
     merged: dict[tuple[str, str], float] = {}
     for name, multiplier in record.multipliers.items():
-        row = _row(solution, name, multiplier, points)
+        row = _row(solution, record, name, multiplier, points)
         key = (row.words, row.unit)
         merged[key] = merged.get(key, 0.0) + row.gain
     rows = [BindingRow(words, gain, unit) for (words, unit), gain in merged.items()]
     return sorted(rows, key=lambda row: -row.gain)[:most]
 
 
-def _row(solution: Solution, name: str, multiplier: float, points: FloatArray) -> BindingRow:
+def _row(solution: Solution, record: GoalPoseRecord, name: str, multiplier: float, points: FloatArray) -> BindingRow:
     """One row: multipliers are for one arm's length, one radian, or the whole of a limit."""
     if region := _REGION.fullmatch(name):
         link = int(region[1])
         end = points[link if region[2] == "end" else link - 1]
         gain = 1e-3 * multiplier / solution.problem.arm.length
-        return BindingRow(f"link {link} beside {_neighbour(solution, points, link, end)}", gain, "1 mm")
+        beside = _neighbour(solution, points, link, end, reach=_NEAR * record.wanted_gap)
+        return BindingRow(f"link {link} beside {beside}", gain, "1 mm")
     if bend := _BEND.fullmatch(name):
         return BindingRow(f"joint {bend[1]} at its limit to the {bend[2]}", np.deg2rad(1.0) * multiplier, "1°")
     if torque := _TORQUE.fullmatch(name):
@@ -63,8 +66,9 @@ def _row(solution: Solution, name: str, multiplier: float, points: FloatArray) -
     return BindingRow(name, multiplier, "1")
 
 
-def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArray) -> str:
+def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArray, reach: float) -> str:
     """What is nearest to the end of a link: a wall by its name, or another link that is not its neighbour."""
+    # A side of a region is a plane: what it keeps the link from may touch it far from the link.
     problem = solution.problem
     place = shapely.Point(end)
     walls = problem.workspace.walls
@@ -75,6 +79,10 @@ def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArra
     apart = np.abs(np.arange(len(links)) + 1 - link) * problem.arm.length / len(links)
     far_along = apart > np.pi * problem.arm.radius + 2.0 * problem.arm.length / len(links)
     to_links = np.where(far_along, shapely.distance(links, place), np.inf)
-    if 0.5 * (to_links.min() - 2.0 * problem.arm.radius) < gaps[nearest] - problem.arm.radius:
+    to_wall = gaps[nearest] - problem.arm.radius - problem.workspace.clearance
+    to_link = 0.5 * float(to_links.min()) - problem.arm.radius
+    if min(to_wall, to_link) > reach:
+        return "what is around it"
+    if to_link < to_wall:
         return f"link {int(np.argmin(to_links)) + 1}"
     return f"'{walls[nearest].name}'"

@@ -7,7 +7,7 @@ import numpy as np
 from ccm_opt.continuum.segment_types import segment_words
 from ccm_opt.files.report.binding_words import binding_rows
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
-from ccm_opt.files.report.room_svg import scene_paths, view_box
+from ccm_opt.files.report.room_svg import scene_paths
 from ccm_opt.files.report.room_words import millimetres
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import GoalPoseRecord, Solution
@@ -17,7 +17,7 @@ _COSTS = {
     "room": "lack of room",
     "bending": "bending of the curve",
     "travel": "turns from the start",
-    "distance": "turns from where the search arrived",
+    "distance": "turns from the pose that it began with",
     "torque": "torque to hold the pose",
     "knots": "uneven knots",
     "bows": "rough curvature",
@@ -45,12 +45,12 @@ def goal_pose_section(solution: Solution, settings: ReportSettings = REPORT) -> 
 def _summary(record: GoalPoseRecord) -> str:
     """How the pose came about, and whether the motion ends in it."""
     variables, rows = record.size
-    poses = "one pose" if record.tried == 1 else f"the best of {record.tried} poses"
     solved = (
-        f"A nonlinear program of {variables} variables and {rows} rows was solved in {record.iterations} iterations; "
-        f"this is {poses} it was asked for, with a gap of {millimetres(record.gap)} of the wanted "
-        f"{millimetres(record.wanted_gap)}."
+        f"The goal-pose program, of {variables} variables and {rows} rows, found this pose in {record.iterations} "
+        f"iterations, with a gap of {millimetres(record.gap)} of the wanted {millimetres(record.wanted_gap)}."
     )
+    if record.tried > 1:
+        solved = f"{solved} It was asked for {record.tried} poses in all."
     if record.reached:
         return f"{solved} The motion ends in it."
     return f"{solved} The motion does not end in it: {record.reason}."
@@ -59,8 +59,8 @@ def _summary(record: GoalPoseRecord) -> str:
 def _picture(solution: Solution, record: GoalPoseRecord, settings: ReportSettings) -> str:
     """The pose of the program, the end of the motion where that is another, and the curve by its segments."""
     problem = solution.problem
-    xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
-    thin = settings.line_width * max(xmax - xmin, ymax - ymin)
+    # The picture shows the neighbourhood of the pose, so lines are measured by the arm and not by the room.
+    thin = settings.line_width * float(np.ptp(pose_points(solution, record), axis=0).max())
     body = max(2.0 * problem.arm.radius, thin)
     parts = [scene_paths(problem.workspace, thin)]
     if not record.reached:
@@ -75,9 +75,19 @@ def _picture(solution: Solution, record: GoalPoseRecord, settings: ReportSetting
             f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{1.8 * thin:.5g}" fill="white" stroke="#2b2a27" '
             f'stroke-width="{0.5 * thin:.5g}"/>'
         )
-    box = view_box(problem.workspace, settings.margin)
+    shown = [curve.positions_at(curve.breakpoints), solution.joint_positions[-1], pose_points(solution, record)]
+    box = _box_around(np.concatenate(shown), settings.pose_margin)
     label = "The goal pose and the curve behind it"
     return f'<svg viewBox="{box}" role="img" aria-label="{label}"><g transform="scale(1,-1)">{"".join(parts)}</g></svg>'
+
+
+def _box_around(points: FloatArray, margin_share: float) -> str:
+    """The part of the plane around some points, y down."""
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    margin = margin_share * float((high - low).max())
+    width, height = high - low + 2.0 * margin
+    return f"{low[0] - margin:.6g} {-high[1] - margin:.6g} {width:.6g} {height:.6g}"
 
 
 def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:

@@ -15,6 +15,7 @@ class ReportSettings:
         line_width: of thin lines, as a share of the room's extent.
         mark_size: radius of the mark of a goal, likewise.
         margin: round the boundary, likewise.
+        pose_margin: round the goal pose in its picture, as a share of its extent.
         places_per_segment: of the goal pose's curve, at which it is drawn.
         chart_width: of the chart of gaps over time, in its own units, of which a letter is 13 high.
         chart_height: likewise.
@@ -28,6 +29,7 @@ class ReportSettings:
     line_width: float = 0.003
     mark_size: float = 0.018
     margin: float = 0.03
+    pose_margin: float = 0.18
     places_per_segment: int = 24
     chart_width: float = 1000.0
     chart_height: float = 280.0
