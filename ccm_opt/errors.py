@@ -13,10 +13,14 @@
     │   ├── RetimingError       the path cannot be timed within the limits
     │   └── SimulationError     the simulated arm left the finite world
     └── VerificationError       a plan, or a folder, that the verifier refuses        exit code 3
+
+    KeyboardInterrupt
+    └── CancelledWithPlan       Ctrl-C once there is a verified plan                  exit code 130
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 
 class CcmError(Exception):
@@ -179,3 +183,11 @@ class VerificationError(CcmError):
     def __init__(self, failures: Sequence[str]) -> None:
         self.failures = tuple(failures)
         super().__init__("the verifier refuses this plan:\n" + "\n".join(f"  {line}" for line in self.failures))
+
+
+class CancelledWithPlan(KeyboardInterrupt):
+    """Ctrl-C while a verified plan was being looked at; ``solution`` is the plan with what is known of it by then."""
+
+    def __init__(self, solution: Any) -> None:
+        self.solution = solution
+        super().__init__("cancelled when there was a verified plan already")

@@ -15,9 +15,10 @@ from typer.testing import CliRunner
 
 from ccm_opt import __version__
 from ccm_opt.cli.commands import app
+from ccm_opt.cli.outcome import run_all
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, TimeLimitReached, UnreachableGoal, VerificationError
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.solution import SimulationOutcome, SimulationVerdict, Solution
 
 from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution
 
@@ -397,18 +398,31 @@ main()
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "error: cancelled\n")
 
 
-@pytest.mark.parametrize(("error", "warned"), [(0.09, False), (0.11, True)])
-def test_an_arm_that_leaves_the_plan_is_a_warning(
-    problem_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: float, *, warned: bool
+@pytest.mark.parametrize(("outcome", "expected"), [("followed", 0), ("strayed", 4)])
+def test_an_arm_that_leaves_the_plan_has_its_own_exit_code(
+    problem_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, outcome: SimulationOutcome, expected: int
 ) -> None:
-    """A tracking error above 0.1 rad is told with the controller, the step and what to try; the plan stands."""
+    """What the simulated arm did wrong is told on stderr with what to try; the plan stands, and is written."""
+    verdict = SimulationVerdict(outcome, 1e-3, "ball01_bend is 0.11 rad off", advice=("a smaller simulation.step",))
 
     def solve(problem: Problem) -> Solution:
         solution = bend_a_little(problem)
-        return replace(solution, simulation=replace(solution.simulation, tracking_error=error))
+        return replace(solution, simulation=replace(solution.simulation, verdict=verdict))
 
     stand_in(monkeypatch, solve)
     code, output = run("solve", problem_path, "--out", tmp_path, "--no-pictures")
-    assert code == 0
-    assert ("warning: small: the simulated arm left the plan by 0.11 rad" in output) is warned
-    assert ("computed-torque controller at a step of 0.001 s; try a smaller simulation.step" in output) is warned
+    assert code == expected
+    said = (
+        "warning: small: the simulated arm does not follow its plan (strayed): ball01_bend is 0.11 rad off\n  try: a "
+    )
+    assert (said in output) is (expected == 4)
+    assert (tmp_path / "small" / "solution.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("codes", "worst"),
+    [((0, 4), 4), ((4, 2, 0), 2), ((3, 4, 2), 3), ((4, 1, 3), 1), ((4, 130, 3), 130), ((), 0)],
+)
+def test_of_several_files_the_worst_outcome_counts(codes: tuple[int, ...], worst: int) -> None:
+    """A bug, then Ctrl-C, no plan, bad input, a plan that is not followed; only Ctrl-C ends the others."""
+    assert run_all(codes, lambda code: code) == worst

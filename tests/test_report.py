@@ -33,7 +33,9 @@ def test_the_page_shows_the_whole_motion(small_solution: Solution) -> None:
     np.testing.assert_allclose(data["poses"][0], small_solution.joint_positions[0], atol=1e-5)
     np.testing.assert_allclose(data["poses"][-1], small_solution.joint_positions[-1], atol=1e-5)
     assert data["time"][-1] == pytest.approx(small_solution.trajectory.duration, abs=1e-4)
-    assert page.count("<tr><td>") == len(small_solution.checks) + len(small_solution.timings)
+    # One more row is the verdict on the simulation.
+    assert page.count("<tr><td>") == len(small_solution.checks) + 1 + len(small_solution.timings)
+    assert page.count("<tr><td>simulation</td>") == 1
     assert "{{" not in page
 
 

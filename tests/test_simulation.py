@@ -186,7 +186,8 @@ def test_saturation_is_reported_and_kept() -> None:
     limit = 0.9 * float(np.max(np.abs(states_of(arm, trajectory).torques)))
     motion = run(arm, trajectory, SimulationOptions(), torque=limit)
     assert motion.saturated
-    assert motion.verdict.outcome == "saturated"
+    assert motion.verdict.outcome in {"saturated", "strayed"}
+    assert "torque limit" in motion.verdict.reason
     assert 0.0 < motion.saturated_time <= trajectory.duration
     assert motion.verdict.joint in motion.verdict.reason
     assert np.max(np.abs(motion.torques)) <= limit

@@ -11,13 +11,11 @@ class DisplaySettings:
         piped_width: columns of output that goes to a file or another program.
         most_problems: problems of a comparison up to which the table of all runs is printed; of more it is in the
             file only.
-        most_tracking_error: above it the command warns that the simulated arm has left the plan [rad].
         status_refreshes: times a second that the line of the present stage is drawn [1/s].
     """
 
     piped_width: int = 200
     most_problems: int = 40
-    most_tracking_error: float = 0.1
     status_refreshes: float = 4.0
 
 

@@ -1,12 +1,12 @@
-"""What ``ccm-opt solve`` leaves in the output folder of a problem without a plan: the record of why."""
+"""What ``ccm-opt solve`` leaves where something fails: the record of why there is no plan, or else the plan."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from ccm_opt.cli.stage_clock import StageClock
-from ccm_opt.errors import Diagnosis, NoPlanFound, VerificationError
-from ccm_opt.files.export.folder import write_failure
+from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
+from ccm_opt.files.export.folder import write_failure, write_solution
 from ccm_opt.problem import Problem
 
 
@@ -22,7 +22,7 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock) -> Iterato
     Raises:
         NoPlanFound: its diagnosis is written to ``solution.json``.
         VerificationError: likewise.
-        KeyboardInterrupt: a record with the status ``cancelled`` is written.
+        KeyboardInterrupt: a record with the status ``cancelled`` is written, or the plan where there is one already.
     """
     try:
         yield
@@ -33,7 +33,24 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock) -> Iterato
         diagnosis = Diagnosis("the verifier refuses the plan: " + "; ".join(error.failures), "verification")
         write_failure(problem, "infeasible", diagnosis, out, clock.timings)
         raise
+    except CancelledWithPlan as cancelled:
+        write_solution(cancelled.solution, out)
+        raise
     except KeyboardInterrupt:
         diagnosis = Diagnosis("cancelled by the user", clock.current or "planning")
         write_failure(problem, "cancelled", diagnosis, out, clock.timings)
+        raise
+
+
+@contextmanager
+def kept_without_pictures(write: Callable[[], object]) -> Iterator[None]:
+    """Draw inside it; a plan whose drawing fails or is cancelled is written without pictures before the error goes on.
+
+    Args:
+        write: writes the plan alone.
+    """
+    try:
+        yield
+    except BaseException:
+        write()
         raise

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
-from ccm_opt.cli.display_settings import DISPLAY
-from ccm_opt.cli.failure_record import failures_recorded
-from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
+from ccm_opt.cli.failure_record import failures_recorded, kept_without_pictures
+from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
 from ccm_opt.cli.pareto_table import print_pareto
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.cli.tables import print_solution
@@ -88,24 +88,12 @@ def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool
         with failures_recorded(problem, out, clock):
             solution = solve(problem, progress=clock, explain=explain, **arguments)
         clock("writing")
-        folder = write_solution(solution, out, _pictures(solution) if pictures else {})
+        with kept_without_pictures(partial(write_solution, solution, out)):
+            drawn = _pictures(solution) if pictures else {}
+        folder = write_solution(solution, out, drawn)
         clock.finish()
     code = code_of_simulation(problem.name, solution.simulation.verdict)
-    _warn_of_tracking(solution)
     return print_result(lambda: print_solution(solution, clock, str(folder)), code)
-
-
-def _warn_of_tracking(solution: Solution) -> None:
-    """Say on stderr that the simulated arm followed the plan from afar only, and what to try."""
-    error = solution.simulation.tracking_error
-    options = solution.problem.simulation
-    if not solution.simulation.verdict.followed or error <= DISPLAY.most_tracking_error:
-        return
-    gains = "bandwidth" if options.controller == "computed-torque" else "gains"
-    warn(
-        f"{solution.problem.name}: the simulated arm left the plan by {error:.2g} rad with the {options.controller} "
-        f"controller at a step of {options.step:g} s; try a smaller simulation.step or another simulation.{gains}"
-    )
 
 
 def _solve_several(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool, explain: bool) -> int:
@@ -124,10 +112,11 @@ def _solve_several(problem: Problem, out: Path, terms: TermReferences, *, pictur
                 **arguments,
             )
         clock("writing")
-        folder = write_pareto(found, out, _pareto_pictures(found) if pictures else {})
+        with kept_without_pictures(partial(write_pareto, found, out)):
+            drawn = _pareto_pictures(found) if pictures else {}
+        folder = write_pareto(found, out, drawn)
         clock.finish()
     code = code_of_simulation(problem.name, found.best.simulation.verdict)
-    _warn_of_tracking(found.best)
     return print_result(lambda: print_pareto(found, clock, str(folder)), code)
 
 

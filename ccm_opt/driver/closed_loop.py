@@ -8,7 +8,6 @@ import numpy as np
 from ccm_opt.driver.simulated_touch import Approaches, Touch, approaches, chain_motion, first_touch
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
-from ccm_opt.dynamics.simulation.run_verdict import verdict_without_run
 from ccm_opt.errors import SimulationError
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
@@ -17,7 +16,14 @@ WALLS = "simulated_least_wall_clearance_m"
 """Figure of the least distance to walls."""
 ITSELF = "simulated_least_self_clearance_m"
 """Figure of the least distance between links."""
-FROM_BEST_TO_WORST: tuple[SimulationOutcome, ...] = ("followed", "saturated", "touched", "diverged", "not simulated")
+FROM_BEST_TO_WORST: tuple[SimulationOutcome, ...] = (
+    "followed",
+    "saturated",
+    "strayed",
+    "touched",
+    "diverged",
+    "not simulated",
+)
 """Outcomes of simulations, by how much there is to be learned from them."""
 
 
@@ -84,7 +90,10 @@ def simulated_once(
     try:
         motion = simulate(problem.arm, trajectory, joints, options, problem.limits, settings=settings.simulation)
     except SimulationError as error:
-        return JudgedMotion(_standing(trajectory, joints, verdict_without_run(error, options.step)), None)
+        diagnosis = error.diagnosis
+        return JudgedMotion(
+            not_simulated(trajectory, joints, options.step, diagnosis.reason, diagnosis.advice), approaches=None
+        )
     chain = chain_motion(problem, trajectory, motion)
     if chain is None:
         return JudgedMotion(motion, None)
@@ -111,8 +120,7 @@ def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, found: App
 
 def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
     """Whether half the step changed so little that the step is not what keeps the arm from following."""
-    outcomes = {coarse.motion.verdict.outcome, fine.motion.verdict.outcome}
-    if outcomes not in ({"saturated"}, {"touched"}):
+    if fine.rank != coarse.rank or fine.motion.verdict.outcome in ("diverged", "not simulated"):
         return False
     error = coarse.motion.tracking_error
     return abs(error - fine.motion.tracking_error) <= share * error
@@ -138,8 +146,18 @@ def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> Sim
     return replace(motion, verdict=replace(verdict, reason=f"{verdict.reason}; {before}" if verdict.reason else before))
 
 
-def _standing(trajectory: JointTrajectory, joints: JointStates, verdict: SimulationVerdict) -> SimulatedMotion:
-    """An arm that was not simulated: it stands where the plan begins."""
+def not_simulated(
+    trajectory: JointTrajectory, joints: JointStates, step: float, reason: str, advice: tuple[str, ...] = ()
+) -> SimulatedMotion:
+    """An arm that was not simulated: it stands where the plan begins.
+
+    Args:
+        trajectory: the plan.
+        joints: the same for all revolutes.
+        step: that was asked for [s].
+        reason: why it was not simulated.
+        advice: what would help.
+    """
     samples = len(trajectory.time)
     return SimulatedMotion(
         angles=np.repeat(joints.angles[:1], samples, axis=0),
@@ -147,5 +165,5 @@ def _standing(trajectory: JointTrajectory, joints: JointStates, verdict: Simulat
         tracking_error=np.nan,
         saturated=False,
         base_positions=np.repeat(trajectory.base_positions[:1], samples, axis=0),
-        verdict=verdict,
+        verdict=SimulationVerdict("not simulated", step, reason, advice=advice),
     )

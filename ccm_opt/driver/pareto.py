@@ -7,7 +7,7 @@ from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
+from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.user_terms.terms import Constraint, Cost
@@ -46,6 +46,7 @@ def pareto(
         ProblemError: the problem cannot be used as it stands, or its planner knows no wanted gaps.
         NoPlanFound: there is no plan for the first wanted gap, which asks for nothing.
         VerificationError: the verifier refuses that plan.
+        CancelledWithPlan: on Ctrl-C once there is the first plan, which it holds.
     """
     if problem.arm.base_axes or problem.planner.method != "nlp":
         raise ProblemError(
@@ -55,12 +56,15 @@ def pareto(
     numbers = settings or DEFAULT_SETTINGS
     run = _Run(problem, progress, constraints, costs, numbers)
     first = run.solved(0.0, 1, explain=explain)
-    roomiest = run.roomiest(first, trade_off)
     plans = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
-    # What the fastest keeps unasked is no wish.
-    low = plans[0].gap if plans[0].gap < roomiest.wanted_gap else 0.0
-    for number, share in enumerate(trade_off.shares[:-1], start=2):
-        plans.append(run.tried(low + share * (roomiest.wanted_gap - low), number))
+    try:
+        roomiest = run.roomiest(first, trade_off)
+        # What the fastest keeps unasked is no wish.
+        low = plans[0].gap if plans[0].gap < roomiest.wanted_gap else 0.0
+        for number, share in enumerate(trade_off.shares[:-1], start=2):
+            plans.append(run.tried(low + share * (roomiest.wanted_gap - low), number))
+    except KeyboardInterrupt as interrupt:
+        raise CancelledWithPlan(first) from interrupt
     plans.append(roomiest)
     plans = [_priced(plan, first.trajectory.duration) for plan in plans]
     judged = tuple(replace(plan, dominated_by=_dominator(plan, plans, trade_off)) for plan in plans)

@@ -6,13 +6,11 @@ from collections.abc import Callable, Sequence
 from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
-from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
+from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.lowered_costs import planned_with_costs
-from ccm_opt.driver.plan_room import room_of
 from ccm_opt.driver.planner_choice import default_planner
 from ccm_opt.driver.pose_failure import with_constraint_first
-from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verified_plan
 from ccm_opt.dynamics.runtime.compiled_library import prepare
@@ -58,6 +56,7 @@ def solve(
         ProblemError: the problem cannot be used as it stands.
         NoPlanFound: with a diagnosis: there is no plan within the limits.
         VerificationError: the verifier refuses the plan; a defect of the planner.
+        CancelledWithPlan: on Ctrl-C once there is a verified plan, which it holds; a ``KeyboardInterrupt``.
     """
     stages = Stages(progress)
     numbers = settings or DEFAULT_SETTINGS
@@ -106,13 +105,9 @@ def solve(
             explanation = explained(problem, with_constraint_first(failure, problem, terms, numbers), trials)
         raise explanation from failure
 
-    with stages("room"):
-        room = room_of(problem, plan.trajectory, numbers)
-    with stages("simulation"):
-        simulated, of_simulation = simulate_and_check(problem, plan.trajectory, plan.joints, numbers)
-    if terms is not None and terms.all_costs:
-        of_simulation = {**of_simulation, "cost_share": cost_share}
-    return assembled(problem, plan, simulated, of_simulation, stages.timings, room)
+    # There is a plan: room and simulation say what it is worth, and nothing that happens there can lose it.
+    figures = {"cost_share": cost_share} if terms is not None and terms.all_costs else {}
+    return described(problem, plan, stages, numbers, figures)
 
 
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms | None:

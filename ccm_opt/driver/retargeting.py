@@ -7,15 +7,13 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt import retiming
-from ccm_opt.driver.closed_loop import simulate_and_check
+from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.pipeline import compiled_terms, solve
-from ccm_opt.driver.plan_room import room_of
-from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
-from ccm_opt.errors import ProblemError
+from ccm_opt.errors import CancelledWithPlan, ProblemError
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.legs import Leg, whole_path
 from ccm_opt.planners.protocols import Planner
@@ -74,7 +72,11 @@ def retarget(
 
     # From rest to the new goal, a problem like any other.
     onward = replace(problem, start=rest, goal=goal, stops=(), tolerances=tolerances or problem.tolerances, source="")
-    leg = solve(onward, progress=progress, planner=planner, constraints=constraints, costs=costs, settings=settings)
+    try:
+        leg = solve(onward, progress=progress, planner=planner, constraints=constraints, costs=costs, settings=settings)
+    except CancelledWithPlan as cancelled:
+        # The way from rest alone is no plan for an arm that is still moving.
+        raise KeyboardInterrupt from cancelled
 
     # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
     # The arm stopped at its first goals on the way before it was braked; the others are dropped.
@@ -86,16 +88,11 @@ def retarget(
         checks = verified(whole, trajectory, joints, numbers.verification)
         terms = compiled_terms(arm, constraints, costs)
         of_terms = results_of_terms(terms, arm, leg.path, leg.trajectory, numbers.user_terms)
-    with stages("room"):
-        room = room_of(whole, trajectory, numbers)
-    with stages("simulation"):
-        simulated, of_simulation = simulate_and_check(whole, trajectory, joints, numbers)
     plan = VerifiedPlan(_path(first, leg.path, onward, time), trajectory, joints, checks, of_terms)
-    # Some stages ran twice, for the way from rest and for the whole; their times are added up.
-    spent = dict(leg.timings)
-    for name, seconds in stages.timings.items():
-        spent[name] = spent.get(name, 0.0) + seconds
-    return assembled(whole, plan, simulated, of_simulation, spent, room)
+    # Some stages run twice, for the way from rest and for the whole; their times are added up.
+    for name, seconds in leg.timings.items():
+        stages.timings[name] = stages.timings.get(name, 0.0) + seconds
+    return described(whole, plan, stages, numbers)
 
 
 def _check(solution: Solution, time: float) -> None:

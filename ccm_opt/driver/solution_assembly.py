@@ -19,7 +19,7 @@ def assembled(
     simulated: SimulatedMotion,
     of_simulation: Mapping[str, float],
     timings: Mapping[str, float],
-    room: RoomRecord,
+    room: RoomRecord | None,
 ) -> Solution:
     """The solution of a problem.
 
@@ -29,7 +29,7 @@ def assembled(
         simulated: what the simulated arm did.
         of_simulation: figures of merit of that.
         timings: CPU time of every stage [s].
-        room: that the motion keeps.
+        room: that the motion keeps; None where it was not measured.
     """
     figures = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
     return Solution(

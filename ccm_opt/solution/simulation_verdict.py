@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-SimulationOutcome = Literal["followed", "saturated", "touched", "diverged", "not simulated"]
+SimulationOutcome = Literal["followed", "saturated", "strayed", "touched", "diverged", "not simulated"]
 
 
 @dataclass(frozen=True)
@@ -11,8 +11,9 @@ class SimulationVerdict:
     """Whether the simulated arm followed its plan, which is verified whatever the simulation says.
 
     Attributes:
-        outcome: "followed"; "saturated", a drive met its limit; "touched", the arm met a wall or itself; "diverged",
-            the arm left the plan for good, and the run was stopped; "not simulated", no step was run.
+        outcome: "followed"; "saturated", a drive met its limit; "strayed", some joint was far off its plan, 0.1 rad
+            by default; "touched", the arm met a wall or itself; "diverged", the arm left the plan for good, and the run
+            was stopped; "not simulated", no step was run.
         step: integration step of the run that is judged [s].
         reason: one sentence: which joint or link, when, and why; empty when followed.
         joint: name of the revolute, or of the axis that carries the base, whose drive was at fault; empty for none.

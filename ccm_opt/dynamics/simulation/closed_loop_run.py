@@ -16,8 +16,8 @@ from ccm_opt.dynamics.runtime.control_law import ClosedLoop
 from ccm_opt.dynamics.simulation.controller import loop_parameters
 from ccm_opt.dynamics.simulation.disturbances import Noise, disturbed_arm
 from ccm_opt.dynamics.simulation.reference import StepReference, step_reference
-from ccm_opt.dynamics.simulation.run_faults import RunFault, first_saturation, loss_of_control, steps_before
-from ccm_opt.dynamics.simulation.run_verdict import verdict_of_run
+from ccm_opt.dynamics.simulation.run_faults import RunFault, first_far_off, first_saturation, steps_before
+from ccm_opt.dynamics.simulation.run_verdict import RunFaults, verdict_of_run
 from ccm_opt.dynamics.simulation.simulation_checks import check_axes, check_finite
 from ccm_opt.dynamics.simulation.simulation_record import SimulatedSteps, SimulationRecord
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
@@ -63,21 +63,24 @@ def simulate(
             tracking_error=0.0,
             saturated=False,
             base_positions=trajectory.base_positions,
-            verdict=verdict_of_run(None, None, 0, options.step, joints.names),
+            verdict=verdict_of_run(RunFaults(), options.step, joints.names),
         )
     run, state = _prepared(arm, trajectory, joints, options, limits, settings)
     most = _most_efforts(limits, arm.coordinates)
     record = SimulationRecord.from_plan(trajectory.time, state[0], options.step, most)
     full: RunFault | None = None
+    strayed: RunFault | None = None
     lost: RunFault | None = None
     for steps in run.steps(state, options, settings.chunk_steps):
-        lost = loss_of_control(steps, settings.lost)
+        lost = first_far_off(steps, settings.lost)
         sound = steps if lost is None else steps_before(steps, lost)
         full = full or first_saturation(sound, most)
+        strayed = strayed or first_far_off(sound, settings.strayed)
         record.add(sound)
         if lost is not None:
             break
-    return record.motion(arm.coordinates, verdict_of_run(lost, full, record.full_steps, options.step, joints.names))
+    faults = RunFaults(full, record.full_steps, strayed, record.tracking_error, lost)
+    return record.motion(arm.coordinates, verdict_of_run(faults, options.step, joints.names))
 
 
 def simulated_states(

@@ -1,4 +1,4 @@
-"""What goes wrong in a simulated run: a drive that meets its limit, an arm that leaves its plan for good."""
+"""What goes wrong in a simulated run: a drive that meets its limit, an arm that is far off its plan."""
 
 from dataclasses import dataclass, replace
 
@@ -23,14 +23,14 @@ class RunFault:
     error: float = 0.0
 
 
-def loss_of_control(steps: SimulatedSteps, lost: float) -> RunFault | None:
-    """The first state that is not finite, or a revolute of which is farther from its reference than ``lost`` [rad]."""
+def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
+    """The first state that is not finite, or a revolute of which is farther from its reference than ``most`` [rad]."""
     after = steps.states[1:]
     with np.errstate(invalid="ignore", over="ignore"):
         errors = np.abs(after[:, 0] - steps.targets)
     # The feed axis, last, has errors in metres, for which there is no such bound.
     errors[:, -1] = 0.0
-    bad = (errors > lost) | ~np.isfinite(after).all(axis=1)
+    bad = (errors > most) | ~np.isfinite(after).all(axis=1)
     if not bad.any():
         return None
     row, column = np.argwhere(bad)[0]

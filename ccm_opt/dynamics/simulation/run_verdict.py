@@ -1,68 +1,86 @@
 """A run of the closed loop judged: did the arm follow its plan, and if not, which drive failed it, and when."""
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ccm_opt.dynamics.simulation.run_faults import RunFault
-from ccm_opt.errors import SimulationError
 from ccm_opt.solution import SimulationVerdict
 
+SATURATED_ADVICE = ("a smaller planner.effort_share, which leaves the controller more", "smaller disturbances")
+CONTROL_ADVICE = (
+    "a smaller simulation.step",
+    "another simulation.bandwidth, or other simulation.gains",
+    'simulation.controller = "computed-torque"',
+)
 
-def verdict_of_run(
-    lost: RunFault | None, full: RunFault | None, full_steps: int, step: float, names: tuple[str, ...]
-) -> SimulationVerdict:
+
+@dataclass(frozen=True)
+class RunFaults:
+    """All that went wrong in a run.
+
+    Attributes:
+        full: where an effort first met its limit; None when none did.
+        full_steps: number of steps in which some effort was at its limit.
+        strayed: where a joint was first far off its reference; None when none was.
+        largest_error: of a joint over the whole run [rad].
+        lost: where the run was stopped, since the arm had left its plan for good; None when it was not.
+    """
+
+    full: RunFault | None = None
+    full_steps: int = 0
+    strayed: RunFault | None = None
+    largest_error: float = 0.0
+    lost: RunFault | None = None
+
+
+def verdict_of_run(faults: RunFaults, step: float, names: tuple[str, ...]) -> SimulationVerdict:
     """The verdict on a run, as far as drives and errors decide it; what the arm touches is not known here.
 
     Args:
-        lost: where the arm left its plan for good, None when it did not.
-        full: where an effort first met its limit, None when none did.
-        full_steps: number of steps in which one was at its limit.
+        faults: of the run.
         step: length of a step [s].
         names: of all revolutes.
     """
-    met = None if full is None else _met_limit(full, full_steps, step, names)
-    if lost is not None:
-        return _diverged(lost, met, step, names)
-    return met or SimulationVerdict("followed", step)
-
-
-def verdict_without_run(error: SimulationError, step: float) -> SimulationVerdict:
-    """The verdict where no step could be run, with the reason."""
-    return SimulationVerdict("not simulated", step, error.diagnosis.reason, advice=error.diagnosis.advice)
-
-
-def _met_limit(full: RunFault, full_steps: int, step: float, names: tuple[str, ...]) -> SimulationVerdict:
+    full = faults.full
+    met = "" if full is None else _words_of_limit(full, faults.full_steps, step, names)
+    fault = faults.lost or faults.strayed
+    if fault is not None:
+        return _off_the_plan(faults, fault, met, step, names)
+    if full is None:
+        return SimulationVerdict("followed", step)
     name = _name(full, names)
-    limit = "force limit" if full.column == len(names) else "torque limit"
-    begin = full.step * step
-    spent = full_steps * step
+    return SimulationVerdict("saturated", step, met, joint=name, time=full.step * step, advice=SATURATED_ADVICE)
+
+
+def _off_the_plan(
+    faults: RunFaults, fault: RunFault, met: str, step: float, names: tuple[str, ...]
+) -> SimulationVerdict:
+    name = _name(fault, names)
+    time = fault.step * step
+    off = f"the simulated {name} {_words_of_error(fault)} at {time:.4g} s"
+    if faults.lost is None:
+        off = f"{off}, and joints are up to {faults.largest_error:.3g} rad off in all"
+    # Once a drive has nothing left the controller does not decide any more what the arm does: that is the cause.
+    saturated_before = faults.full is not None and faults.full.step <= fault.step
     return SimulationVerdict(
-        "saturated",
+        "strayed" if faults.lost is None else "diverged",
         step,
-        f"the drive of {name} meets its {limit} at {begin:.4g} s; in all, drives are at limits for {spent:.3g} s",
+        f"{off}; before that, {met}" if saturated_before else f"{off}, though no drive was at its limit before",
         joint=name,
-        time=begin,
-        advice=("a smaller planner.effort_share, which leaves the controller more", "smaller disturbances"),
+        time=time,
+        advice=SATURATED_ADVICE if saturated_before else CONTROL_ADVICE,
     )
 
 
-def _diverged(lost: RunFault, met: SimulationVerdict | None, step: float, names: tuple[str, ...]) -> SimulationVerdict:
-    name = _name(lost, names)
-    time = lost.step * step
-    what = f"is {lost.error:.3g} rad off the plan" if np.isfinite(lost.error) else "is not finite"
-    if met is None:
-        return SimulationVerdict(
-            "diverged",
-            step,
-            f"the simulated {name} {what} at {time:.4g} s, though no drive is at its limit",
-            joint=name,
-            time=time,
-            advice=("a smaller simulation.step", "other gains", 'simulation.controller = "computed-torque"'),
-        )
-    # Once a drive has nothing left the controller does not decide any more what the arm does: that is the cause.
-    reason = f"the simulated {name} {what} at {time:.4g} s; before that, {met.reason}"
-    return replace(met, outcome="diverged", reason=reason, joint=name, time=time)
+def _words_of_limit(full: RunFault, full_steps: int, step: float, names: tuple[str, ...]) -> str:
+    limit = "force limit" if full.column == len(names) else "torque limit"
+    met = f"the drive of {_name(full, names)} meets its {limit} at {full.step * step:.4g} s"
+    return f"{met}; in all, drives are at limits for {full_steps * step:.3g} s"
+
+
+def _words_of_error(fault: RunFault) -> str:
+    return f"is {fault.error:.3g} rad off the plan" if np.isfinite(fault.error) else "is not finite"
 
 
 def _name(fault: RunFault, names: tuple[str, ...]) -> str:

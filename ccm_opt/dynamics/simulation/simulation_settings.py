@@ -15,6 +15,7 @@ class SimulationSettings:
             Taste: λmax varies slowly along a motion, and a pose costs one mass matrix and one eigenvalue.
         chunk_steps: steps in one call of the loop. Taste: a call costs microseconds, and a state that is not finite is
             noticed when its call ends.
+        strayed: error of a joint above which the arm does not follow its plan [rad]. Taste.
         lost: error of a joint at which the arm has left its plan for good and the run is stopped [rad]. Taste: a joint
             that is off by a whole radian follows nothing.
         step_halvings: how often the step is halved, at most, before the arm is said not to follow its plan. Taste: a
@@ -28,6 +29,7 @@ class SimulationSettings:
     largest_bend: float = 1.3
     checked_poses: int = 9
     chunk_steps: int = 200
+    strayed: float = 0.1
     lost: float = 1.0
     step_halvings: int = 4
     same_error: float = 0.1

@@ -13,7 +13,7 @@ from ccm_opt.files.report.room_section import nearest_mark, room_section
 from ccm_opt.files.report.room_svg import goal_marks, scene_paths, view_box
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.problem import Goal, TipGoal
-from ccm_opt.solution import Check, Solution
+from ccm_opt.solution import Check, SimulationVerdict, Solution
 
 UNITS = {"per_m": "1/m", "Nm": "N m", "rad": "rad", "m": "m", "s": "s", "N": "N"}
 """Endings of the names of metrics, and how their units are written."""
@@ -41,7 +41,7 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
     fields = {
         "title": escape(f"{problem.name}: {solution.trajectory.duration:.2f} s"),
         "name": escape(problem.name),
-        "status": "solved and verified",
+        "status": escape(_status(solution.simulation.verdict)),
         "description": escape(problem.description or _summary(solution)),
         "viewbox": view_box(problem.workspace, settings.margin),
         "scene": scene_paths(problem.workspace, thin),
@@ -53,7 +53,7 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
         "goal_pose": goal_pose_section(solution, settings),
         "nearest": nearest_mark(solution, mark, thin),
         "figures": "".join(_figure(name, value) for name, value in solution.metrics.items()),
-        "checks": "".join(_check_row(check) for check in solution.checks),
+        "checks": "".join(_check_row(check) for check in solution.checks) + _verdict_row(solution.simulation.verdict),
         "timings": "".join(
             f"<tr><td>{escape(k)}</td><td class=n>{v:.2f} s</td></tr>" for k, v in solution.timings.items()
         ),
@@ -100,6 +100,19 @@ def _check_row(check: Check) -> str:
         f"<tr><td>{escape(check.name)}</td><td class=n>{check.worst:.5g} {escape(check.unit)}</td>"
         f"<td class=n>{check.limit:.5g}</td><td>{mark}</td><td>{escape(check.where)}</td></tr>"
     )
+
+
+def _status(verdict: SimulationVerdict) -> str:
+    """What the page says first of a plan."""
+    return "solved and verified" if verdict.followed else f"solved and verified; simulation: {verdict.outcome}"
+
+
+def _verdict_row(verdict: SimulationVerdict) -> str:
+    """What the simulation says of the plan, under the verifier's checks."""
+    mark = f'<span class="{"holds" if verdict.followed else "fails"}">{verdict.outcome}</span>'
+    step = f"with a step of {verdict.step:g} s"
+    where = f"{verdict.reason}; {step}" if verdict.reason else step
+    return f"<tr><td>simulation</td><td></td><td></td><td>{mark}</td><td>{escape(where)}</td></tr>"
 
 
 def _data(solution: Solution, frames: IntArray, settings: ReportSettings) -> str:
