@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
-from ccm_opt.driver.pareto import _dominator, _recommended
+from ccm_opt.driver.pareto import _Judgement
 from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.files.plotting.pareto_picture import pareto_png
@@ -44,26 +44,30 @@ def test_what_is_recommended_is_on_the_front_and_in_time(figures: list[tuple[flo
     """The fastest is never dominated but by an equally fast one, and the recommended plan is the roomiest in time."""
     problem = parse_problem(SMALL_PROBLEM, "small.toml")
     plans = [made_up(problem, duration, gap) for duration, gap in figures]
-    judged = [replace(plan, dominated_by=_dominator(plan, plans, DEFAULT_PARETO)) for plan in plans]
+    judgement = _Judgement(plans, 0.04, DEFAULT_PARETO)
+    judged = [replace(plan, dominated_by=judgement.dominator(plan)) for plan in plans]
     for plan in judged:
         if plan.dominated_by:
             other = plans[plan.dominated_by - 1]
             assert other.duration <= plan.duration * (1.0 + DEFAULT_PARETO.same_time)
-            assert other.gap >= plan.gap - DEFAULT_PARETO.same_gap
-    best = judged[_recommended(judged, DEFAULT_PARETO) - 1]
+            assert min(other.gap, 0.04) >= min(plan.gap, 0.04) - DEFAULT_PARETO.same_gap
+    best = judged[judgement.recommended() - 1]
     most = 1.15 * min(plan.duration for plan in plans)
     assert not best.dominated_by
     assert best.duration <= most
     in_time = [plan for plan in judged if plan.duration <= most and not plan.dominated_by]
-    assert best.gap == max(plan.gap for plan in in_time)
+    assert min(best.gap, 0.04) == max(min(plan.gap, 0.04) for plan in in_time)
 
 
 def test_a_plan_that_is_slower_with_less_room_is_dominated(small_problem: Problem) -> None:
     """Of three plans the slow one with little room is dominated; equal ones do not dominate each other."""
     plans = [made_up(small_problem, *figures) for figures in ((1.0, 0.002), (1.1, 0.010), (1.3, 0.004), (1.0, 0.002))]
-    assert [_dominator(plan, plans, DEFAULT_PARETO) for plan in plans] == [0, 0, 2, 0]
-    assert _recommended(plans, DEFAULT_PARETO) == 2
-    assert _recommended(plans, ParetoSettings(most_time=0.05)) in {1, 4}
+    judgement = _Judgement(plans, 0.04, DEFAULT_PARETO)
+    assert [judgement.dominator(plan) for plan in plans] == [0, 0, 2, 0]
+    assert judgement.recommended() == 2
+    assert replace(judgement, trade_off=ParetoSettings(most_time=0.05)).recommended() in {1, 4}
+    # Where no more than 1 mm is worth anything, the fastest are as roomy as the others.
+    assert replace(judgement, most_gap=0.001).recommended() in {1, 4}
 
 
 def test_the_energy_is_the_work_of_all_drives(small_solution: Solution) -> None:

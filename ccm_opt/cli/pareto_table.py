@@ -1,10 +1,12 @@
 """The closing table of ``ccm-opt solve --pareto``."""
 
+from collections.abc import Callable
+
 from rich.markup import escape
 
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.cli.tables import columned_table, print_room, report_console, stage_line
-from ccm_opt.solution import ParetoPlan, ParetoPlans
+from ccm_opt.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord
 
 COLUMNS = (
     "plan",
@@ -40,12 +42,20 @@ def _cells(plan: ParetoPlan) -> tuple[str, ...]:
     return (
         wanted,
         f"{plan.duration:.3f}",
-        f"{1e3 * plan.gap:.3g}",
-        f"{1e3 * plan.goal_gap:.3g}",
+        _gap(plan.solution.room, lambda room: room.nearest),
+        _gap(plan.solution.room, lambda room: room.at_goal),
         f"{plan.energy:.3g}",
         f"{plan.peak_torque:.3g}",
         f"{plan.cpu:.2f}",
     )
+
+
+def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace]) -> str:
+    """A gap [mm]; that nothing is within reach where it is so."""
+    if room is None:
+        return ""
+    near = at(room)
+    return f"{'' if near.link else '> '}{1e3 * near.gap:.3g}"
 
 
 def _note(found: ParetoPlans, plan: ParetoPlan, number: int) -> str:

@@ -67,8 +67,9 @@ def pareto(
         raise CancelledWithPlan(first) from interrupt
     plans.append(roomiest)
     plans = [_priced(plan, first.trajectory.duration) for plan in plans]
-    judged = tuple(replace(plan, dominated_by=_dominator(plan, plans, trade_off)) for plan in plans)
-    return ParetoPlans(problem, judged, _recommended(judged, trade_off), trade_off.most_time)
+    judgement = _Judgement(plans, roomiest.wanted_gap, trade_off)
+    judged = tuple(replace(plan, dominated_by=judgement.dominator(plan)) for plan in plans)
+    return ParetoPlans(problem, judged, judgement.recommended(), trade_off.most_time)
 
 
 @dataclass(frozen=True)
@@ -154,22 +155,47 @@ def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
     return replace(plan, solution=replace(solution, room=room))
 
 
-def _dominator(plan: ParetoPlan, plans: Sequence[ParetoPlan], trade_off: ParetoSettings) -> int:
-    """Number of a plan that is no worse in time and room and better in one of them; 0 when there is none."""
-    if plan.solution is None:
+@dataclass(frozen=True)
+class _Judgement:
+    """Compares plans by their durations and gaps; room above the largest wanted gap is worth nothing.
+
+    Attributes:
+        plans: in order.
+        most_gap: the largest wanted gap [m].
+        trade_off: what counts as equal, and how much slower the recommended plan may be.
+    """
+
+    plans: Sequence[ParetoPlan]
+    most_gap: float
+    trade_off: ParetoSettings
+
+    def dominator(self, plan: ParetoPlan) -> int:
+        """Number of a plan that is no worse in time and room and better in one of them; 0 when there is none."""
+        if plan.solution is None:
+            return 0
+        gap = self.worth(plan)
+        shorter = plan.duration * (1.0 - self.trade_off.same_time)
+        longer = plan.duration * (1.0 + self.trade_off.same_time)
+        for number, other in enumerate(self.plans, start=1):
+            no_worse = other.duration <= longer and self.worth(other) >= gap - self.trade_off.same_gap
+            better = other.duration < shorter or self.worth(other) > gap + self.trade_off.same_gap
+            if no_worse and better:
+                return number
         return 0
-    shorter = plan.duration * (1.0 - trade_off.same_time)
-    longer = plan.duration * (1.0 + trade_off.same_time)
-    for number, other in enumerate(plans, start=1):
-        no_worse = other.duration <= longer and other.gap >= plan.gap - trade_off.same_gap
-        better = other.duration < shorter or other.gap > plan.gap + trade_off.same_gap
-        if no_worse and better:
-            return number
-    return 0
 
+    def recommended(self) -> int:
+        """Number of the roomiest plan that is not much slower than the fastest, and not dominated."""
+        most = (1.0 + self.trade_off.most_time) * min(plan.duration for plan in self.plans)
+        eligible = [
+            number
+            for number, plan in enumerate(self.plans, start=1)
+            if plan.duration <= most and not self.dominator(plan)
+        ]
+        return max(eligible, key=lambda number: self._rank(self.plans[number - 1]))
 
-def _recommended(plans: Sequence[ParetoPlan], trade_off: ParetoSettings) -> int:
-    """Number of the roomiest plan that is not much slower than the fastest, and not dominated."""
-    most = (1.0 + trade_off.most_time) * min(plan.duration for plan in plans)
-    eligible = [k for k, plan in enumerate(plans) if plan.duration <= most and not plan.dominated_by]
-    return 1 + max(eligible, key=lambda k: (plans[k].gap, -plans[k].duration))
+    def worth(self, plan: ParetoPlan) -> float:
+        """Its least gap as far as it counts [m]."""
+        return min(plan.gap, self.most_gap)
+
+    def _rank(self, plan: ParetoPlan) -> tuple[float, float]:
+        return self.worth(plan), -plan.duration
