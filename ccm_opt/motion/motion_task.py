@@ -24,8 +24,8 @@ from ccm_opt.motion.settings.motion_settings import MotionSettings
 from ccm_opt.motion.tip_paths import TipPath
 from ccm_opt.problem import OptimiserName, Weights
 
-EndPose: TypeAlias = Callable[[Arm, FloatArray], FloatArray | None]
-"""Offers a better pose at the goal than one in which a motion ends."""
+EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
+"""Offers better poses at the goal than one in which a motion ends."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ class MotionTask:
         weights: what counts how much when the motion is optimised.
         slowness: of the joints; None when all are alike.
         user_limits: what the user asks of the motion; usually nothing.
-        end_pose: link headings of a better pose at the goal than one in which a motion of an arm ends, both of shape
-            (links,) [rad]; None where there is none.
+        end_poses: link headings of better poses at the goal than one in which a motion of an arm ends, the best first,
+            all of shape (links,) [rad].
         wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
         settings: numbers of every stage of the search.
     """
@@ -94,7 +94,7 @@ class MotionTask:
     weights: Weights = field(default_factory=Weights)
     slowness: JointSlowness | None = None
     user_limits: tuple[Limit, ...] = ()
-    end_pose: EndPose = field(default=lambda _arm, _end: None)
+    end_poses: EndPosesOffered = field(default=lambda _arm, _end: ())
     wanted_gap: float = 0.0
     settings: MotionSettings = field(default_factory=MotionSettings)
 

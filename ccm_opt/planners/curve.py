@@ -63,8 +63,8 @@ class CurvePlanner:
                 limit.refuse_ends(ends.start, ends.goal_headings)
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
-        end_poses = EndPoses(problem, ends, self.stages, self.terms, self.settings.goal_pose)
-        task = replace(self.motion_task(problem, ends, deadline), end_pose=end_poses)
+        end_poses = EndPoses(problem, ends, deadline, self.stages, self.terms, self.settings.goal_pose)
+        task = replace(self.motion_task(problem, ends, deadline), end_poses=end_poses)
         with self.stages("motion"):
             motion = find_motion(task)
             path = joint_path(problem, task, motion)

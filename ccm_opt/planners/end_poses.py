@@ -1,5 +1,6 @@
 """Where a motion ends: asks the goal-pose NLP on behalf of the search, and remembers what it said for the record."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
@@ -18,11 +20,12 @@ from ccm_opt.user_terms.compiled_terms import UserTerms
 
 @dataclass
 class EndPoses:
-    """Offers the search better poses at the goal than those in which its motions arrive; an ``EndPose``.
+    """Offers the search better poses at the goal than those in which its motions arrive; they are ``EndPosesOffered``.
 
     Attributes:
         problem: whose goal it is.
         ends: its ends as planning takes them.
+        deadline: after which no further pose is asked for.
         stages: names and times the stage.
         terms: the user's constraints and costs, or None.
         settings: of the NLP.
@@ -31,27 +34,40 @@ class EndPoses:
 
     problem: Problem
     ends: Ends
+    deadline: Deadline
     stages: Stages
     terms: UserTerms | None
     settings: PoseSettings
     said: list[tuple[GoalPoseSearch, ArmPose]] = field(default_factory=list)
 
-    def __call__(self, arm: Arm, headings: FloatArray) -> FloatArray | None:
-        """Link headings of the best pose near the one in which a motion ends; None where there is none, or no need.
+    def __call__(self, arm: Arm, headings: FloatArray) -> Iterator[FloatArray]:
+        """Link headings of better poses than the one in which a motion ends, the best first; none without need.
+
+        The pose of the motion's own class comes first, for interpolation reaches it. Only where it lacks room are poses
+        of other classes asked for.
 
         Args:
             arm: the arm, or one as long with fewer links.
             headings: of its links at the end of the motion, shape (links,) [rad].
         """
         if self.problem.wanted_gap == 0.0 or self.ends.goal_headings is not None:
-            return None
+            return
         with self.stages("configuration"):
             search = GoalPoseSearch(for_arm(self.problem, arm), self.ends, headings, self.terms, self.settings)
             poses = search.improved(headings)
             feasible = [pose for pose in poses if search.feasible(pose)]
-            best = min(feasible, key=lambda pose: pose.cost, default=poses[-1])
-        self.said.append((search, best))
-        return best.headings if feasible else None
+            own = min(feasible, key=lambda pose: pose.cost, default=None)
+        self.said.append((search, own or poses[-1]))
+        if own is not None and own.gap >= self.settings.room_enough * search.wanted_gap:
+            yield own.headings
+            return
+        with self.stages("configuration"):
+            others = [each.pose for each in search.candidates(headings, self.deadline)]
+            poses_of_all = sorted(others if own is None else [own, *others], key=lambda pose: pose.cost)
+        for pose in poses_of_all:
+            if pose is not own:
+                self.said.append((search, pose))
+            yield pose.headings
 
     def record(self, reached: FloatArray | None) -> GoalPoseRecord | None:
         """What was said of the pose in which the motion ends, or of the last that was asked for.

@@ -74,13 +74,14 @@ def arrival(problem: Problem) -> FloatArray | None:
     """Link headings in which the motion would end by itself, found and optimised; None where there is none."""
     seen: list[FloatArray] = []
 
-    def look_on(_arm: Arm, headings: FloatArray) -> None:
+    def look_on(_arm: Arm, headings: FloatArray) -> tuple[FloatArray, ...]:
         seen.append(headings)
+        return ()
 
     ends = resolve_ends(problem)
     task = CurvePlanner().motion_task(problem, ends, Deadline(time.monotonic() + problem.planner.time_limit))
     try:
-        find_motion(replace(task, end_pose=look_on))
+        find_motion(replace(task, end_poses=look_on))
     except NoPlanFound:
         return None
     return seen[-1] if len(seen[-1]) == problem.arm.links else None

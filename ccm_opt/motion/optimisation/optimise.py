@@ -39,7 +39,7 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
         return motion
     whole = _program(motion, task, task.settings.optimisation.margin if margin is None else margin)
     if any(limit.moves_keyframes for limit in task.user_limits):
-        return _optimised_on_limits(motion, task, whole)
+        return _optimised_on_limits(motion, task, whole, rounds)
     optimised = _optimised(motion, task, whole, rounds)
     # With default weights the objective is close to the length but not the same; with others a longer path may be
     # what was asked for.
@@ -47,9 +47,10 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
     return optimised if not plain or travel(optimised) < travel(motion) else motion
 
 
-def _optimised_on_limits(motion: Motion, task: MotionTask, whole: MotionProgram) -> Motion:
+def _optimised_on_limits(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: int | None) -> Motion:
     """The motion optimised through keyframes that limits have moved; the given one when none can be certified."""
     settings = task.settings.optimisation
+    taken = None if rounds is None else settings.moved_rounds * rounds // settings.rounds
     # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
     for intervals in settings.moved_intervals:
         keyframes, u = thinned(motion, task.certificate, settings, intervals, _breaks(task))
@@ -58,7 +59,7 @@ def _optimised_on_limits(motion: Motion, task: MotionTask, whole: MotionProgram)
         # Thinned keyframes are certified; those that a limit has moved have to be judged anew.
         if start is keyframes or _certified(program, start):
             # What is left is the best there is under the limits, even where the found motion was shorter.
-            return _with_keyframes(motion, sequential_convex(program, start), u)
+            return _with_keyframes(motion, sequential_convex(program, start, taken), u)
     return motion
 
 
@@ -91,6 +92,14 @@ def _few_keyframes(motion: Motion, task: MotionTask, spare: float) -> tuple[Floa
     if settings.intervals <= len(motion.coordinates) - 1 <= settings.many * settings.intervals:
         return motion.coordinates, path_parameters(motion)
     return thinned(motion, task.certificate_with(spare), settings)
+
+
+def keeps_limits(motion: Motion, task: MotionTask) -> bool:
+    """Whether a motion's keyframes keep the limits that users set, and the motion is certified between them."""
+    if not any(limit.moves_keyframes for limit in task.user_limits):
+        return True  # every motion that is made here is certified
+    program = replace(_program(motion, task, task.settings.optimisation.margin), u=path_parameters(motion))
+    return _certified(program, motion.coordinates)
 
 
 def _breaks(task: MotionTask) -> FloatArray:

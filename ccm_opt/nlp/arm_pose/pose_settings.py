@@ -42,6 +42,8 @@ class PoseSettings:
         region_sizes: numbers of sides that programs are built for, so that poses share solvers (measured: of 42 clutter
             scenes all need eight or fewer).
         leaning: by how much the room to a side may differ from the gap of a pose that leans on it (taste).
+        room_enough: share of the wanted gap from which on a pose of the motion's own class is taken without asking for
+            others (taste).
         enough: share of the wanted gap at which no further round is worth its time (taste).
     """
 
@@ -66,4 +68,5 @@ class PoseSettings:
     binding: float = 1e-4
     region_sizes: tuple[int, ...] = (8, 16, 32, 64, 128)
     leaning: float = 1e-4
+    room_enough: float = 0.9
     enough: float = 0.999
