@@ -12,6 +12,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Stalled, follow
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.optimisation.bottleneck_joints import weighing_bottlenecks
 from ccm_opt.motion.optimisation.optimise import keeps_limits, optimise, path_parameters
 from ccm_opt.motion.step import Stepper
 
@@ -29,18 +30,20 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
         optimisation with a free end liked best.
     """
     settings = task.settings.optimisation
-    if task.goal_headings is not None or task.wanted_gap == 0.0:
+    if task.wanted_gap == 0.0:
         return optimise(motion, task, margin)
     free = optimise(motion, task, margin, settings.free_rounds)
     # The best first: the first that can be reached wins.
-    for wanted in task.end_poses(task.arm, free.headings[-1]):
+    offered = task.end_poses(task.arm, free.headings[-1]) if task.goal_headings is None else ()
+    for wanted in offered:
         bent = bent_to(free, wanted, task)
         if bent is not None:
             end = replace(task.goal, coordinates=bent.coordinates[-1])
-            ended = optimise(bent, replace(task, goal=end, goal_headings=wanted), margin, settings.end_rounds)
+            to_end = replace(weighing_bottlenecks(bent, task), goal=end, goal_headings=wanted)
+            ended = optimise(bent, to_end, margin, settings.end_rounds)
             if keeps_limits(ended, task):
                 return ended
-    return optimise(free, task, margin, settings.end_rounds)
+    return optimise(free, weighing_bottlenecks(free, task), margin, settings.end_rounds)
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:

@@ -7,6 +7,7 @@ from ccm_opt.motion.settings.end_settings import EndSettings
 from ccm_opt.motion.settings.guide_settings import GuideSettings
 from ccm_opt.motion.settings.lifting_settings import LiftingSettings
 from ccm_opt.motion.settings.optimisation_settings import (
+    BottleneckSettings,
     InteriorPointSettings,
     ObjectiveSettings,
     OptimisationSettings,
@@ -36,6 +37,7 @@ class MotionSettings:
         lifting: of taking a motion over to an arm of many links.
         optimisation: of the optimisation of a motion.
         objective: weights inside its objective.
+        bottleneck: how much more the busiest joints count at last.
         interior_point: of the optimisation as one nonlinear program.
         smooth_path: of the path through joint space.
     """
@@ -54,5 +56,6 @@ class MotionSettings:
     lifting: LiftingSettings = field(default_factory=LiftingSettings)
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
+    bottleneck: BottleneckSettings = field(default_factory=BottleneckSettings)
     interior_point: InteriorPointSettings = field(default_factory=InteriorPointSettings)
     smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)
