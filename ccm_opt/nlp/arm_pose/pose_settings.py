@@ -18,8 +18,8 @@ class PoseSettings:
             (taste).
         limit_share: share of a joint limit that a pose may use (as the steps of the motion have it).
         room_weight: cost of having no room at all, of the wanted gap; beside it bending costs little (taste).
-        bending_weight: of ∫κ² ds, twice the elastic energy of a unit rod (measured: with 0.02 the shared problems last up
-            to 16 % longer than with a free end, with 0.01 up to 8 %).
+        bending_weight: of ∫κ² ds, twice the elastic energy of a unit rod (measured: with 0.02 the shared problems last
+            up to 16 % longer than with a free end, with 0.01 up to 8 %).
         knot_weight: of uneven knots; leaves no direction of the variables without curvature (as the configuration NLP;
             measured: with 0.05 clutter takes 28 iterations in the median, with 4 it takes 12, and the parts that say
             something of the pose grow by 0.1 %).
