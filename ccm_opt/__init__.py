@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ccm_opt.driver.pipeline import solve
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.solve_settings import Settings
+    from ccm_opt.driver.surviving import tolerance_of
     from ccm_opt.files.problem_file import load_problem
     from ccm_opt.problem import Problem
     from ccm_opt.solution import Solution
@@ -44,6 +45,7 @@ __all__ = [
     "pareto",
     "retarget",
     "solve",
+    "tolerance_of",
 ]
 
 _HOMES = {
@@ -62,6 +64,7 @@ _HOMES = {
     "pareto": ("ccm_opt.driver.pareto", "pareto"),
     "retarget": ("ccm_opt.driver.retargeting", "retarget"),
     "solve": ("ccm_opt.driver.pipeline", "solve"),
+    "tolerance_of": ("ccm_opt.driver.surviving", "tolerance_of"),
 }
 """Module and name of each public object."""
 

@@ -237,6 +237,7 @@ class Problem:
         stops: goals on the way to the last, in order.
         planner: planner options.
         simulation: simulation options.
+        joint_error: of every joint at any time, with which the motion has to touch nothing [rad]; 0 asks for none.
         source: the text of the problem file, kept for the record; empty when built in Python.
     """
 
@@ -251,6 +252,7 @@ class Problem:
     stops: tuple[Stop, ...] = ()
     planner: PlannerOptions = field(default_factory=PlannerOptions)
     simulation: SimulationOptions = field(default_factory=SimulationOptions)
+    joint_error: float = 0.0
     source: str = ""
 
     @property
@@ -291,6 +293,8 @@ def _defects(problem: Problem) -> Iterator[str]:
     for name, value, shape in _plain_arrays(problem):
         yield from _array_defects(name, value, shape, positive=False)
     yield from _name_defects(problem)
+    if not 0.0 <= problem.joint_error < np.pi:
+        yield f"joint_error must be from 0 to below π rad, got {problem.joint_error}"
     yield from _weight_defects(problem.planner.weights)
     yield from _feed_defects(problem)
     yield from _point_defects(problem)

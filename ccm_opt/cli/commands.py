@@ -217,6 +217,24 @@ def simulate_command(
     raise typer.Exit(simulate_folders(folders, Overrides(options, disturbances), pictures=not no_pictures))
 
 
+@app.command("tolerance")
+def tolerance_command(
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folders that solve wrote.", metavar="FOLDER…", show_default=False)
+    ],
+    *,
+    no_simulation: Annotated[
+        bool, typer.Option("--no-simulation", help="Leave out payload and friction, which are found by simulations.")
+    ] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+) -> None:
+    """Say which errors of joints, links, base, walls and loads written plans survive."""
+    from ccm_opt.cli.tolerating import tolerance_of_folders  # noqa: PLC0415 - loads numpy
+
+    code = tolerance_of_folders(folders, simulated=not no_simulation, pictures=not no_pictures)
+    raise typer.Exit(code)
+
+
 @app.command("export")
 def export_command(
     folder: Annotated[Path, typer.Argument(help="Folder that solve wrote.", show_default=False)],

@@ -22,6 +22,7 @@ SUMMARY = {
     "goal tip": "tip error",
     "wall clearance": "least clearance",
     "self-collision": "least clearance to itself",
+    "survived joint error": "survived joint error",
 }
 """Checks that the closing table of a solve shows, and what they are called there."""
 

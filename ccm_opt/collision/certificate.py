@@ -169,20 +169,20 @@ class Certificate:
         # sag, and any point of the link lies within half a link of it.
         moved = 0.5 * np.linalg.norm(spans.b - spans.a, axis=2).max(axis=1) + spans.sag[:, -1]
         reach = 2.0 * self.arm.radius + self.spare + self.arm.link_length + 2.0 * moved + self.settings.touch
-        limit = (reach**2)[:, None]
         found = [(np.zeros(0, int),) * 3]
         # Diagonal by diagonal: all pairs (i, i + apart) at once without an index array of links².
         for apart in range(self.arm.first_self_pair, self.arm.links):
             dx = x[:, apart:] - x[:, :-apart]
             dy = y[:, apart:] - y[:, :-apart]
-            span, i = np.nonzero(dx * dx + dy * dy < limit)
+            limit = reach + self.arm.room_for_errors(np.array([apart]))
+            span, i = np.nonzero(dx * dx + dy * dy < (limit**2)[:, None])
             found.append((span, i, i + apart))
         span, i, j = (np.concatenate(column) for column in zip(*found, strict=True))
         return span, i, j
 
     def _unsafe_links(self, spans: _Spans, span: IntArray, link: IntArray) -> tuple[_Links, IntArray]:
         """Of (stretch, link): those whose grown hull meets a wall, and the stretches that touch one half-way."""
-        need = self.arm.radius + self.workspace.clearance + self.spare + spans.sag[span, link]
+        need = self._apart(link) + spans.sag[span, link]
 
         # A disc about the hull first: hulls are costly to build, and few links are near a wall.
         corners = self._corners(spans, span, link)
@@ -201,8 +201,12 @@ class Certificate:
         places = self.arm.points(headings)
         held = _Spans(headings, headings, spans.owner, places, places, spans.sag)
         lines = _lines(self._corners(held, span, link)[:, :2])
-        limit = np.full(len(lines), self.arm.radius + self.workspace.clearance + self.spare)
-        return span[np.unique(self._near(lines, limit)[0])]
+        return span[np.unique(self._near(lines, self._apart(link))[0])]
+
+    def _apart(self, link: IntArray) -> FloatArray:
+        """Distance that the axes of links keep from walls, shape (k,) [m]."""
+        room = self.arm.room_for_errors(link + 1)
+        return self.arm.radius + self.workspace.clearance + self.spare + room
 
     def _corners(self, spans: _Spans, span: IntArray, link: IntArray) -> FloatArray:
         """End positions of links at both ends of stretches, the mount cut off, shape (k, 4, 2) [m]."""
@@ -255,7 +259,7 @@ class Certificate:
 
         # sag[j] is that of the far end of link j; what the links before i turn moves both alike and cancels.
         before = np.where(i > 0, spans.sag[span, np.maximum(i - 1, 0)], 0.0)
-        least = 2.0 * self.arm.radius + self.spare + self.settings.touch
+        least = 2.0 * self.arm.radius + self.spare + self.settings.touch + self.arm.room_for_errors(j - i)
         unsafe: BoolArray = corners <= least + spans.sag[span, j] - before
         touching = unsafe & (distance <= least)
         return (span[unsafe], i[unsafe], j[unsafe]), span[touching]

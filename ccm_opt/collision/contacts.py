@@ -103,6 +103,10 @@ class ContactFinder:
         self._pairs = i, j
         self._self_margin = np.zeros((arm.links, arm.links))
         self._self_margin[i, j] = arm.link_margins(i, j, margin, settings.link_margins)
+        # Against a wall all joints up to a link move it, against another link those between the two.
+        self._error_room = arm.room_for_errors(np.arange(1, arm.links + 1))
+        self._pair_room = np.zeros((arm.links, arm.links))
+        self._pair_room[i, j] = arm.room_for_errors(j - i)
         self._near: _NeighbourList | None = None
         self._latest: tuple[FloatArray, Contacts] | None = None
         self._edge_mid = self.walls.edges.mean(axis=1)
@@ -169,7 +173,9 @@ class ContactFinder:
         free = np.arange(self._mount_link, self.arm.links)
 
         to_edge = _distances(middles[free], self._edge_mid) - half - self._edge_half - self._edge_gap
+        to_edge -= self._error_room[free, None]
         to_vertex = _distances(middles[free], self.walls.vertices) - half - self._vertex_gap
+        to_vertex -= self._error_room[free, None]
         near_edge = to_edge < reach
         i, e = np.nonzero(near_edge)
         a, v = np.nonzero(to_vertex < reach)
@@ -184,7 +190,8 @@ class ContactFinder:
         joint_edge = np.nonzero(near_joint)
 
         p, q = self._pairs
-        close = np.linalg.norm(middles[p] - middles[q], axis=1) < 2.0 * (self.arm.radius + half) + reach
+        far = 2.0 * (self.arm.radius + half) + reach + self._pair_room[p, q]
+        close = np.linalg.norm(middles[p] - middles[q], axis=1) < far
         return _NeighbourList(points.copy(), (a, v), (joint_edge[0], joint_edge[1]), (i, e), (p[close], q[close]))
 
     def _link_ends(self, points: FloatArray, link: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -245,7 +252,7 @@ class ContactFinder:
             np.full(m, WALL),
             np.zeros(m),
             normal,
-            distance - self._wall_gap[wall],
+            distance - self._wall_gap[wall] - self._error_room[link],
             np.full(m, self.margin),
             wall,
         )
@@ -256,7 +263,8 @@ class ContactFinder:
         distance = np.hypot(apart[:, 0], apart[:, 1])
         normal = apart / np.maximum(distance, 1e-12)[:, None]
         wall = np.full(len(i), len(self.walls.names))
-        return Contacts(i, at_i, j, at_j, normal, distance - 2.0 * self.arm.radius, self._self_margin[i, j], wall)
+        gap = distance - 2.0 * self.arm.radius - self._pair_room[i, j]
+        return Contacts(i, at_i, j, at_j, normal, gap, self._self_margin[i, j], wall)
 
 
 def closest_on_segments(

@@ -12,11 +12,12 @@ from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
 from ccm_opt.driver.plan_room import room_of
 from ccm_opt.driver.solution_assembly import assembled
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.surviving import tolerance_at_once
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan
 from ccm_opt.ground.stages import Stages
 from ccm_opt.problem import Problem
-from ccm_opt.solution import RoomRecord, SimulatedMotion, Solution
+from ccm_opt.solution import RoomRecord, SimulatedMotion, Solution, SurvivedError
 
 logger = logging.getLogger(__name__)
 
@@ -41,18 +42,21 @@ def described(
         CancelledWithPlan: on Ctrl-C, with the solution as far as it is known.
     """
     room: RoomRecord | None = None
+    tolerance: tuple[SurvivedError, ...] = ()
     simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
     of_simulation: Mapping[str, float] = {}
     try:
         with stages("room"):
             room = _room(problem, plan, settings)
+        with stages("tolerance"):
+            tolerance = _tolerance(problem, plan, settings)
         with stages("simulation"):
             simulated, of_simulation = _simulated(problem, plan, settings)
     except KeyboardInterrupt as interrupt:
         raise CancelledWithPlan(
-            assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages.timings, room)
+            assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages.timings, room, tolerance)
         ) from interrupt
-    return assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages.timings, room)
+    return assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages.timings, room, tolerance)
 
 
 def _room(problem: Problem, plan: VerifiedPlan, settings: Settings) -> RoomRecord | None:
@@ -62,6 +66,15 @@ def _room(problem: Problem, plan: VerifiedPlan, settings: Settings) -> RoomRecor
     except Exception:
         logger.exception("the room of the motion was not measured: this is a bug in ccm-opt, please report it")
         return None
+
+
+def _tolerance(problem: Problem, plan: VerifiedPlan, settings: Settings) -> tuple[SurvivedError, ...]:
+    """The errors that the motion survives; none where a defect of this package keeps them from being certified."""
+    try:
+        return tolerance_at_once(problem, plan.trajectory, settings)
+    except Exception:
+        logger.exception("the tolerance of the motion was not certified: this is a bug in ccm-opt, please report it")
+        return ()
 
 
 def _simulated(problem: Problem, plan: VerifiedPlan, settings: Settings) -> tuple[SimulatedMotion, Mapping[str, float]]:

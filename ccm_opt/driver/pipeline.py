@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from ccm_opt.diagnosis.explain import explained, refuse_impossible
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
@@ -9,6 +10,7 @@ from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.lowered_costs import planned_with_costs
+from ccm_opt.driver.planned_for_errors import STAGE, planned_for_errors
 from ccm_opt.driver.planner_choice import default_planner
 from ccm_opt.driver.pose_failure import with_constraint_first
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
@@ -75,9 +77,13 @@ def solve(
 
     def attempt(hurried: Problem, lowered: UserTerms | None) -> VerifiedPlan:
         """Legs, one to each goal, then their timing and verification: each by itself, then all as one motion."""
-        chosen = RecordingPlanner(planner or default_planner(hurried, stages, lowered, numbers))
+        return planned_for_errors(hurried, lambda roomy: planned(roomy, lowered), numbers)
+
+    def planned(roomy: Problem, lowered: UserTerms | None) -> VerifiedPlan:
+        chosen = RecordingPlanner(planner or default_planner(roomy, stages, lowered, numbers))
+        asked = replace(problem, joint_error=roomy.joint_error)
         try:
-            return timed_and_verified(problem, plan_legs(hurried, chosen), stages, retimer, terms, numbers)
+            return timed_and_verified(asked, plan_legs(roomy, chosen), stages, retimer, terms, numbers)
         finally:
             recorded[:] = chosen.paths
 
@@ -87,7 +93,8 @@ def solve(
         # Routes through free space, goal configuration, motion, smooth path; timing; verification.
         plan, cost_share = planned_with_costs(problem, None if planner else terms, attempt, numbers)
     except NoPlanFound as failure:
-        if not explain:
+        # What a motion survives is explained already, and further searches would not know of it.
+        if not explain or failure.diagnosis.stage == STAGE:
             raise
 
         def solve_changed(changed: Problem) -> object:

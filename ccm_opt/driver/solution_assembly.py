@@ -7,7 +7,7 @@ from importlib.metadata import version
 from ccm_opt.driver.metrics import metrics
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.problem import Problem
-from ccm_opt.solution import RoomRecord, SimulatedMotion, Solution
+from ccm_opt.solution import RoomRecord, SimulatedMotion, Solution, SurvivedError
 
 PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
 """Packages that a result depends on."""
@@ -20,6 +20,7 @@ def assembled(
     of_simulation: Mapping[str, float],
     timings: Mapping[str, float],
     room: RoomRecord | None,
+    tolerance: tuple[SurvivedError, ...] = (),
 ) -> Solution:
     """The solution of a problem.
 
@@ -30,6 +31,7 @@ def assembled(
         of_simulation: figures of merit of that.
         timings: CPU time of every stage [s].
         room: that the motion keeps; None where it was not measured.
+        tolerance: errors that it survives.
     """
     figures = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
     return Solution(
@@ -43,6 +45,7 @@ def assembled(
         timings=dict(timings),
         versions=versions(),
         room=room,
+        tolerance=tolerance,
     )
 
 

@@ -11,6 +11,7 @@ from ccm_opt.retiming.paul_settings import PaulSettings
 from ccm_opt.retiming.timing_settings import TimingSettings
 from ccm_opt.user_terms.check_settings import TermCheckSettings
 from ccm_opt.verification.room_settings import RoomSettings
+from ccm_opt.verification.tolerance.tolerance_settings import ToleranceSettings
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 
@@ -29,6 +30,7 @@ class Settings:
         transitions: of timing by Paul's transitions.
         verification: tolerances of the verifier.
         room: how closely the room that a motion keeps is looked at.
+        tolerance: how closely the errors that a motion survives are sought.
         user_terms: how users' constraints are checked on the finished motion.
         simulation: of the simulation and the checks before it.
         braking: of coming to rest where a motion is given another goal.
@@ -42,6 +44,7 @@ class Settings:
     transitions: PaulSettings = field(default_factory=PaulSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
     room: RoomSettings = field(default_factory=RoomSettings)
+    tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
     user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     braking: BrakingSettings = field(default_factory=BrakingSettings)

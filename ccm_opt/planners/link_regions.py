@@ -52,7 +52,7 @@ def _wall_sides(arm: Arm, walls: WallSegments, clearance: float, headings: Float
     space, coordinates = LinkSpace.through(arm, headings)
     resting = Sweep(space, np.stack((coordinates, coordinates)))
     found = sweep_regions(resting, walls, 0, reach)
-    return found.link, found.normal, found.bound - arm.radius - clearance
+    return found.link, found.normal, found.bound - arm.radius - clearance - arm.room_for_errors(found.link + 1)
 
 
 def _link_sides(arm: Arm, headings: FloatArray, reach: float) -> Sides:
@@ -72,7 +72,8 @@ def _link_sides(arm: Arm, headings: FloatArray, reach: float) -> Sides:
     half_way = np.einsum("md,md->m", towards, 0.5 * (on_first + on_second))
     links = np.concatenate((first, second))
     normals = np.concatenate((towards, -towards))
-    offsets = np.concatenate((half_way, -half_way)) - arm.radius
+    room = arm.room_for_errors(second - first)
+    offsets = np.concatenate((half_way, -half_way)) - arm.radius - 0.5 * np.tile(room, 2)
     return links, normals, offsets
 
 

@@ -17,6 +17,7 @@ class SurvivedError:
         link: number of the link that limits it, from 1; None when none does.
         worst: errors of all joints, as shares of the largest, that lead there soonest, shape (links,): signs where
             errors are small, and 0 where they do not matter.
+        place: where that is, shape (2,) [m]; empty when nothing limits it.
         limited: whether something limits it; if not, it is only that larger errors were not looked at.
     """
 
@@ -27,4 +28,5 @@ class SurvivedError:
     time: float | None = None
     link: int | None = None
     worst: tuple[float, ...] = ()
+    place: tuple[float, ...] = ()
     limited: bool = True

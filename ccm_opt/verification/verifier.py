@@ -16,6 +16,7 @@ from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.point_limits import check_points
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.start_and_goal import check_ends
+from ccm_opt.verification.tolerance.joint_error_check import check_joint_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 
@@ -59,6 +60,9 @@ def verify(
     checks += check_base_axes(problem, trajectory, joints, settings)
     checks += check_shares(problem, trajectory, joints, checks, settings)
     checks += check_ends(problem, trajectory, settings)
+    # Only of a motion that touches nothing by itself can be said what errors it survives.
+    if problem.joint_error > 0.0 and all(check.passed for check in checks):
+        checks.append(check_joint_error(problem, trajectory))
     return tuple(checks)
 
 

@@ -28,7 +28,9 @@ REACH_RECORD = "reach.json"
 REACH_FILES = (REACH_RECORD, "reach.npz", "reach.png")
 PARETO_FILES = ("pareto.json", "pareto.png", "pareto")
 """Beside the recommended one of several plans; the last is a folder with a folder for each plan."""
-WRITTEN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES))
+TOLERANCE_FILES = ("tolerance.json", "tolerance.png")
+"""What ``ccm-opt tolerance`` writes beside a plan; a new plan takes them away."""
+WRITTEN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES, *TOLERANCE_FILES))
 """Files and folders that a run writes; anything else in an old folder is the user's and is kept."""
 
 

@@ -10,6 +10,7 @@ from ccm_opt.errors import Diagnosis
 from ccm_opt.files.export.goal_pose_json import goal_pose_data
 from ccm_opt.files.export.room_json import room_data
 from ccm_opt.files.export.strict_json import strict_text
+from ccm_opt.files.export.tolerance_json import tolerance_data
 from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
@@ -36,6 +37,8 @@ def solution_json(solution: Solution) -> str:
     }
     if solution.room is not None:
         record["room"] = room_data(solution.room)
+    if solution.tolerance:
+        record["tolerance"] = tolerance_data(solution.tolerance)
     if solution.path.goal_pose is not None:
         record["goal_pose"] = goal_pose_data(solution.path.goal_pose)
     return strict_text(record)

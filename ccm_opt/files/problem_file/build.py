@@ -21,6 +21,7 @@ from ccm_opt.files.problem_file.schema import (
     SegmentTable,
     SimulationTable,
     StartTable,
+    ToleranceTable,
     WorkspaceTable,
 )
 from ccm_opt.freespace.workspace import Obstacle, Workspace
@@ -62,6 +63,7 @@ class Tables:
     goals: tuple[GoalTable, ...]
     planner: PlannerTable
     simulation: SimulationTable
+    tolerance: ToleranceTable
 
 
 def build_problem(tables: Tables, source: str) -> Problem:
@@ -80,6 +82,7 @@ def build_problem(tables: Tables, source: str) -> Problem:
         stops=tuple(Stop(build_goal(stop, arm), build_tolerances(stop), stop.pause) for stop in stops),
         planner=build_options(tables.planner),
         simulation=_simulation(tables.simulation),
+        joint_error=tables.tolerance.joint_error_deg,
         source=source,
     )
 

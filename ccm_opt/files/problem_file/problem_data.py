@@ -77,6 +77,7 @@ def problem_data(problem: Problem) -> Table:
         "goal": _goals(problem),
         "planner": {key: value for key, value in asdict(problem.planner).items() if value is not None},
         "simulation": _simulation(problem.simulation),
+        "tolerance": {"joint_error_deg": _degrees(problem.joint_error)},
     }
 
 

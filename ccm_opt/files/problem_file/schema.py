@@ -274,6 +274,12 @@ class SimulationTable(Table):
     disturbances: DisturbancesTable = DisturbancesTable()
 
 
+class ToleranceTable(Table):
+    """Errors with which the motion has to touch nothing."""
+
+    joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), AfterValidator(math.radians)] = 0.0
+
+
 _FOLDER_NAME = re.compile(r"\w(?:[\w .+-]*[\w+-])?")
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 
@@ -300,3 +306,4 @@ class RootTable(Table):
     goal: dict[str, object] | list[dict[str, object]]
     planner: dict[str, object] = Field(default_factory=dict)
     simulation: dict[str, object] = Field(default_factory=dict)
+    tolerance: dict[str, object] = Field(default_factory=dict)

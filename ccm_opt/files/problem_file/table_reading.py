@@ -33,6 +33,7 @@ from ccm_opt.files.problem_file.schema import (
     RootTable,
     SimulationTable,
     StartTable,
+    ToleranceTable,
     WorkspaceTable,
 )
 from ccm_opt.files.problem_file.typed_quantities import METRES
@@ -54,6 +55,7 @@ class _Draft:
     goals: tuple[GoalTable, ...] | None
     planner: PlannerTable | None
     simulation: SimulationTable | None
+    tolerance: ToleranceTable | None
 
 
 def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: Path | None = None) -> Problem | None:
@@ -84,7 +86,7 @@ def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
     scale = METRES.get(str(data.get("units", "m")), 1.0)
 
     def section(model: type[Model], name: str, *, leave_out: str = "") -> Model | None:
-        optional = name in {"planner", "simulation"}
+        optional = name in {"planner", "simulation", "tolerance"}
         table = data.get(name, {} if optional else None)
         if not isinstance(table, Mapping):
             return None
@@ -101,6 +103,7 @@ def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
         goals=_goals(data, issues, scale),
         planner=section(PlannerTable, "planner"),
         simulation=section(SimulationTable, "simulation"),
+        tolerance=section(ToleranceTable, "tolerance"),
     )
 
 

@@ -155,8 +155,9 @@ def motion_rows(
         wanted: room beyond contact that the smooth path along the motion should have [m].
     """
     arm = sweep.space.arm
-    planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach)
-    need = arm.radius + workspace.clearance + margin
+    room = arm.room_for_errors(np.arange(1, arm.links + 1))
+    planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach + float(room[-1]))
+    need = arm.radius + workspace.clearance + margin + room[planes.link]
     walls = wall_rows(planes, sweep.space, need)
     links = self_rows(sweep, reach, margin, settings)
     if wanted > margin:
@@ -197,13 +198,13 @@ def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: Sweep, smooth: 
     return replace(rows, constant=rows.constant + np.where(at_start, 0.0, missing))
 
 
-def wall_rows(planes: HalfPlanes, space: LinkSpace, need: float) -> IntervalRows:
+def wall_rows(planes: HalfPlanes, space: LinkSpace, need: FloatArray) -> IntervalRows:
     """Rows that hold both ends of a link, at both ends of its interval, behind half-planes.
 
     Args:
         planes: the half-planes.
         space: the link space.
-        need: distance to keep from the half-plane [m].
+        need: distance to keep from each half-plane, shape (m,) [m].
     """
     arm = space.arm
     mounted, share = space.mount_end
@@ -244,14 +245,15 @@ def self_rows(
         settings: what is kept where they leave less.
     """
     arm = sweep.space.arm
-    interval, i, j = _near_pairs(sweep, *sweep.space.self_pairs, reach + 2.0 * arm.radius)
+    far = reach + 2.0 * arm.radius + float(arm.room_for_errors(np.array([arm.links]))[0])
+    interval, i, j = _near_pairs(sweep, *sweep.space.self_pairs, far)
 
     # One direction for the whole interval: that of the closest points half-way, where both ends are equally near.
     p = sweep.middles[interval]
     m = np.arange(len(interval))
     _, _, apart = closest_on_segments(p[m, i], p[m, i + 1], p[m, j], p[m, j + 1])
     distance = np.hypot(apart[:, 0], apart[:, 1])
-    close = distance < reach + 2.0 * arm.radius
+    close = distance < far
     interval = interval[close]
     i = i[close]
     j = j[close]
@@ -259,7 +261,7 @@ def self_rows(
     distance = distance[close]
 
     normal = apart / np.maximum(distance, 1e-12)[:, None]
-    need = 2.0 * arm.radius + arm.link_margins(i, j, margin, settings)
+    need = 2.0 * arm.radius + arm.link_margins(i, j, margin, settings) + arm.room_for_errors(j - i)
 
     # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
     # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough.

@@ -3,13 +3,14 @@
 from collections.abc import Callable
 
 import numpy as np
+import shapely
 
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.bisection import Pairs
-from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.selfcollision import first_distant
 from ccm_opt.verification.tolerance.chain_cases import ChainCases
 from ccm_opt.verification.tolerance.chain_support import worst_errors
@@ -127,7 +128,19 @@ def _named(
     body = f"link {other + 1}" if case.with_link[0] else repr(edges.names[edges.owner[other]])
     where = f"link {link + 1} to {body} at t = {when:.4f} s"
     worst = _worst_shares(limiting, chain.arm.links) if np.any(model.turns[1:]) else ()
-    return SurvivedError(model.name, size, model.unit, where, when, link + 1, worst)
+    place = _place(case, chain, edges)
+    return SurvivedError(model.name, size, model.unit, where, when, link + 1, worst, place)
+
+
+def _place(case: ChainCases, chain: MovingChain, edges: WallEdges) -> tuple[float, ...]:
+    """Half-way between the link of a case and what is nearest to it, shape (2,) [m]."""
+    node = Nodes(case.interval, case.stretch[:, 0], np.zeros(1))
+    points = chain.motion.poses(node)[0]
+    link = int(case.link[0])
+    other = int(case.other[0])
+    ends = points[other : other + 2] if case.with_link[0] else np.stack((edges.start[other], edges.end[other]))
+    line = shapely.shortest_line(shapely.LineString(points[link : link + 2]), shapely.LineString(ends))
+    return tuple(float(value) for value in shapely.get_coordinates(line).mean(axis=0))
 
 
 def _worst_shares(limiting: Limiting, links: int) -> tuple[float, ...]:

@@ -33,6 +33,18 @@ class ToleranceSettings:
         far_steps: steps that find them then. Taste.
         chunk: cases handled at a time, so that the intermediate arrays stay small. Taste.
         tube_directions: directions in which the places of every joint are bounded for the picture of the tube. Taste.
+        tube_poses: poses of that picture. Taste.
+        thin_share: radius that an arm of no width has in that picture, as a share of its length. Taste.
+        room_shares: of what errors of the joints move the links by at most, that planning leaves room for, in the order
+            of trying; the last is none. Measured: ``python -m tests.benchmarks.bench_tolerance``.
+        time_share: share of the time left that a search with such room may take. Taste.
+        least_time: that a search is given in any case [s]. Taste.
+        most_at_once: samples times links up to which every solve looks for the joints' error. Measured on the problems
+            of the package: some 0.1 s.
+        doublings: of a load until it is not survived. Taste.
+        load_steps: most bisections after that. Taste.
+        load_precision: share of a load that its bisection leaves open. Taste.
+        small_load: share of a load that is not survived, tried while no load is known that is. Taste.
     """
 
     stride: float = 0.4
@@ -53,6 +65,16 @@ class ToleranceSettings:
     far_steps: int = 12
     chunk: int = 2048
     tube_directions: int = 24
+    tube_poses: int = 160
+    thin_share: float = 1e-3
+    room_shares: tuple[float, ...] = (1.0, 0.6, 0.35, 0.0)
+    time_share: float = 0.4
+    least_time: float = 1.0
+    most_at_once: int = 15_000
+    doublings: int = 6
+    load_steps: int = 12
+    load_precision: float = 0.05
+    small_load: float = 0.1
 
 
 DEFAULT_TOLERANCE = ToleranceSettings()

@@ -1,0 +1,83 @@
+"""``ccm-opt tolerance``: the errors of the arm, its place, the room and its loads that a written plan survives."""
+
+from collections.abc import Sequence
+from math import degrees
+from pathlib import Path
+
+from rich.markup import escape
+from rich.table import Table
+
+from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.cli.tables import report_console, value_table
+from ccm_opt.driver.verified_plan import verified
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.export.folder import TOLERANCE_FILES
+from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem
+from ccm_opt.files.export.tolerance_json import tolerance_json
+from ccm_opt.problem import Problem
+from ccm_opt.solution import SurvivedError
+
+
+def tolerance_of_folders(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
+    """Look at every folder; all are tried.
+
+    Args:
+        folders: output folders of ``ccm-opt solve``.
+        simulated: whether payload and friction are sought as well.
+        pictures: whether to draw ``tolerance.png`` into the folder.
+
+    Returns:
+        The exit code: 3 when a folder holds no plan that passes every check.
+    """
+    return run_all(folders, lambda folder: _look_at(folder, simulated=simulated, pictures=pictures))
+
+
+def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
+    problem = load_recorded_problem(folder)
+    motion = load_motion(folder, problem.arm)
+    # The certificate takes for granted that the plan itself touches nothing.
+    verified(problem, motion.trajectory, motion.joints)
+    from ccm_opt.driver.surviving import tolerance_of_motion  # noqa: PLC0415 - loads casadi
+
+    errors = tolerance_of_motion(problem, motion.trajectory, motion.joints, simulated=simulated)
+    record, picture = TOLERANCE_FILES
+    _write(folder / record, tolerance_json(problem.name, errors).encode())
+    if pictures:
+        _write(folder / picture, _picture(problem, motion, errors[0]))
+    return print_result(lambda: report_console().print(tolerance_table(problem, errors)), SOLVED)
+
+
+def _picture(problem: Problem, motion: SavedMotion, joints: SurvivedError) -> bytes:
+    from ccm_opt.files.plotting.tube_picture import tolerance_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.verification.tolerance.error_model import joint_errors  # noqa: PLC0415 - with it
+    from ccm_opt.verification.tolerance.tube import tube_of  # noqa: PLC0415 - with it
+
+    tube = tube_of(problem.arm, motion.trajectory, joint_errors(problem.arm), joints.size)
+    return tolerance_png(problem, motion.trajectory, joints, tube.region, tube.planned)
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise ProblemError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
+    """The errors that a plan survives, with what limits them."""
+    table = value_table(f"{problem.name}: survives errors of")
+    asked = problem.joint_error
+    for error in errors:
+        size, unit = _shown(error)
+        limit = f"{degrees(asked):.4g}" if error.name == "joints" and asked > 0.0 else ""
+        table.add_row(error.name, f"{'' if error.limited else '≥ '}{size:.4g}", limit, unit, escape(error.where))
+    return table
+
+
+def _shown(error: SurvivedError) -> tuple[float, str]:
+    """An error in the unit that people use."""
+    if error.unit == "rad":
+        return degrees(error.size), "deg"
+    if error.unit == "m":
+        return 1e3 * error.size, "mm"
+    return error.size, error.unit

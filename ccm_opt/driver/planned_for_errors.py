@@ -1,0 +1,96 @@
+"""A motion that survives errors of the joints: planned with room for them, certified afterwards, or none."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, VerificationError
+from ccm_opt.problem import Problem
+from ccm_opt.solution import SurvivedError
+from ccm_opt.verification.tolerance.error_model import joint_errors
+from ccm_opt.verification.tolerance.joint_error_check import check_of
+from ccm_opt.verification.tolerance.survived_errors import survived_error
+
+STAGE = "tolerance"
+"""Where a motion is refused that does not survive the errors asked for."""
+
+
+def planned_for_errors(
+    problem: Problem, attempt: Callable[[Problem], VerifiedPlan], settings: Settings = DEFAULT_SETTINGS
+) -> VerifiedPlan:
+    """A verified plan that survives the error of the joints that its problem asks for.
+
+    What an error may move a link by, whatever its pose, is known before a motion is; planning with all of that room is
+    sure to do, but may ask for more than the room has. So motions are planned with ever smaller shares of it, and the
+    certificate, which knows the poses, decides.
+
+    Args:
+        problem: what to solve.
+        attempt: plans, times and verifies a problem.
+        settings: which shares are tried.
+
+    Raises:
+        NoPlanFound: no motion was found without any such room either; or none of those found survives the error, with
+            what the best of them survives and what limits it.
+    """
+    if problem.joint_error == 0.0:
+        return attempt(problem)
+    give_up = time.monotonic() + problem.planner.time_limit
+    best: SurvivedError | None = None
+    for share in settings.tolerance.room_shares:
+        left = max(give_up - time.monotonic(), settings.tolerance.least_time)
+        try:
+            plan = attempt(_with_room(problem, share, left * settings.tolerance.time_share if share else left))
+        except (NoPlanFound, VerificationError):
+            # Without any room asked for, this is what a problem without such errors fails by.
+            if share == 0.0 and best is None:
+                raise
+            continue
+        survived = survived_error(
+            problem.arm, problem.workspace, plan.trajectory, joint_errors(problem.arm), settings.tolerance
+        )
+        check = check_of(problem, survived)
+        if check.passed:
+            return replace(plan, checks=(*plan.checks, check))
+        if best is None or survived.size > best.size:
+            best = survived
+    assert best is not None  # noqa: S101 - the last share asks for no room, and raises when it finds nothing
+    raise MotionNotFound(_short_of(problem, best))
+
+
+def _with_room(problem: Problem, share: float, time_limit: float) -> Problem:
+    """The problem as planned: with room for a share of what errors may move links by, and itself without errors."""
+    arm = problem.arm
+    roomy = replace(arm, stray=share * problem.joint_error / arm.link_length)
+    planner = replace(problem.planner, time_limit=time_limit)
+    return replace(problem, arm=roomy, planner=planner, joint_error=0.0)
+
+
+def _short_of(problem: Problem, best: SurvivedError) -> Diagnosis:
+    asked = float(np.rad2deg(problem.joint_error))
+    reached = float(np.rad2deg(best.size))
+    if not best.limited:
+        reason = f"errors of the joints above {reached:.3g}° are not looked at, and {asked:.3g}° were asked for"
+        return Diagnosis(reason, STAGE, (f"ask for tolerance.joint_error_deg = {_below(reached)} at most",))
+    # Near contact gaps fall in proportion to errors, and the clearance adds to what they may use up.
+    reason = (
+        f"no motion was found that survives joint errors of {asked:.3g}°: the best survives {reached:.3g}°, "
+        f"limited by {best.where}, where it would take {asked / max(reached, 1e-9):.2g} times the room"
+    )
+    advice = (
+        f"ask for tolerance.joint_error_deg = {_below(reached)}, which the best motion survives",
+        "use a smaller arm.radius or workspace.clearance",
+        "move what limits it, or the goal, apart",
+    )
+    evidence = {"asked_deg": asked, "survived_deg": reached, "where": best.where, "link": best.link, "time": best.time}
+    return Diagnosis(reason, STAGE, advice, evidence)
+
+
+def _below(angle: float) -> str:
+    """An angle in three digits that is not above it."""
+    digits = 2 - int(np.floor(np.log10(angle))) if angle > 0.0 else 0
+    return f"{np.floor(angle * 10.0**digits) / 10.0**digits:.{max(digits, 0)}f}"

@@ -1,0 +1,128 @@
+"""What a verified plan survives: errors of its geometry, certified, and errors of its loads, by simulations."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.driver.closed_loop import simulated_once
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.problem import Disturbances, Problem
+from ccm_opt.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
+from ccm_opt.solution.simulation_verdict import FOLLOWED
+from ccm_opt.verification.tolerance.error_model import joint_errors
+from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
+
+FAILED = frozenset(("touched", "diverged", "not simulated"))
+"""Outcomes of a simulation that a plan does not survive; a drive at its limit that still follows is none of them."""
+NOT_SIMULATED = "not simulated"
+"""The outcome that says nothing of the arm: the step of the simulation is too long for the load."""
+
+
+def tolerance_of(
+    solution: Solution, *, simulated: bool = True, settings: Settings | None = None
+) -> tuple[SurvivedError, ...]:
+    """The largest errors that a plan survives, one kind of error at a time.
+
+    Args:
+        solution: the plan.
+        simulated: whether the payload and the friction that it survives are sought too, by some dozens of simulations.
+        settings: numbers; the defaults when None.
+
+    Returns:
+        Of joints, link lengths, base heading, base position and walls, certified; then of payload and friction.
+    """
+    numbers = settings or DEFAULT_SETTINGS
+    return tolerance_of_motion(
+        solution.problem, solution.trajectory, solution.joints, simulated=simulated, settings=numbers
+    )
+
+
+def tolerance_of_motion(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    *,
+    simulated: bool = True,
+    settings: Settings = DEFAULT_SETTINGS,
+) -> tuple[SurvivedError, ...]:
+    """The same of a motion that passes every check of its problem."""
+    errors = survived_errors(problem.arm, problem.workspace, trajectory, settings.tolerance)
+    if not simulated:
+        return errors
+    weight = float(np.sum(problem.arm.masses))
+    torques = np.abs(joints.torques[:, 1::3])
+    speeds = np.abs(trajectory.bend_velocities)
+    # Friction that takes as much torque at the highest speed as the plan does at most.
+    drag = float(torques.max(initial=0.0) / max(float(speeds.max(initial=0.0)), settings.tolerance.least))
+    return (
+        *errors,
+        _survived_load("payload", "kg", weight, problem, trajectory, joints, settings),
+        _survived_load("friction", "N m s/rad", drag, problem, trajectory, joints, settings),
+    )
+
+
+def tolerance_at_once(
+    problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
+) -> tuple[SurvivedError, ...]:
+    """The error of the joints that a motion survives, where that takes next to no time; else nothing."""
+    if len(trajectory.time) * problem.arm.links > settings.tolerance.most_at_once:
+        return ()
+    model = joint_errors(problem.arm)
+    return (survived_error(problem.arm, problem.workspace, trajectory, model, settings.tolerance),)
+
+
+def _survived_load(
+    name: str,
+    unit: str,
+    first: float,
+    problem: Problem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    settings: Settings,
+) -> SurvivedError:
+    """The largest load that the controller may not know of, by bisection; ``first`` is of its order of magnitude.
+
+    That a load is survived does not prove that every smaller one is; nothing between those tried is claimed.
+    """
+    failed = FOLLOWED
+
+    def survives(load: float) -> bool:
+        nonlocal failed
+        known = problem.simulation.disturbances
+        disturbed = replace(known, payload=load) if name == "payload" else replace(known, friction=load)
+        verdict = _verdict(problem, disturbed, trajectory, joints, settings)
+        if verdict.outcome not in FAILED:
+            return True
+        failed = verdict
+        return False
+
+    numbers = settings.tolerance
+    if not survives(0.0):
+        return SurvivedError(name, 0.0, unit, failed.reason)
+    low = 0.0
+    high = first
+    for _ in range(numbers.doublings):
+        if not survives(high):
+            break
+        low = high
+        high *= 2.0
+    else:
+        return SurvivedError(name, low, unit, "nothing; larger errors are not looked at", limited=False)
+    # Small loads are told apart by their order of magnitude, so ends that are far apart are parted by their mean ratio.
+    for _ in range(numbers.load_steps):
+        middle = np.sqrt(low * high) if low > 0.0 else numbers.small_load * high
+        if survives(middle):
+            low = middle
+        else:
+            high = middle
+        if high - low <= numbers.load_precision * high:
+            break
+    return SurvivedError(name, float(low), unit, failed.reason, limited=failed.outcome != NOT_SIMULATED)
+
+
+def _verdict(
+    problem: Problem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates, settings: Settings
+) -> SimulationVerdict:
+    """What becomes of the arm under disturbances."""
+    changed = replace(problem, simulation=replace(problem.simulation, disturbances=disturbed))
+    return simulated_once(changed, trajectory, joints, settings).motion.verdict

@@ -1,0 +1,26 @@
+"""Check that a motion survives the error of its joints that the problem asks for."""
+
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Check, JointTrajectory, SurvivedError
+from ccm_opt.verification.tolerance.error_model import joint_errors
+from ccm_opt.verification.tolerance.survived_errors import survived_error
+from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
+
+NAME = "survived joint error"
+"""Of the check."""
+
+
+def check_joint_error(
+    problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
+) -> Check:
+    """Check that no error of the joints up to the one asked for brings the arm into contact; ``worst`` in [rad]."""
+    return check_of(
+        problem, survived_error(problem.arm, problem.workspace, trajectory, joint_errors(problem.arm), settings)
+    )
+
+
+def check_of(problem: Problem, survived: SurvivedError) -> Check:
+    """The check of an error that is known already."""
+    # What lies beyond is not looked at, so a problem that asks for more is refused.
+    passed = survived.size >= problem.joint_error
+    return Check(NAME, survived.size, problem.joint_error, "rad", survived.where, passed=passed)
