@@ -39,27 +39,29 @@ def planned_for_errors(
     """
     if problem.joint_error == 0.0:
         return attempt(problem)
+    plan = _first_plan(problem, attempt, settings)
+    survived = survived_error(
+        problem.arm, problem.workspace, plan.trajectory, joint_errors(problem.arm), settings.tolerance
+    )
+    check = check_of(problem, survived)
+    if check.passed:
+        return replace(plan, checks=(*plan.checks, check))
+    # With still less room asked for, motions would come nearer to what limits this one.
+    raise MotionNotFound(_short_of(problem, survived))
+
+
+def _first_plan(problem: Problem, attempt: Callable[[Problem], VerifiedPlan], settings: Settings) -> VerifiedPlan:
+    """A plan with the largest share of the room that one is found with."""
     give_up = time.monotonic() + problem.planner.time_limit
-    best: SurvivedError | None = None
-    for share in settings.tolerance.room_shares:
-        left = max(give_up - time.monotonic(), settings.tolerance.least_time)
+    numbers = settings.tolerance
+    for share in numbers.room_shares:
+        left = max(give_up - time.monotonic(), numbers.least_time)
         try:
-            plan = attempt(_with_room(problem, share, left * settings.tolerance.time_share if share else left))
+            return attempt(_with_room(problem, share, numbers.time_share * left))
         except (NoPlanFound, VerificationError):
-            # Without any room asked for, this is what a problem without such errors fails by.
-            if share == 0.0 and best is None:
-                raise
             continue
-        survived = survived_error(
-            problem.arm, problem.workspace, plan.trajectory, joint_errors(problem.arm), settings.tolerance
-        )
-        check = check_of(problem, survived)
-        if check.passed:
-            return replace(plan, checks=(*plan.checks, check))
-        if best is None or survived.size > best.size:
-            best = survived
-    assert best is not None  # noqa: S101 - the last share asks for no room, and raises when it finds nothing
-    raise MotionNotFound(_short_of(problem, best))
+    # What fails even so fails without errors too, and says why.
+    return attempt(_with_room(problem, 0.0, max(give_up - time.monotonic(), numbers.least_time)))
 
 
 def _with_room(problem: Problem, share: float, time_limit: float) -> Problem:
