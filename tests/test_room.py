@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.possible_gap import possible_gap
+from ccm_opt.diagnosis.walls_apart import gap_between_walls
 from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
@@ -156,7 +157,7 @@ def test_the_room_is_printed_written_and_printed_again(tmp_path: Path) -> None:
     worst = {check["name"]: check["worst"] for check in record["checks"]}
     assert room["nearest"]["gap"] == pytest.approx(min(worst["wall clearance"], worst["self-collision"]), abs=1e-12)
     assert room["wanted_gap"] == 0.009
-    assert room["possible_is"] == "upper bound"
+    assert room["possible_by"] == "wanted gap"
     assert room["nearest"]["gap"] <= room["possible_gap"]
     line = f"least gap {1e3 * room['nearest']['gap']:.3g} mm of the wanted 9 mm"
     assert line in solved.output
@@ -203,6 +204,26 @@ def test_a_door_bounds_the_gap_of_every_way(half: float) -> None:
         assert found.by == "passage"
     if half - 0.02 > 0.031:
         assert found.by == "wanted gap"
+
+
+@settings(max_examples=30)
+@given(width=st.floats(0.05, 0.09), turn=st.floats(-0.5, 0.5), shift=st.floats(-0.02, 0.02))
+def test_walls_bound_the_gap_of_an_arm_between_them(width: float, turn: float, shift: float) -> None:
+    """An arm that passes between two walls has no more than the bound, measured by shapely; beside them there is none."""
+    below = Obstacle("below", shapely.box(0.28, -0.5, 0.32, shift - 0.5 * width))
+    above = Obstacle("above", shapely.Point(0.3, shift + 0.5 * width + 0.1), 0.1)
+    problem, _, _ = make_case(plain_arm(6, 0.1, 0.02), [below, above])
+    points = problem.arm.joint_positions(np.full(6, turn * width))
+    axis = shapely.LineString(points)
+    gaps = [shapely.distance(axis, wall.core) - wall.rounding - 0.02 for wall in (below, above)]
+    found = gap_between_walls(problem, points, 0.03)
+    if shapely.intersects(axis, shapely.LineString([(0.3, shift - 0.5 * width), (0.3, shift + 0.5 * width)])):
+        assert found is not None
+        assert set(found.walls) == {"below", "above"}
+        assert found.value == pytest.approx(0.5 * width - 0.02, abs=1e-9)
+        assert min(gaps) <= found.value + 1e-9
+    else:
+        assert found is None
 
 
 def test_where_there_is_room_the_wanted_gap_is_the_bound() -> None:

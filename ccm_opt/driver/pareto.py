@@ -60,7 +60,7 @@ def pareto(
     try:
         roomiest = run.roomiest(first, trade_off)
         # What the fastest keeps unasked is no wish.
-        low = plans[0].gap if plans[0].gap < roomiest.wanted_gap else 0.0
+        low = plans[0].gap if 0.0 < plans[0].gap < roomiest.wanted_gap else 0.0
         for number, share in enumerate(trade_off.shares[:-1], start=2):
             plans.append(run.tried(low + share * (roomiest.wanted_gap - low), number))
     except KeyboardInterrupt as interrupt:

@@ -62,18 +62,18 @@ class ShortStretch:
 
 @dataclass(frozen=True)
 class PossibleGap:
-    """The least gap that a motion can keep.
+    """An upper bound on the least gap of motions; perhaps none keeps as much.
 
     Attributes:
         value: [m].
         by: what decides it.
-        planned: whether planning found it for the way that the motion takes; otherwise no motion at all keeps more,
-            and perhaps none keeps as much.
+        walls: names of two walls between which the motion leads, where they decide: then it bounds motions that lead
+            between them; otherwise all motions.
     """
 
     value: float
     by: GapBound
-    planned: bool = False
+    walls: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

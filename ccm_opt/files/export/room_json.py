@@ -22,7 +22,7 @@ def room_data(room: RoomRecord) -> Mapping[str, object]:
         ],
         "possible_gap": None if possible is None else possible.value,
         "possible_by": None if possible is None else possible.by,
-        "possible_is": None if possible is None else ("planned" if possible.planned else "upper bound"),
+        "possible_between": [] if possible is None else list(possible.walls),
         "price": room.price,
     }
 

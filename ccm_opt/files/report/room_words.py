@@ -55,8 +55,9 @@ def short_stretch(part: ShortStretch) -> str:
 
 def bound(possible: PossibleGap) -> str:
     """What stands against more room."""
-    if possible.planned:
-        return f"the way leaves {millimetres(possible.value)}"
+    if possible.walls:
+        one, other = possible.walls
+        return f"the way between '{one}' and '{other}' leaves no more than {millimetres(possible.value)} on either side"
     return f"no motion keeps more than {millimetres(possible.value)}: {_BOUNDS.get(possible.by, 'no more is wanted')}"
 
 
