@@ -209,7 +209,7 @@ def test_a_door_bounds_the_gap_of_every_way(half: float) -> None:
 @settings(max_examples=30)
 @given(width=st.floats(0.05, 0.09), turn=st.floats(-0.5, 0.5), shift=st.floats(-0.02, 0.02))
 def test_walls_bound_the_gap_of_an_arm_between_them(width: float, turn: float, shift: float) -> None:
-    """An arm that passes between two walls has no more than the bound, measured by shapely; beside them there is none."""
+    """An arm between two walls has no more than the bound, measured by shapely; beside them there is none."""
     below = Obstacle("below", shapely.box(0.28, -0.5, 0.32, shift - 0.5 * width))
     above = Obstacle("above", shapely.Point(0.3, shift + 0.5 * width + 0.1), 0.1)
     problem, _, _ = make_case(plain_arm(6, 0.1, 0.02), [below, above])
