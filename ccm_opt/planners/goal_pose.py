@@ -140,15 +140,14 @@ class GoalPoseSearch:
         """A pose solved for again in regions drawn anew about it, as long as that pays."""
         best = pose
         for _ in range(self.draw_settings.further_rounds):
-            bounded = any("of its region" in name for name in best.multipliers)
-            if not bounded or best.cost <= enough or (deadline is not None and deadline.passed()):
+            if not _bounded(best) or best.cost <= enough or (deadline is not None and deadline.passed()):
                 break
             again = self._feasible_pose(best.headings)
             if again is None or again.cost >= best.cost:
                 break
             gain = 1.0 - again.cost / best.cost
             best = again
-            if gain < self.draw_settings.worthwhile:
+            if gain < self.settings.worthwhile:
                 break
         return best
 
@@ -178,11 +177,16 @@ class GoalPoseSearch:
         Returns:
             At least one; the last is the best when it is feasible. One that is not says why.
         """
+        settings = self.settings
         found: list[ArmPose] = []
-        for _ in range(self.settings.rounds):
+        gain = np.inf
+        for _ in range(settings.rounds):
             pose = self.solved(start)
+            if found:
+                gain = 1.0 - pose.cost / found[-1].cost
             found.append(pose)
-            if not self.feasible(pose) or pose.gap >= self.settings.enough * self.wanted_gap:
+            wide = pose.gap >= settings.enough * self.wanted_gap
+            if not self.feasible(pose) or (wide and (not _bounded(pose) or gain < settings.worthwhile)):
                 break
             start = pose.headings
         return tuple(found)
@@ -285,6 +289,11 @@ class GoalPoseSearch:
                 settings.bow_weight,
             ]
         )
+
+
+def _bounded(pose: ArmPose) -> bool:
+    """Whether a side of a region shapes the pose, so that it may be better in regions drawn anew."""
+    return any("of its region" in name for name in pose.multipliers)
 
 
 def _winding_of(heading: float | None, headings: FloatArray) -> float | None:

@@ -27,7 +27,6 @@ class PoseDrawSettings:
             upon (taste).
         unknown_cost: poses drawn cost less than this where no pose is known, in units of the objective (taste: more
             than having no room costs).
-        worthwhile: a further round is worth its time when the one before brought this share of the cost (taste).
         drawn_solutions: drawn starts that are solved from, of different classes where there are (measured by
             ``tests.benchmarks.bench_goal_poses``).
         further_rounds: most further solutions for one pose, the regions drawn anew about it (measured: as before).
@@ -50,7 +49,6 @@ class PoseDrawSettings:
     forgetting: float = 0.7
     close_enough: float = 0.03
     unknown_cost: float = 20.0
-    worthwhile: float = 0.02
     drawn_solutions: int = 2
     further_rounds: int = 3
     seed: int = 0

@@ -32,8 +32,10 @@ class PoseSettings:
         tolerance: of the solver, relative (taste).
         iterations: most iterations of one solution (measured: clutter takes 8 to 25).
         first_barrier: where the barrier starts; small, for a pose of the arm is known (taste).
-        rounds: most solutions, the regions drawn anew about the links between them (measured: one is enough in clutter,
-            two in ducts).
+        rounds: most solutions, the regions drawn anew about the links between them (measured by
+            ``tests.benchmarks.bench_goal_poses``: two or three are enough in most clutter).
+        worthwhile: where the wanted gap is reached, a further round is worth its time when the one before brought this
+            share of the cost (taste).
         reach: walls farther away than this from a link make no side of its region (taste).
         far_reach: the same where a link has strayed farther than ``reach`` and met a wall there (derived: no link
             strays farther than twice the arm's length, and seldom half of it).
@@ -62,7 +64,8 @@ class PoseSettings:
     tolerance: float = 1e-4
     iterations: int = 100
     first_barrier: float = 1e-2
-    rounds: int = 3
+    rounds: int = 4
+    worthwhile: float = 0.02
     reach: float = 0.25
     far_reach: float = 2.0
     feasible: float = 1e-6
