@@ -12,7 +12,7 @@ import ccm_opt
 from ccm_opt.errors import ProblemFileError, VerificationError
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.jointed.drive_limits import planned_share
-from ccm_opt.problem import PointLimit, Problem
+from ccm_opt.problem import PointLimit, Problem, TipGoal
 from ccm_opt.retiming import retime, retime_paul
 from ccm_opt.solution import Check, JointPath, JointTrajectory
 from tests.arms import plain_arm
@@ -158,6 +158,15 @@ def test_a_plan_where_gravity_takes_more_than_the_share(retiming: str) -> None:
     assert "holding the arm still takes 0.9" in effort.where
     assert shares["velocity"].limit == shares["acceleration"].limit == 0.9
     assert ccm_opt.check(solution.problem, solution.trajectory, solution.joints) == solution.checks
+
+
+@pytest.mark.parametrize("moment", [0.05, 0.3, 0.6])
+def test_a_new_goal_where_gravity_takes_more_than_the_share(moment: float) -> None:
+    """Braking gives way to gravity as timing does: the whole motion passes every check."""
+    solution = ccm_opt.solve(parse_problem(STRETCHED))
+    changed = ccm_opt.retarget(solution, moment * solution.trajectory.duration, TipGoal(np.array([0.24, -0.1])))
+    assert all(check.passed for check in changed.checks)
+    assert shares_of(changed.checks)["effort"].limit > 0.9
 
 
 def test_limits_in_full_need_no_checks_of_a_share() -> None:

@@ -101,7 +101,7 @@ def test_a_plan_that_is_not_followed_is_written_and_told_apart(tmp_path: Path) -
     assert re.search(rf"^simulation +{verdict['outcome']}", out, re.MULTILINE)
     assert verdict["reason"].partition(";")[0] in err
     folder = tmp_path / "runs" / "swing"
-    assert f"simulation: {verdict['outcome']}" in (folder / "report.html").read_text(encoding="utf-8")
+    assert f">simulation: {verdict['outcome']}<" in (folder / "report.html").read_text(encoding="utf-8")
     with np.load(folder / "solution.npz") as arrays:
         assert np.isfinite(arrays["simulated_angles"]).all()
 

@@ -78,6 +78,25 @@ def test_braking_keeps_limits_and_path(moment: float, on_axis: bool) -> None:
         assert stopped.base_velocities[-1, 0] == 0.0
 
 
+@pytest.mark.parametrize("share", [0.9, 0.5])
+def test_braking_keeps_the_share_of_the_plan(share: float) -> None:
+    """A plan that uses a share of the limits is braked within it, and within what gravity leaves of the torques."""
+    arm, whole = swan_neck(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0)
+    dynamics = InverseDynamics(arm, WEIGHT)
+    used = limits_of(arm, whole, 1.001 * float(np.max(np.abs(joint_states(arm, whole, dynamics).torques))))
+    assert used.torque is not None
+    limits = replace(used, acceleration=used.acceleration / share, torque=used.torque / share)
+    stopped = braked(whole, 0.4, arm, limits, dynamics, share=share)
+    assert np.max(np.abs(stopped.bend_accelerations)) <= used.acceleration[0] * (1.0 + 1e-9)
+    resting = np.zeros_like(stopped.positions)
+    still = joint_states(arm, replace(stopped, velocities=resting, accelerations=resting), dynamics)
+    held = np.abs(still.torques) / limits.torque
+    allowed = np.maximum(share, held + 0.5 * share * (1.0 - held))
+    assert np.all(np.abs(joint_states(arm, stopped, dynamics).torques) <= allowed * limits.torque * (1.0 + 1e-9))
+    # With all of the limits the arm is at rest sooner.
+    assert braked(whole, 0.4, arm, limits, dynamics).duration < stopped.duration
+
+
 def test_braking_is_as_soon_as_the_limits_allow() -> None:
     """At some joint and at almost every moment the acceleration limit is all but used up."""
     arm, whole = swan_neck(12), smooth_trajectory(0.4 * np.sin(np.arange(12.0)), duration=1.0)

@@ -10,8 +10,8 @@ IPOPT runs in CasADi                 ``ground/ipopt_call.py``         it is kept
 ``solve`` plans a problem            ``solving``, ``outcome``         ``solution.json`` with the status ``cancelled``;
                                                                       plans of earlier files stay, later ones are not
                                                                       tried
-``solve`` has a verified plan         ``failure_record``, ``solving``  the whole folder, without pictures, and where it
-                                                                      was not waited for, without simulation
+``solve`` has a verified plan        ``failure_record``               the whole folder, but for pictures and, where it
+                                                                      was not waited for, the simulation
 ``solve`` writes a folder            ``files/export/folder.py``       the whole folder, or none
 ``compare`` runs its methods         ``comparing``, ``outcome``       every finished run is in the journal, from which
                                                                       the same command goes on; processes are ended

@@ -79,7 +79,8 @@ def simulate(
         record.add(sound)
         if lost is not None:
             break
-    faults = RunFaults(full, record.full_steps, strayed, record.tracking_error, lost)
+    limit = np.inf if full is None else float(most[full.column])
+    faults = RunFaults(full, limit, record.full_steps, strayed, record.tracking_error, lost)
     return record.motion(arm.coordinates, verdict_of_run(faults, options.step, joints.names))
 
 

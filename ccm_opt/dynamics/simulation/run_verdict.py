@@ -21,6 +21,7 @@ class RunFaults:
 
     Attributes:
         full: where an effort first met its limit; None when none did.
+        limit: of that effort [N m, N].
         full_steps: number of steps in which some effort was at its limit.
         strayed: where a joint was first far off its reference; None when none was.
         largest_error: of a joint over the whole run [rad].
@@ -28,6 +29,7 @@ class RunFaults:
     """
 
     full: RunFault | None = None
+    limit: float = np.inf
     full_steps: int = 0
     strayed: RunFault | None = None
     largest_error: float = 0.0
@@ -43,7 +45,7 @@ def verdict_of_run(faults: RunFaults, step: float, names: tuple[str, ...]) -> Si
         names: of all revolutes.
     """
     full = faults.full
-    met = "" if full is None else _words_of_limit(full, faults.full_steps, step, names)
+    met = "" if full is None else _words_of_limit(full, faults, step, names)
     fault = faults.lost or faults.strayed
     if fault is not None:
         return _off_the_plan(faults, fault, met, step, names)
@@ -73,10 +75,11 @@ def _off_the_plan(
     )
 
 
-def _words_of_limit(full: RunFault, full_steps: int, step: float, names: tuple[str, ...]) -> str:
-    limit = "force limit" if full.column == len(names) else "torque limit"
+def _words_of_limit(full: RunFault, faults: RunFaults, step: float, names: tuple[str, ...]) -> str:
+    axis = full.column == len(names)
+    limit = f"force limit of {faults.limit:.4g} N" if axis else f"torque limit of {faults.limit:.4g} N m"
     met = f"the drive of {_name(full, names)} meets its {limit} at {full.step * step:.4g} s"
-    return f"{met}; in all, drives are at limits for {full_steps * step:.3g} s"
+    return f"{met}; in all, drives are at limits for {faults.full_steps * step:.3g} s"
 
 
 def _words_of_error(fault: RunFault) -> str:

@@ -60,11 +60,19 @@ def _draw_scene(
     points = joint_positions_3d(arm, simulated.angles, carried)[..., [0, 2]]
     end = arm.joint_positions_at(trajectory.positions[-1])
     draw_body(axes, end, arm.radius, style.START, style.START_EDGE, label="planned end", zorder=3)
-    for k, pose in enumerate(_poses_at(shares, trajectory.time, points)):
+    for k, pose in enumerate(_poses_at(shares, trajectory.time[: _simulated_samples(trajectory, simulated)], points)):
         label = "simulated, on the way" if k == 0 else ""
         axes.plot(pose[:, 0], pose[:, 1], color=style.TIP_PATH, linewidth=1.0, label=label, zorder=4)
     draw_body(axes, points[-1], arm.radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="simulated end", zorder=5)
-    axes.set(title=problem.name, xlabel="x [m]", ylabel="y [m]")
+    axes.set(title=f"{problem.name}: {simulated.verdict.outcome}", xlabel="x [m]", ylabel="y [m]")
+
+
+def _simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
+    """Number of samples that the simulation reached: those after a run was stopped show nothing of the arm."""
+    verdict = simulated.verdict
+    if verdict.outcome != "diverged" or verdict.time is None:
+        return len(trajectory.time)
+    return max(int(np.searchsorted(trajectory.time, verdict.time)), 1)
 
 
 def _poses_at(shares: tuple[float, ...], time: FloatArray, points: FloatArray) -> FloatArray:
@@ -76,12 +84,18 @@ def _poses_at(shares: tuple[float, ...], time: FloatArray, points: FloatArray) -
 def _draw_errors(
     axes: Axes, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion, least: float
 ) -> None:
-    """Largest joint error over time, on a logarithmic scale."""
-    errors = np.max(np.abs(simulated.angles - joints.angles), axis=1)
-    axes.semilogy(trajectory.time, np.maximum(errors, least), color=style.GOAL_ARM, label="joints [rad]")
-    away = np.abs(simulated.base_positions - trajectory.base_positions)
+    """Largest joint error over time, on a logarithmic scale, and when the arm ceased to follow."""
+    reached = slice(_simulated_samples(trajectory, simulated))
+    time = trajectory.time[reached]
+    errors = np.max(np.abs(simulated.angles - joints.angles), axis=1)[reached]
+    axes.semilogy(time, np.maximum(errors, least), color=style.GOAL_ARM, label="joints [rad]")
+    away = np.abs(simulated.base_positions - trajectory.base_positions)[reached]
     for name, error in zip(trajectory.coordinates.base_names, away.T, strict=True):
-        axes.semilogy(trajectory.time, np.maximum(error, least), color=style.TIP_PATH, label=f"{name} [m]")
+        axes.semilogy(time, np.maximum(error, least), color=style.TIP_PATH, label=f"{name} [m]")
+    verdict = simulated.verdict
+    if verdict.time is not None:
+        label = f"{verdict.outcome} at {verdict.time:.3g} s"
+        axes.axvline(verdict.time, color=style.WALL_EDGE, linewidth=1.0, linestyle="--", label=label)
     axes.set(title="largest error", xlabel="time [s]", ylabel="difference from the plan")
     axes.legend(frameon=False)
     axes.grid(visible=True, linewidth=0.4, color=style.WALL)

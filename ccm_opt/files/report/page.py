@@ -41,7 +41,7 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
     fields = {
         "title": escape(f"{problem.name}: {solution.trajectory.duration:.2f} s"),
         "name": escape(problem.name),
-        "status": escape(_status(solution.simulation.verdict)),
+        "verdict": _badge(solution.simulation.verdict),
         "description": escape(problem.description or _summary(solution)),
         "viewbox": view_box(problem.workspace, settings.margin),
         "scene": scene_paths(problem.workspace, thin),
@@ -102,9 +102,9 @@ def _check_row(check: Check) -> str:
     )
 
 
-def _status(verdict: SimulationVerdict) -> str:
-    """What the page says first of a plan."""
-    return "solved and verified" if verdict.followed else f"solved and verified; simulation: {verdict.outcome}"
+def _badge(verdict: SimulationVerdict) -> str:
+    """What the page says at its top of a plan that the simulated arm did not follow; nothing of one that it did."""
+    return "" if verdict.followed else f'<span class="badge poor">simulation: {verdict.outcome}</span>'
 
 
 def _verdict_row(verdict: SimulationVerdict) -> str:
