@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,29 +39,77 @@ def planned_for_errors(
     """
     if problem.joint_error == 0.0:
         return attempt(problem)
-    plan = _first_plan(problem, attempt, settings)
-    survived = survived_error(
-        problem.arm, problem.workspace, plan.trajectory, joint_errors(problem.arm), settings.tolerance
-    )
+    search = _RoomSearch(problem, attempt, settings, time.monotonic() + problem.planner.time_limit)
+    plan, survived = search.best()
     check = check_of(problem, survived)
     if check.passed:
         return replace(plan, checks=(*plan.checks, check))
-    # With still less room asked for, motions would come nearer to what limits this one.
     raise MotionNotFound(_short_of(problem, survived))
 
 
-def _first_plan(problem: Problem, attempt: Callable[[Problem], VerifiedPlan], settings: Settings) -> VerifiedPlan:
-    """A plan with the largest share of the room that one is found with."""
-    give_up = time.monotonic() + problem.planner.time_limit
-    numbers = settings.tolerance
-    for share in numbers.room_shares:
-        left = max(give_up - time.monotonic(), numbers.least_time)
+@dataclass(frozen=True)
+class _RoomSearch:
+    """Seeks the share of the room with which a motion is found that survives most.
+
+    Attributes:
+        problem: what to solve.
+        attempt: plans, times and verifies a problem.
+        settings: which shares are tried.
+        give_up: when to stop, on the monotonic clock [s].
+    """
+
+    problem: Problem
+    attempt: Callable[[Problem], VerifiedPlan]
+    settings: Settings
+    give_up: float
+
+    def best(self) -> tuple[VerifiedPlan, SurvivedError]:
+        """The first plan that survives what is asked for, or the best of those found, and the error it survives."""
+        numbers = self.settings.tolerance
+        above = numbers.room_shares[0]
+        for share in numbers.room_shares:
+            found = self._found(share)
+            if found is not None:
+                return found if self._enough(found) else self._refined(found, share, above)
+            above = share
+        # What fails even so fails without errors too, and says why.
+        return self._judged(self.attempt(_with_room(self.problem, 0.0, self._left())))
+
+    def _refined(
+        self, best: tuple[VerifiedPlan, SurvivedError], share: float, above: float
+    ) -> tuple[VerifiedPlan, SurvivedError]:
+        """The same with shares between one that gave too little and one that found nothing."""
+        for _ in range(self.settings.tolerance.refinements):
+            if share == above or time.monotonic() > self.give_up:
+                break
+            middle = 0.5 * (share + above)
+            found = self._found(middle)
+            if found is None:
+                above = middle
+                continue
+            share = middle
+            best = max(best, found, key=lambda item: item[1].size)
+            if self._enough(best):
+                break
+        return best
+
+    def _found(self, share: float) -> tuple[VerifiedPlan, SurvivedError] | None:
+        limit = self.settings.tolerance.time_share * self._left()
         try:
-            return attempt(_with_room(problem, share, numbers.time_share * left))
+            return self._judged(self.attempt(_with_room(self.problem, share, limit)))
         except (NoPlanFound, VerificationError):
-            continue
-    # What fails even so fails without errors too, and says why.
-    return attempt(_with_room(problem, 0.0, max(give_up - time.monotonic(), numbers.least_time)))
+            return None
+
+    def _judged(self, plan: VerifiedPlan) -> tuple[VerifiedPlan, SurvivedError]:
+        arm = self.problem.arm
+        numbers = self.settings.tolerance
+        return plan, survived_error(arm, self.problem.workspace, plan.trajectory, joint_errors(arm), numbers)
+
+    def _enough(self, found: tuple[VerifiedPlan, SurvivedError]) -> bool:
+        return found[1].size >= self.problem.joint_error
+
+    def _left(self) -> float:
+        return max(self.give_up - time.monotonic(), self.settings.tolerance.least_time)
 
 
 def _with_room(problem: Problem, share: float, time_limit: float) -> Problem:

@@ -37,6 +37,7 @@ class ToleranceSettings:
         thin_share: radius that an arm of no width has in that picture, as a share of its length. Taste.
         room_shares: of what errors of the joints move the links by at most, that planning leaves room for, in the order
             of trying; after the last none. Taste: the levers of a bent arm are a half to a fifth of its lengths.
+        refinements: shares tried between one that found too little and one that found nothing. Taste.
         time_share: share of the time left that a search with such room may take. Taste.
         least_time: that a search is given in any case [s]. Taste.
         most_at_once: samples times links up to which every solve looks for the joints' error. Measured on the problems
@@ -68,6 +69,7 @@ class ToleranceSettings:
     tube_poses: int = 160
     thin_share: float = 1e-3
     room_shares: tuple[float, ...] = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)
+    refinements: int = 3
     time_share: float = 0.4
     least_time: float = 1.0
     most_at_once: int = 15_000
