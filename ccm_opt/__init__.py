@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ccm_opt.driver.finding_pose import find_pose
     from ccm_opt.driver.pareto import pareto
     from ccm_opt.driver.pipeline import solve
+    from ccm_opt.driver.reach_mapping import reach_map
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.solve_settings import Settings
     from ccm_opt.driver.surviving import tolerance_of
@@ -43,6 +44,7 @@ __all__ = [
     "find_pose",
     "load_problem",
     "pareto",
+    "reach_map",
     "retarget",
     "solve",
     "tolerance_of",
@@ -62,6 +64,7 @@ _HOMES = {
     "find_pose": ("ccm_opt.driver.finding_pose", "find_pose"),
     "load_problem": ("ccm_opt.files.problem_file", "load_problem"),
     "pareto": ("ccm_opt.driver.pareto", "pareto"),
+    "reach_map": ("ccm_opt.driver.reach_mapping", "reach_map"),
     "retarget": ("ccm_opt.driver.retargeting", "retarget"),
     "solve": ("ccm_opt.driver.pipeline", "solve"),
     "tolerance_of": ("ccm_opt.driver.surviving", "tolerance_of"),

@@ -17,7 +17,6 @@ import shapely
 
 from ccm_opt.cli.comparing import CompareOptions, compare_methods
 from ccm_opt.comparison.comparison_files import comparison_json, runs_csv
-from ccm_opt.comparison.executors import LocalWorkers
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import METHODS, check_methods, method_named
 from ccm_opt.comparison.running import Comparison, compare
@@ -33,6 +32,7 @@ from ccm_opt.comparison.suites import (
     shared_folder,
 )
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.executors import LocalWorkers
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
 

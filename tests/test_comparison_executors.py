@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from ccm_opt.comparison.executor_settings import ExecutorSettings
-from ccm_opt.comparison.executors import DaskWorkers, LocalWorkers, completed
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.executor_settings import ExecutorSettings
+from ccm_opt.ground.executors import DaskWorkers, LocalWorkers, completed
 
 from .comparison_tasks import deadly, die_once, double, fail_on_odd, nap, slow_double
 

@@ -13,6 +13,8 @@ IPOPT runs in CasADi                 ``ground/ipopt_call.py``         it is kept
 ``solve`` has a verified plan        ``failure_record``               the whole folder, but for pictures and, where it
                                                                       was not waited for, the simulation
 ``solve`` writes a folder            ``files/export/folder.py``       the whole folder, or none
+``pose`` asks for a pose             ``posing``, ``outcome``          ``pose.json`` with the status ``cancelled``
+``reach`` looks at cells             ``outcome``                      nothing is written; processes are ended
 ``compare`` runs its methods         ``comparing``, ``outcome``       every finished run is in the journal, from which
                                                                       the same command goes on; processes are ended
 ``check``, ``simulate``, ``export``  ``outcome``                      nothing is written

@@ -102,6 +102,30 @@ def pose_command(
     raise typer.Exit(pose_files(files, out, terms, pictures=not no_pictures))
 
 
+@app.command("reach")
+def reach_command(
+    files: Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)],
+    *,
+    out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/reach"),
+    step: Annotated[
+        float | None, typer.Option(help="Width of a cell, in m.", show_default="a sixteenth of the arm's length")
+    ] = None,
+    headings: Annotated[
+        int | None, typer.Option(min=1, help="Headings that are tried in a cell.", show_default="16")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes on this machine.")] = 1,
+    dask: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, to run on its cluster instead.")
+    ] = None,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+) -> None:
+    """Map where the tip can be in the room, and with which headings; write OUT/<name>/ for each."""
+    from ccm_opt.cli.reaching import ReachOptions, reach_files  # noqa: PLC0415 - loads numpy
+
+    options = ReachOptions(out, step, headings, workers, dask, pictures=not no_pictures)
+    raise typer.Exit(reach_files(files, options))
+
+
 @app.command("check")
 def check_command(
     folders: Annotated[

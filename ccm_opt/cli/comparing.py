@@ -15,12 +15,12 @@ from ccm_opt.cli.cancelling import CANCELLED
 from ccm_opt.cli.comparison_tables import print_comparison
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all
 from ccm_opt.comparison.comparison_files import JOURNAL, write_comparison
-from ccm_opt.comparison.executors import DaskWorkers, LocalWorkers, Workers
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import DEFAULT, check_methods
 from ccm_opt.comparison.running import Comparison, compare
 from ccm_opt.comparison.runs import QUANTITIES, Run
 from ccm_opt.comparison.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
+from ccm_opt.ground.executors import DaskWorkers, LocalWorkers, Workers
 
 
 @dataclass(frozen=True)

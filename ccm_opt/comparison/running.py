@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
-from ccm_opt.comparison.executors import Workers, completed
 from ccm_opt.comparison.journal import Journal
 from ccm_opt.comparison.runs import Run, Task, execute, failed_run
 from ccm_opt.comparison.statistics import (
@@ -17,6 +16,7 @@ from ccm_opt.comparison.statistics import (
     success_interval,
 )
 from ccm_opt.comparison.suites import Case
+from ccm_opt.ground.executors import Workers, completed
 
 
 @dataclass(frozen=True)

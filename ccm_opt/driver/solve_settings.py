@@ -7,6 +7,7 @@ from ccm_opt.dynamics.simulation.simulation_settings import BrakingSettings, Sim
 from ccm_opt.planners.baseline.baseline_settings import BaselineSettings
 from ccm_opt.planners.curve_settings import CurvePlannerSettings
 from ccm_opt.planners.feed.feed_settings import FeedPlannerSettings
+from ccm_opt.planners.reach_settings import ReachSettings
 from ccm_opt.retiming.paul_settings import PaulSettings
 from ccm_opt.retiming.timing_settings import TimingSettings
 from ccm_opt.user_terms.check_settings import TermCheckSettings
@@ -24,6 +25,7 @@ class Settings:
 
     Attributes:
         curve: of the curve planner, from free space to the smooth path.
+        reach: of the map of where the tip can be.
         feed: of the planner for an arm on a feed axis.
         hill_climbing: of the paper's planner.
         timing: of timing along a path.
@@ -38,6 +40,7 @@ class Settings:
     """
 
     curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)
+    reach: ReachSettings = field(default_factory=ReachSettings)
     feed: FeedPlannerSettings = field(default_factory=FeedPlannerSettings)
     hill_climbing: BaselineSettings = field(default_factory=BaselineSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)

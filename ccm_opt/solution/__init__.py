@@ -2,6 +2,7 @@
 
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
 from ccm_opt.solution.pareto_plans import ParetoPlan, ParetoPlans
+from ccm_opt.solution.reach_record import ReachMap
 from ccm_opt.solution.room_record import NearPlace, PossibleGap, RoomRecord, ShortStretch
 from ccm_opt.solution.simulation_verdict import SimulationOutcome, SimulationVerdict
 from ccm_opt.solution.stage_results import (
@@ -27,6 +28,7 @@ __all__ = [
     "ParetoPlans",
     "PoseOutcome",
     "PossibleGap",
+    "ReachMap",
     "RoomRecord",
     "ShortStretch",
     "SimulatedMotion",

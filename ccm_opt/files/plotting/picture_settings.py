@@ -20,6 +20,7 @@ class PictureSettings:
         most_named_obstacles: with more obstacles than this their names would hide the picture.
         simulated_poses: shares of the duration at which the simulated arm is drawn on its way.
         least_error: smaller tracking errors are drawn at this one, on their logarithmic scale [rad] or [m].
+        scale_room: room for a scale of colours at the right [inch].
         curve_places: points by which a curve is drawn.
         bar_share: half the length of the bar at a side that a pose leans on, as a share of the arm's length.
     """
@@ -36,6 +37,7 @@ class PictureSettings:
     most_named_obstacles: int = 12
     simulated_poses: tuple[float, ...] = (0.25, 0.5, 0.75)
     least_error: float = 1e-7
+    scale_room: float = 0.9
     curve_places: int = 401
     bar_share: float = 0.02
 

@@ -1,6 +1,6 @@
-"""Where the runs of a comparison are executed: processes of this machine, or a Dask cluster.
+"""Where many tasks are executed: this process, processes of this machine, or a Dask cluster.
 
-Both are ``concurrent.futures`` executors.
+All are ``concurrent.futures`` executors.
 
 Only a few tasks are handed over at a time, so that ten thousand take no more memory than ten. Whatever happens to a
 worker, every task comes back exactly once: with its result or with the error that it ended with.
@@ -17,8 +17,8 @@ from importlib import import_module
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
-from ccm_opt.comparison.executor_settings import EXECUTORS, ExecutorSettings
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.executor_settings import EXECUTORS, ExecutorSettings
 
 TASK = TypeVar("TASK")
 RESULT = TypeVar("RESULT")
@@ -30,6 +30,29 @@ class Workers(Protocol):
     def open(self) -> "Any":
         """A context manager around (executor, number of tasks handed over at a time)."""
         ...
+
+
+@dataclass(frozen=True)
+class ThisProcess:
+    """No workers at all: every task is run when it is handed over."""
+
+    @contextmanager
+    def open(self) -> Iterator[tuple[Executor, int]]:
+        """An executor that runs tasks itself, one at a time."""
+        yield _Immediate(), 1
+
+
+class _Immediate(Executor):
+    """Runs a task while it is submitted."""
+
+    def submit(self, fn: Callable[..., RESULT], /, *args: Any, **kwargs: Any) -> "Future[RESULT]":
+        """The future of a task that is over; Ctrl-C ends the caller, not the task alone."""
+        future: Future[RESULT] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # noqa: BLE001 - whatever it is belongs to the task
+            future.set_exception(error)
+        return future
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,125 @@
+"""``ccm-opt reach``: where the tip can be in the room of a problem, as a table line, arrays and a picture."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from ccm_opt.cli.display_settings import DISPLAY
+from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.cli.tables import columned_table, report_console
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.export.folder import REACH_RECORD, check_target
+from ccm_opt.files.export.reach_folder import write_reach
+from ccm_opt.files.problem_file import load_problem
+from ccm_opt.ground.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
+from ccm_opt.solution import ReachMap
+
+
+@dataclass(frozen=True)
+class ReachOptions:
+    """What the command line asks for.
+
+    Attributes:
+        out: directory of the output folders.
+        step: width of a cell [m], or None.
+        headings: that are tried in a cell, or None.
+        workers: processes of this machine.
+        dask: address of a Dask scheduler, or None.
+        pictures: whether to draw.
+    """
+
+    out: Path
+    step: float | None
+    headings: int | None
+    workers: int
+    dask: str | None
+    pictures: bool
+
+    @property
+    def crew(self) -> Workers:
+        """Where cells are looked at."""
+        if self.dask is not None:
+            return DaskWorkers(self.dask)
+        return ThisProcess() if self.workers == 1 else LocalWorkers(self.workers)
+
+
+def reach_files(files: Sequence[Path], options: ReachOptions) -> int:
+    """Map the reach in every file's room; all are tried.
+
+    Args:
+        files: problem files.
+        options: the options.
+
+    Returns:
+        The exit code.
+    """
+    taken: dict[str, Path] = {}
+
+    def reach_one(file: Path) -> int:
+        problem = load_problem(file)
+        first = taken.setdefault(problem.name, file)
+        if first is not file:
+            raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
+        check_target(options.out / problem.name, REACH_RECORD)
+        from ccm_opt.driver.reach_mapping import reach_map  # noqa: PLC0415 - loads casadi
+
+        with _display(problem.name) as progress:
+            found = reach_map(
+                problem, step=options.step, headings=options.headings, workers=options.crew, progress=progress
+            )
+        folder = write_reach(found, options.out, _pictures(found) if options.pictures else {})
+        return print_result(lambda: _print(found, folder), SOLVED)
+
+    return run_all(files, reach_one)
+
+
+@contextmanager
+def _display(name: str) -> Iterator[Callable[[int, int], None]]:
+    """How many cells are reached, on stderr when that is a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda _reached, _cells: None
+        return
+    with console.status(escape(name), refresh_per_second=DISPLAY.status_refreshes) as status:
+        yield lambda reached, cells: status.update(escape(f"{name}: {reached} of at most {cells} cells reached"))
+
+
+def _pictures(found: ReachMap) -> Mapping[str, bytes]:
+    from ccm_opt.files.plotting.reach_picture import reach_png  # noqa: PLC0415 - loads matplotlib
+
+    return {"reach.png": reach_png(found)}
+
+
+def _print(found: ReachMap, folder: Path) -> None:
+    """Print one line of figures, on stdout."""
+    columns = (
+        "problem",
+        "cells",
+        "reached",
+        "proved out of reach",
+        "no pose found",
+        "area [m²]",
+        "headings",
+        "CPU [s]",
+    )
+    table = columned_table("", columns)
+    unknown = int((~found.reachable & ~found.proved).sum())
+    share = found.taken[found.reachable].mean() if found.reachable.any() else np.nan
+    table.add_row(
+        escape(found.problem.name),
+        str(found.reachable.size),
+        str(int(found.reachable.sum())),
+        str(int(found.proved.sum())),
+        str(unknown),
+        f"{found.area:.3g}",
+        f"{360.0 * share:.0f}° of 360°",
+        f"{sum(found.timings.values()):.1f}",
+    )
+    console = report_console()
+    console.print(table)
+    console.print(escape(f"written to {folder}"), soft_wrap=True)

@@ -1,0 +1,90 @@
+"""The picture ``reach.png``: where the tip can be, and how much of the whole turn its headings cover there."""
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
+from ccm_opt.files.plotting.plan import dress, layout_of
+from ccm_opt.files.plotting.png import figure_png
+from ccm_opt.files.plotting.workspace_drawing import draw_workspace, polygon_patch
+from ccm_opt.solution import ReachMap
+
+
+def reach_png(found: ReachMap, settings: PictureSettings = PICTURES) -> bytes:
+    """The picture of a map.
+
+    Args:
+        found: the map.
+        settings: sizes.
+
+    Returns:
+        The content of a PNG file.
+    """
+    return figure_png(lambda: reach_figure(found, settings))
+
+
+def reach_figure(found: ReachMap, settings: PictureSettings = PICTURES) -> Figure:
+    """The same picture as a matplotlib figure, made without pyplot."""
+    workspace = found.problem.workspace
+    layout = layout_of(workspace.boundary.bounds, settings)
+    across, up = layout.size
+    # Room for the scale of colours at the right.
+    wider = across + settings.scale_room
+    left, bottom, width, height = layout.place
+    figure = Figure(figsize=(wider, up), dpi=settings.dots_per_inch)
+    axes = figure.add_axes((left * across / wider, bottom, width * across / wider, height))
+    draw_workspace(axes, workspace, settings)
+    _draw_cells(axes, found)
+    base = found.problem.arm.base
+    axes.plot(*base, marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
+    _scale(figure, (left + width) * across / wider + 0.02, bottom, height)
+    _name_colour(axes, style.NOT_FOUND, "no pose found, not proved")
+    _name_colour(axes, style.PROVED, "proved out of reach")
+    dress(figure, axes, f"{found.problem.name}: where the tip can be")
+    return figure
+
+
+def _draw_cells(axes: Axes, found: ReachMap) -> None:
+    """Every cell in its colour, under the obstacles."""
+    shares = found.taken.mean(axis=2)
+    colours = colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * shares)
+    colours[~found.reachable] = _rgba(style.NOT_FOUND)
+    colours[found.proved] = _rgba(style.PROVED)
+    half = 0.5 * found.step
+    extent = (found.x[0] - half, found.x[-1] + half, found.y[0] - half, found.y[-1] + half)
+    limits = (axes.get_xlim(), axes.get_ylim())
+    # Beyond the grid everything is farther away than the arm is long.
+    boundary = found.problem.workspace.boundary
+    room = polygon_patch(boundary, facecolor=style.PROVED, edgecolor=style.BOUNDARY, linewidth=1.6, zorder=0.4)
+    axes.add_patch(room)
+    cells = axes.imshow(colours, origin="lower", extent=extent, interpolation="nearest", aspect="equal", zorder=0.5)
+    cells.set_clip_path(room)
+    axes.set_xlim(limits[0])
+    axes.set_ylim(limits[1])
+
+
+def _name_colour(axes: Axes, colour: str, label: str) -> None:
+    """A line of the legend for a colour of cells."""
+    axes.plot(
+        [], [], linestyle="none", marker="s", markersize=8, color=colour, markeredgecolor=style.WALL_EDGE, label=label
+    )
+
+
+def _scale(figure: Figure, left: float, bottom: float, height: float) -> None:
+    """What the colours of reached cells mean."""
+    shades = colormaps[style.HEADING_COLOURS](np.linspace(style.LEAST_SHADE, 1.0, 256))
+    axes = figure.add_axes((left, bottom, 0.02, height))
+    axes.imshow(shades[:, None], origin="lower", aspect="auto", extent=(0.0, 1.0, 0.0, 360.0))
+    axes.set_xticks([])
+    axes.yaxis.tick_right()
+    axes.yaxis.set_label_position("right")
+    axes.set_yticks([0, 90, 180, 270, 360])
+    axes.set_ylabel("headings that the tip can take [°]")
+
+
+def _rgba(colour: str) -> tuple[float, float, float, float]:
+    parts = [int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]
+    return parts[0], parts[1], parts[2], 1.0
