@@ -60,7 +60,8 @@ class _RoomChart:
         room = self.room
         largest = 1.1 * float(room.gaps.max())
         shown = self.settings.wanted_gaps_shown * room.wanted if room.wanted else room.reach
-        return max(min(shown, largest), 1.5 * room.wanted, 1e-3)
+        # What is beyond the record's reach stands there as the reach, and is not shown as if it were a gap.
+        return max(min(shown, largest, 0.98 * room.reach), 1.5 * room.wanted, 1e-3)
 
     @property
     def _lowest(self) -> float:
