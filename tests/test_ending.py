@@ -1,0 +1,135 @@
+"""The end of a motion: rows that ask for room of the smooth path, bending to another end, weights of busy joints."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt import solve
+from ccm_opt.motion.clamped_spline import clamped_spline, smoothing_matrix
+from ccm_opt.motion.ending import bent_to
+from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.motion.limits.clearance_rows import motion_rows
+from ccm_opt.motion.limits.sweep_regions import WallSegments
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.optimisation.bottleneck_joints import weighing_bottlenecks
+from ccm_opt.motion.optimisation.optimise import optimise
+from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.swept_motion import Sweep
+from ccm_opt.planners.goal_pose import GoalPoseSearch
+from ccm_opt.problem import Problem
+from tests.scenes import clutter, make_arm, mixed_walls, motion_task, sweep_gaps, swept
+
+MARGIN = 1e-3
+WANTED = 8e-3
+
+
+@cache
+def optimised(seed: int) -> tuple[Problem, MotionTask, Motion]:
+    """A scene's problem, its task, and a motion that was optimised with a free end."""
+    problem = clutter(seed, 20).problem()
+    task = motion_task(problem, guessing=True)
+    motion = find_motion(replace(task, optimiser="none"))
+    return problem, task, optimise(motion, replace(task, wanted_gap=problem.wanted_gap))
+
+
+# ---------------------------------------------------------------- the smooth path and its room
+@pytest.mark.parametrize("keyframes", [4, 5, 9, 21, 40])
+def test_the_smoothing_matrix_gives_values_of_the_spline(keyframes: int) -> None:
+    """Beside each control point it gives the spline, straight motions stay, and both ends too."""
+    matrix = smoothing_matrix(keyframes)
+    control = np.random.default_rng(keyframes).normal(size=(keyframes, 3))
+    spline = clamped_spline(control)
+    places = [np.mean(spline.t[k + 1 : k + 4]) for k in range(keyframes)]
+    assert matrix @ control == pytest.approx(spline(places))
+    assert (matrix @ control)[[0, -1]] == pytest.approx(control[[0, -1]])
+    # The control points of a straight line at even speed lie at the same places (linear precision).
+    assert matrix @ np.array(places) == pytest.approx(places)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.integers(4, 8))
+def test_rows_ask_for_the_room_of_the_smooth_path(seed: int, intervals: int) -> None:
+    """A row for room asks no less than that for contact, and no less than the wanted gap beside the smooth path."""
+    rng = np.random.default_rng(seed)
+    space, start = LinkSpace.through(make_arm(), rng.normal(0.0, 0.5, 24).cumsum() / 4.0)
+    steps = 0.2 * rng.normal(size=(intervals, len(start)))
+    sweep = Sweep(space, np.vstack((start, start + np.cumsum(steps, axis=0))))
+    smooth = Sweep(space, smoothing_matrix(intervals + 1) @ sweep.coordinates)
+    workspace = mixed_walls()
+    segments = WallSegments.from_workspace(workspace)
+    contact = motion_rows(sweep, workspace, segments, MARGIN, 0.3)
+    room = motion_rows(sweep, workspace, segments, MARGIN, 0.3, wanted=WANTED)
+    assert np.array_equal(room.normal, contact.normal)
+    asked = room.values(sweep)
+    known = contact.values(sweep)
+    assert np.all(asked >= known - 1e-12)
+
+    keyframe = room.interval + room.side
+    assert asked[keyframe == 0] == pytest.approx(known[keyframe == 0])
+    walls = (room.minus == 0) & (keyframe > 0) & (room.low == 0)
+    apart = smooth.points - sweep.points
+    nearer = np.einsum("md,md->m", room.normal, apart[keyframe, room.plus] - apart[keyframe, room.minus])
+    sag = sweep.sag[room.interval, room.high] - sweep.sag[room.interval, room.low]
+    beside = known - sag + (WANTED - MARGIN) + nearer
+    links = space.arm.link_margins(room.low, room.high - 1, WANTED) < WANTED
+    assert np.all(asked[walls & ~links] >= beside[walls & ~links] - 1e-12)
+
+
+# ---------------------------------------------------------------- another end
+@pytest.mark.parametrize("seed", [90_100, 90_101, 90_102])
+def test_a_motion_is_bent_to_the_goal_pose(seed: int) -> None:
+    """It begins where it began, ends in the other pose to rounding, and a dense sweep of it touches nothing."""
+    problem, task, motion = optimised(seed)
+    pose = GoalPoseSearch(problem, resolve_ends(problem), motion.headings[-1]).best(motion.headings[-1])
+    assert pose is not None
+    bent = bent_to(motion, pose.headings, task)
+    assert bent is not None
+    assert bent.headings[0] == pytest.approx(motion.headings[0], abs=1e-12)
+    assert bent.headings[-1] == pytest.approx(pose.headings, abs=1e-9)
+    assert bent.end_pose is not None
+    frames = [swept(a, b, 30) for a, b in zip(bent.headings[:-1], bent.headings[1:], strict=True)]
+    walls, own = sweep_gaps(problem.arm, problem.workspace, np.vstack(frames))
+    assert walls > 0.0
+    assert own > 0.0
+
+
+def test_an_end_behind_a_wall_is_not_reached() -> None:
+    """Where no certified way leads to another end, there is no bent motion."""
+    _, task, motion = optimised(90_100)
+    turned = motion.headings[-1] + 2.0 * np.pi / 3.0  # the whole arm turned about its base, through the obstacles
+    assert bent_to(motion, turned, task) is None
+
+
+def test_the_record_says_that_the_goal_pose_was_reached() -> None:
+    """The solution's record of the goal pose is of the pose in which the motion ends."""
+    solution = solve(clutter(90_103, 20).problem(), explain=False)
+    record = solution.path.goal_pose
+    assert record is not None
+    assert record.reached
+    assert record.reason == ""
+    last = solution.problem.arm.headings(solution.trajectory.bend_angles[-1])
+    assert last == pytest.approx(record.headings, abs=1e-6)
+
+
+# ---------------------------------------------------------------- the joints that decide the duration
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 2**32 - 1))
+def test_busy_joints_count_more(seed: int) -> None:
+    """Weights of path length and duration add up to what they were; a joint that turns more is weighed no less."""
+    _, task, motion = optimised(90_100)
+    rng = np.random.default_rng(seed)
+    steps = rng.normal(size=motion.coordinates.shape)
+    moved = replace(motion, coordinates=steps, headings=motion.space.headings(steps))
+    weighed = weighing_bottlenecks(moved, task)
+    total = task.weights.path_length + task.weights.duration
+    assert weighed.weights.path_length + weighed.weights.duration == pytest.approx(total)
+    assert weighed.slowness is not None
+    most = np.abs(np.diff(motion.space.bends(moved.headings), axis=0)).max(axis=0)
+    if task.slowness is None:
+        order = np.argsort(most)
+        assert np.all(np.diff(weighed.slowness.speed[order]) >= -1e-12)
