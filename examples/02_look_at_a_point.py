@@ -1,9 +1,9 @@
 """Keep the camera at the tip on a gauge while the arm moves round it.
 
 One equation and one inequality hold over the whole motion: the line of sight passes through the gauge's middle, and
-the gauge is ahead of the camera. The start already looks at the gauge; if it did not, ``solve`` would say so before it
-plans. The residual is that of the trajectory at 1 kHz, and ``solve`` refuses anything above 1e-6. Run it with the name
-of a picture, or without one::
+the gauge is ahead of the camera. The start has to look at the gauge already, or ``solve`` would say so before it plans;
+``find_pose`` finds one that does. The residual is that of the trajectory at 1 kHz, and ``solve`` refuses anything above
+1e-6. Run it with the name of a picture, or without one::
 
     python examples/02_look_at_a_point.py look.png
 
@@ -46,26 +46,33 @@ CONSTRAINTS = [aside, ahead]
 
 
 def inspection() -> Problem:
-    """The open space with a gauge in it, and a start whose tip points at the gauge."""
+    """The open space with a gauge in it, and a start that keeps the gauge in view: the best such pose at its place."""
     problem = ccm_opt.load_problem(OPEN_SPACE)
+    gauge = Obstacle("gauge", shapely.Point(GAUGE), 0.03)
     bends = np.full(problem.arm.links, np.deg2rad(-5.0))
     bends[0] = np.deg2rad(130.0)
-    heading = problem.arm.headings(bends)[-1]
-    tip = problem.arm.joint_positions(problem.arm.headings(bends))[-1]
-    bends[-1] += np.arctan2(*(GAUGE - tip)[::-1]) - heading
-    gauge = Obstacle("gauge", shapely.Point(GAUGE), 0.03)
-    return replace(
+    place = problem.arm.joint_positions(problem.arm.headings(bends))[-1]
+    near = replace(
         problem,
         name="look-at-a-point",
         workspace=replace(problem.workspace, obstacles=(gauge,)),
         start=JointPose(bends),
-        goal=TipGoal(np.array([0.8, 0.5])),
+        goal=TipGoal(place),
     )
+    start = ccm_opt.find_pose(near, constraints=CONSTRAINTS)
+    return replace(near, start=JointPose(start.bends), goal=TipGoal(np.array([0.8, 0.5])))
 
 
 def main() -> None:
     """Solve, report, draw."""
-    solution = ccm_opt.solve(inspection(), constraints=CONSTRAINTS)
+    problem = inspection()
+    # The pose at the goal keeps the constraints from the beginning: they are rows of the program that finds it.
+    pose = ccm_opt.find_pose(problem, constraints=CONSTRAINTS).pose
+    for name, multiplier in pose.multipliers.items():
+        if name.startswith("user: "):
+            print(f"at the goal, {name.removeprefix('user: ')}: multiplier {multiplier:.3g}")
+
+    solution = ccm_opt.solve(problem, constraints=CONSTRAINTS)
     print(f"{solution.problem.name}: {solution.trajectory.duration:.2f} s")
     for check in solution.checks[-len(CONSTRAINTS) :]:
         print(f"  {check.name}: residual {check.worst:.2g} at most, allowed {check.limit:g}")
