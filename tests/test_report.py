@@ -14,7 +14,7 @@ from PIL import Image
 from ccm_opt.files.plotting.animation import motion_gif
 from ccm_opt.files.report.page import report_html
 from ccm_opt.freespace.workspace import Obstacle
-from ccm_opt.solution import GoalPoseRecord, Solution
+from ccm_opt.solution import GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.verification.room_over_time import room_over_time
 
 
@@ -137,3 +137,13 @@ def test_the_film_has_the_motion_in_real_time(small_solution: Solution) -> None:
         shown += film.info["duration"] / 1000.0
     assert shown - 0.9 == pytest.approx(small_solution.trajectory.duration, rel=0.15)
     assert np.any(pictures[0] != pictures[-1])
+
+
+def test_the_page_says_what_a_plan_survives(small_solution: Solution) -> None:
+    """Errors that a plan survives stand in a section in degrees and millimetres; without any it is gone."""
+    joints = SurvivedError("joints", 0.01, "rad", "link 2 to 'wall' at t = 0.5000 s", 0.5, 2)
+    walls = SurvivedError("walls", 0.02, "m", "nothing; larger errors are not looked at", limited=False)
+    page = report_html(replace(small_solution, tolerance=(joints, walls)))
+    assert "Errors of joints: up to 0.573°; limited by link 2 to &#x27;wall&#x27;" in page
+    assert "up to at least 20 mm" in page
+    assert "What it survives" not in report_html(replace(small_solution, tolerance=()))

@@ -11,6 +11,7 @@ from ccm_opt.files.report.goal_pose_section import goal_pose_section
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.room_section import nearest_mark, room_section
 from ccm_opt.files.report.room_svg import goal_marks, scene_paths, view_box
+from ccm_opt.files.report.tolerance_section import tolerance_section
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.problem import Goal, TipGoal
 from ccm_opt.solution import Check, SimulationVerdict, Solution
@@ -50,6 +51,7 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
         "thin": f"{thin:.5g}",
         "dash": f"{4 * thin:.5g} {2 * thin:.5g}",
         "room": room_section(solution.room, settings),
+        "tolerance": tolerance_section(solution.tolerance),
         "goal_pose": goal_pose_section(solution, settings),
         "nearest": nearest_mark(solution, mark, thin),
         "figures": "".join(_figure(name, value) for name, value in solution.metrics.items()),
