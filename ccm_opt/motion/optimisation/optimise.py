@@ -80,7 +80,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: i
         many = len(keyframes) - 1 > settings.many * settings.intervals
         taken = min(left, settings.first_rounds) if many else left
         motion = _with_keyframes(motion, sequential_convex(program, keyframes, taken), motion.u)
-        left -= taken
+        left -= settings.counted_rounds if many else taken
         # A motion that keeps room already is not thinned into the walls again.
         spare = settings.kept_share * task.least_gap(motion.headings) if many else 0.0
     return motion
