@@ -86,8 +86,8 @@ class OptimisationSettings:
         groups: arms with more links than this have rows for groups of neighbouring joints. Taste.
         rounds: most steps that are taken. Taste.
         first_rounds: steps at many keyframes, before the motion is thinned again. Taste.
-        counted_rounds: as how many of the rounds these count. Measured: with 5, six crooked motions among clutter lasted
-            2 % longer in the median.
+        counted_rounds: as how many of the rounds these count. Measured: with 5, six crooked motions among clutter
+            lasted 2 % longer in the median.
         many: keyframes that are many, as a multiple of the intervals wanted. Taste.
         kept_share: share of its gap that a motion keeps when it is thinned. Taste.
         lack: share of the wanted gap that an interval may lack without its slack becoming dearer. Taste.
