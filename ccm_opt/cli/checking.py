@@ -29,7 +29,7 @@ def _check(folder: Path) -> int:
     passed = all(check.passed for check in checks)
     title = f"{problem.name}: {'every check holds' if passed else 'refused'}"
     # The room of a motion that is refused is in the checks that refuse it.
-    room = room_over_time(problem, motion.trajectory, problem.wanted_gap) if passed else None
+    room = room_over_time(problem, motion.trajectory, problem.wanted_gap, checks) if passed else None
 
     def show() -> None:
         console = report_console()

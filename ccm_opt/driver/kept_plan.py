@@ -62,7 +62,7 @@ def described(
 def _room(problem: Problem, plan: VerifiedPlan, settings: Settings) -> RoomRecord | None:
     """The room that the motion keeps; None where a defect of this package keeps it from being measured."""
     try:
-        return room_of(problem, plan.trajectory, settings)
+        return room_of(problem, plan.trajectory, plan.checks, settings)
     except Exception:
         logger.exception("the room of the motion was not measured: this is a bug in ccm-opt, please report it")
         return None

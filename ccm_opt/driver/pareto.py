@@ -134,7 +134,7 @@ def largest_wanted_gap(
     problem = plan.problem
     usual = problem.default_gap
     most = trade_off.most * usual
-    room = room_over_time(problem, plan.trajectory, most, settings.room, settings.verification)
+    room = room_over_time(problem, plan.trajectory, most, plan.checks, settings.room, settings.verification)
     bound = possible_gap(problem, room, settings.diagnosis.passages)
     if bound is None or bound.value < trade_off.least_top * usual:
         return most

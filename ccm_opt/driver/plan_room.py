@@ -1,6 +1,6 @@
 """The room that a verified plan keeps, and how much any motion could keep."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,19 +9,25 @@ from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.diagnosis.walls_apart import gap_between_walls
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointTrajectory, PossibleGap, RoomRecord
+from ccm_opt.solution import Check, JointTrajectory, PossibleGap, RoomRecord
 from ccm_opt.verification.room_over_time import room_over_time
 
 
-def room_of(problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS) -> RoomRecord:
+def room_of(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    checks: Sequence[Check],
+    settings: Settings = DEFAULT_SETTINGS,
+) -> RoomRecord:
     """The record of the room that a verified motion keeps.
 
     Args:
         problem: what was asked.
         trajectory: the motion.
+        checks: of the verifier, which know its least gaps.
         settings: of all stages.
     """
-    room = room_over_time(problem, trajectory, problem.wanted_gap, settings.room, settings.verification)
+    room = room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
     if room.wanted == 0.0:
         return room
     if not room.short:

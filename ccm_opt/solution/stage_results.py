@@ -11,7 +11,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
-from ccm_opt.solution.room_record import RoomRecord
+from ccm_opt.solution.room_record import NearPlace, RoomRecord
 from ccm_opt.solution.simulation_verdict import FOLLOWED, SimulationVerdict
 from ccm_opt.solution.survived_error import SurvivedError
 
@@ -206,6 +206,7 @@ class Check:
         unit: unit of both.
         where: link or joint, obstacle, and time, in words.
         passed: whether the limit holds.
+        place: of a check of gaps, where the least one is; None of other checks, and where nothing is near.
     """
 
     name: str
@@ -214,6 +215,7 @@ class Check:
     unit: str
     where: str
     passed: bool
+    place: NearPlace | None = None
 
 
 @dataclass(frozen=True)

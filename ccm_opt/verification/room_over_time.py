@@ -4,8 +4,8 @@ Like all of the verifier it measures the motion itself, linear between samples, 
 are those at some of the samples; the least gap is looked for at all times, by the halving that proves bodies apart.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,14 +13,19 @@ import numpy as np
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointTrajectory, NearPlace, RoomRecord, ShortStretch
+from ccm_opt.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
 from ccm_opt.solution.room_record import ShortCause
 from ccm_opt.verification.bisection import Pairs
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.room_settings import DEFAULT_ROOM, RoomSettings
-from ccm_opt.verification.selfcollision import first_distant, nearest_links, pairs_within, self_distances
+from ccm_opt.verification.selfcollision import (
+    check_self_collision,
+    first_distant,
+    pairs_within,
+    self_distances,
+)
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-from ccm_opt.verification.wall_clearance import WallGaps, nearest_wall
+from ccm_opt.verification.wall_clearance import WallGaps, check_walls
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,7 @@ def room_over_time(
     problem: Problem,
     trajectory: JointTrajectory,
     wanted: float,
+    checks: Sequence[Check] | None = None,
     settings: RoomSettings = DEFAULT_ROOM,
     verification: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> RoomRecord:
@@ -70,13 +76,20 @@ def room_over_time(
         problem: what was asked.
         trajectory: the planar motion, which passes the verifier.
         wanted: gap that was wanted [m]; 0 when none was.
+        checks: of the verifier, which know the least gaps; made here when None.
         settings: what counts as enough, and how far is looked.
         verification: how finely the least gap is looked for between samples.
 
     Returns:
         The record; nothing is said in it of what would have been possible, or of the price.
     """
-    return _Room(problem, trajectory, wanted, settings, verification).record()
+    if checks is None:
+        motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
+        made = [check_walls(motion, problem.workspace, verification)]
+        if problem.arm.self_collision:
+            made.append(check_self_collision(motion, verification))
+        checks = made
+    return _Room(problem, trajectory, wanted, tuple(checks), settings, verification).record()
 
 
 @dataclass(frozen=True)
@@ -86,6 +99,7 @@ class _Room:
     problem: Problem
     trajectory: JointTrajectory
     wanted: float
+    checks: tuple[Check, ...]
     settings: RoomSettings
     verification: VerificationSettings
 
@@ -122,7 +136,7 @@ class _Room:
             wall_gaps=to_walls.gap,
             self_gaps=to_itself.gap,
             reach=self._reach,
-            nearest=self._nearest(motion, nearest),
+            nearest=self._nearest(nearest),
             ends=tuple(self._place(nearest, sample) for sample in rests),
             short=tuple(self._short(lacking, rests)),
         )
@@ -162,22 +176,14 @@ class _Room:
         nearest = chosen(distance)
         return nearest, chosen(distance - wanted) if self.wanted > 0.0 else nearest
 
-    def _nearest(self, motion: ChainMotion, at_samples: _GapsAtSamples) -> NearPlace:
+    def _nearest(self, at_samples: _GapsAtSamples) -> NearPlace:
         """The least gap of all times: at a sample or between two, as the proofs of the checks know it."""
         known = [self._place(at_samples, int(np.argmin(at_samples.gap)))]
-        workspace = self.problem.workspace
-        to_wall = nearest_wall(motion, workspace, self.verification)
-        if to_wall is not None:
-            verdict, name = to_wall
-            near = verdict.nearest
-            known.append(
-                NearPlace(near.gap - workspace.clearance, self.wanted, near.time, near.link + 1, obstacle=name)
-            )
-        to_link = nearest_links(motion, self.verification) if self.problem.arm.self_collision else None
-        if to_link is not None:
-            near = to_link.nearest
-            wanted = _wanted_of_pair(self.problem.arm, near.link, near.other, self.wanted)
-            known.append(NearPlace(near.gap, wanted, near.time, near.link + 1, second_link=near.other + 1))
+        for place in (check.place for check in self.checks if check.place is not None):
+            wanted = self.wanted
+            if place.second_link:
+                wanted = _wanted_of_pair(self.problem.arm, place.link - 1, place.second_link - 1, wanted)
+            known.append(replace(place, wanted=wanted))
         return min(known, key=lambda place: place.gap)
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:

@@ -4,7 +4,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.solution import Check
+from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.bisection import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.segments import segment_distances
@@ -34,7 +34,8 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
     near = verdict.nearest
     where = f"link {near.link + 1} to link {near.other + 1} at t = {near.time:.4f} s"
     where = f"{where}: {verdict.remark}" if verdict.remark else where
-    return Check("self-collision", near.gap, 0.0, "m", where, passed=verdict.proved)
+    place = NearPlace(near.gap, 0.0, near.time, near.link + 1, second_link=near.other + 1)
+    return Check("self-collision", near.gap, 0.0, "m", where, passed=verdict.proved, place=place)
 
 
 def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Verdict | None:

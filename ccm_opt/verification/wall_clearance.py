@@ -9,7 +9,7 @@ import shapely
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.solution import Check
+from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.bisection import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.segments import segment_distances
@@ -79,13 +79,15 @@ def check_walls(
             "wall clearance", np.inf, workspace.clearance, "m", "the whole arm counts as its mount", passed=True
         )
     verdict, wall = found
+    near = verdict.nearest
     return Check(
         "wall clearance",
-        verdict.nearest.gap,
+        near.gap,
         workspace.clearance,
         "m",
         _where(verdict, wall),
         passed=verdict.proved,
+        place=NearPlace(near.gap - workspace.clearance, 0.0, near.time, near.link + 1, obstacle=wall),
     )
 
 

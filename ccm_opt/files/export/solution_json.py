@@ -13,7 +13,7 @@ from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.files.export.tolerance_json import tolerance_data
 from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.solution import Check, Solution
 
 SCHEMA = 1
 """Version of the file's layout."""
@@ -32,7 +32,7 @@ def solution_json(solution: Solution) -> str:
     record |= {
         "metrics": dict(solution.metrics),
         "timings": dict(solution.timings),
-        "checks": [asdict(check) for check in solution.checks],
+        "checks": [_check_data(check) for check in solution.checks],
         "simulation": asdict(solution.simulation.verdict),
     }
     if solution.room is not None:
@@ -42,6 +42,11 @@ def solution_json(solution: Solution) -> str:
     if solution.path.goal_pose is not None:
         record["goal_pose"] = goal_pose_data(solution.path.goal_pose)
     return strict_text(record)
+
+
+def _check_data(check: Check) -> dict[str, object]:
+    """A check; where its least gap is stands in words, and in figures in the record of the room."""
+    return {name: value for name, value in asdict(check).items() if name != "place"}
 
 
 def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
