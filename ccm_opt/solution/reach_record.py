@@ -44,9 +44,10 @@ class ReachMap:
 
     @cached_property
     def heading_ranges(self) -> FloatArray:
-        """Runs of neighbouring headings that were taken, a row each: number of the row, of the column, first and last.
+        """Runs of neighbouring headings that were taken, shape (R, 4).
 
-        Shape (R, 4), the headings in [rad]; a run over 360° ends beyond it, and one all round has a whole turn.
+        Each has the number of the row, that of the column, and the first and last heading [rad]. A run over 360° ends
+        beyond it, and one all round has a whole turn.
         """
         ranges = [
             (float(row), float(column), first, last)
