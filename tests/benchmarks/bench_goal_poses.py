@@ -193,7 +193,7 @@ def first_question(seed: int, polygons: int) -> None:
         return
     ends = resolve_ends(problem)
     begin = user_seconds()
-    GoalPoseSearch(problem, ends, ends.start).candidates(near)
+    GoalPoseSearch(problem, ends, near).best(near)
     print(user_seconds() - begin)
 
 
