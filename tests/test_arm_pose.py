@@ -235,7 +235,7 @@ def test_a_users_cost_shapes_the_pose() -> None:
     problem = scene.problem()
     ends = resolve_ends(problem)
     free = GoalPoseSearch(problem, ends, ends.start).best(scene.goal)
-    cost = Cost("low middle", lambda q: q.joint_positions[1, 12], weight=20.0, where="goal")
+    cost = Cost("low middle", lambda q: q.joint_positions[1, 12], weight=100.0, where="goal")
     costly = GoalPoseSearch(problem, ends, ends.start, compile_terms(problem.arm, [], [cost])).best(scene.goal)
     assert free is not None
     assert costly is not None
