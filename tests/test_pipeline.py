@@ -35,7 +35,7 @@ pause = 0.2
 [[goal]]
 position = [0.32, -0.12]
 """
-STAGES = ["dynamics model", "retiming", "verification", "room", "simulation"]
+STAGES = ["dynamics model", "retiming", "verification", "room", "tolerance", "simulation"]
 """Of the driver itself; the planner's come before."""
 
 

@@ -149,9 +149,13 @@ def test_an_impossible_constraint_is_named_in_the_diagnosis() -> None:
     high = Constraint("stay high", lambda q: q.joint_positions[1, 8:17], lower=0.3)
     with pytest.raises(NoPlanFound, match="constraint 'stay high'"):
         ccm_opt.solve(problem, constraints=[high], explain=False)
-    apart = Constraint("apart", lambda q: q.tip[0], lower=5.0, upper=5.0, where=Interval(0.5, 1.0))
+    apart = Constraint("apart", lambda q: q.tip[0], lower=5.0, upper=5.0, where=Interval(0.5, 0.9))
     with pytest.raises(NoPlanFound, match="constraint 'apart' could not be met"):
         ccm_opt.solve(problem, constraints=[apart], explain=False)
+    # What holds at the goal too is refuted before any search.
+    to_the_end = replace(apart, where=Interval(0.5, 1.0))
+    with pytest.raises(NoPlanFound, match="constraint 'apart' cannot hold at the goal"):
+        ccm_opt.solve(problem, constraints=[to_the_end], explain=False)
 
 
 @dataclass(frozen=True)
