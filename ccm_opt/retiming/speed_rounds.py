@@ -53,7 +53,9 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
             between = dense.with_friction(np.sqrt(refine(speed**2, substeps)), settings.friction_share)
             check = check_profile(profile, between, substeps, settings.dense_share)
         bounds = bounds.tightened_by(check) if number < settings.tightenings else bounds.capped_by(check, profile)
-        speed = np.sqrt(profile.squared)
+        # Where speeds are low the tangents of one round and the next may overshoot each other for ever.
+        share = 1.0 if number < settings.tightenings else settings.tangent_share
+        speed += share * (np.sqrt(profile.squared) - speed)
         duration = profile.duration
 
     return min(stretched, key=lambda profile: profile.duration)
