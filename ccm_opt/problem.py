@@ -151,7 +151,8 @@ class PlannerOptions:
     Attributes:
         method: planner's name.
         mapping: how a curve becomes joints.
-        time_limit: wall time [s] after which the search stops.
+        time_limit: CPU time of this process after which the search stops [s]; three times as much wall time ends it
+            too.
         routes: corridors tried, shortest first.
         seed: of every random choice.
         optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.

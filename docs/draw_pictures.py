@@ -9,7 +9,6 @@ finds. It takes some seconds; a run gives the same pictures on every machine but
 """
 
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,8 @@ from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.continuation import Deadline, follow
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.motion.continuation import follow
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.guides.hairpin import Hairpin
 from ccm_opt.motion.link_space import NOMINAL_LINKS
@@ -115,7 +115,7 @@ def hairpin_scene() -> HairpinScene:
     ends = resolve_ends(problem)
     room = FreeSpace(problem.workspace, route_inflation(problem, ends))
     tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room))
-    deadline = Deadline(time.monotonic() + 60.0)
+    deadline = Deadline.after(60.0)
     task = MotionTask(problem.arm, problem.workspace, ends.start, ends.goal, None, (), tip_paths, deadline)
     run = SearchRun.from_task(task, task.settings.search.margins[0], NOMINAL_LINKS)
     guide = next(pulled_over(run.stepper, run.start, None, tip_paths[0], (FOLD_LENGTH,))).make_guide()

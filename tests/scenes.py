@@ -1,6 +1,5 @@
 """Scenes of an arm among walls for the tests of planning, and shapely oracles for its gaps."""
 
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -23,8 +22,8 @@ from ccm_opt.comparison.scenes import (
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.limits.limit_stack import assembled_limits
 from ccm_opt.motion.link_space import LinkSpace
@@ -123,8 +122,8 @@ def open_scene(seed: int, links: int = 24) -> Scene:
 
 
 def later(seconds: float = 60.0) -> Deadline:
-    """A deadline some time from now."""
-    return Deadline(time.monotonic() + seconds)
+    """A deadline after so much CPU time from now on."""
+    return Deadline.after(seconds)
 
 
 def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = False) -> MotionTask:

@@ -1,7 +1,6 @@
 """Why there is no plan: the checks prove nothing false, the reason is the true one, what is said to help was solved."""
 
 import json
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from ccm_opt.solution import JointPath
 
 from .diagnosis_families import FAMILIES, GRAVITY, make_case, string_round
 from .diagnosis_judgement import named_rightly, relaxation_error
-from .scenes import Scene, clutter, make_arm, open_scene, random_headings
+from .scenes import Scene, clutter, later, make_arm, open_scene, random_headings
 
 
 def ends_with(path: Path, data: dict[str, Any], *options: str) -> tuple[int, str, dict[str, Any]]:
@@ -243,7 +242,7 @@ def test_a_relaxation_was_solved_and_is_close_to_the_threshold(
     bound = given_value * (1.0 + parameter.easier * 0.2)
     threshold = bound * (1.0 + parameter.easier * (0.02 if known else 0.4 * beyond))
     solver = Threshold(parameter, threshold)
-    found = least_change(parameter, problem, bound if known else None, Trials(solver, time.monotonic() + 900.0))
+    found = least_change(parameter, problem, bound if known else None, Trials(solver, later(900.0)))
     if found is None:
         assert not known
         return
@@ -273,7 +272,7 @@ def test_no_time_no_trial() -> None:
     """Nothing is tried when no time is left; the findings are told all the same."""
     problem = screened(0.05, gap=0.07)
     solver = Threshold(RADIUS, 1.0)
-    error = explained(problem, UnreachableGoal(Diagnosis("no way", "free space")), Trials(solver, time.monotonic()))
+    error = explained(problem, UnreachableGoal(Diagnosis("no way", "free space")), Trials(solver, later(0.0)))
     assert solver.asked == []
     assert error.diagnosis.findings[0].kind == "too thick"
     assert error.diagnosis.relaxations == ()
@@ -286,7 +285,7 @@ def test_a_search_that_failed_is_explained_by_what_is_tight_and_what_helps() -> 
     problem = screened(0.03, gap=0.066)
     error = MotionNotFound(Diagnosis("no motion found in 7 candidates", "motion", ("raise planner.routes",)))
     solver = Threshold(RADIUS, 0.028)
-    told = explained(problem, error, Trials(solver, time.monotonic() + 900.0))
+    told = explained(problem, error, Trials(solver, later(900.0)))
     assert isinstance(told, MotionNotFound)
     assert told.diagnosis.reason == "no motion found in 7 candidates"
     first = told.diagnosis.findings[0]
@@ -300,7 +299,7 @@ def test_a_joint_that_timing_finds_too_weak_is_the_reason() -> None:
     problem = make_limited(open_scene(1).problem())
     evidence = {"revolute": 1, "torque": 4.5, "limit": 3.0, "path_position": 0.5}
     error = RetimingError(Diagnosis("too weak", "retiming", (), evidence))
-    told = explained(problem, error, Trials(lambda _: None, time.monotonic() + 900.0)).diagnosis
+    told = explained(problem, error, Trials(lambda _: None, later(900.0))).diagnosis
     assert "joint 1 (ball01_bend) needs 4.5 N m" in told.reason
     words = {relaxed.key: relaxed for relaxed in told.relaxations}
     assert words["limits.torque"].words == "limits.torque ≥ 4.703 N m"
@@ -330,7 +329,7 @@ def test_a_sound_obstacle_is_not_removed_where_that_does_not_help() -> None:
         Finding("torque", "weak", bounds={"limits.torque": 2.0, "arm.link_mass": 0.5}),
     )
     tried: list[Problem] = []
-    assert relaxations(make_limited(screened()), findings, Trials(tried.append, time.monotonic() + 900.0)) == ()
+    assert relaxations(make_limited(screened()), findings, Trials(tried.append, later(900.0))) == ()
     assert tried == []
 
 
@@ -383,7 +382,7 @@ def test_defects_of_the_input_are_not_explained() -> None:
         del changed
         raise ProblemError("unusable")
 
-    assert not Trials(unusable, time.monotonic() + 900.0).succeeds(problem)
+    assert not Trials(unusable, later(900.0)).succeeds(problem)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

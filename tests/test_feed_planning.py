@@ -1,6 +1,5 @@
 """Feeding: every joint on the leader's path, joints straight in the guide, whole problems from start to check."""
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +15,9 @@ from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.motion.clamped_spline import clamped_spline
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.planners.feed import FeedPlanner
 from ccm_opt.planners.feed.reshaping import Reshaping
 from ccm_opt.planners.following.deviation import deviation
@@ -183,7 +182,7 @@ def test_reshaping_leaves_the_guide_alone() -> None:
         bends[-beyond + 1 : -beyond + 3] = 0.4
         start = np.zeros(arm.links)
         start[-beyond + 1 : -beyond + 3] = 0.3
-        reshaping = Reshaping(problem, Deadline(time.monotonic() + 900.0))
+        reshaping = Reshaping(problem, Deadline.after(900.0))
         keyframes = reshaping.keyframes(JointPose(start, feed), bends, 0.8)
         assert keyframes is not None
         assert np.array_equal(keyframes[:, -1], np.full(len(keyframes), feed))

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.motion.continuation import Deadline
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.motion.failures import Failure, evidence, nothing_found
 from tests.scenes import clutter, motion_task
 
@@ -39,7 +39,7 @@ def test_evidence_is_ranked_and_plain() -> None:
 
 def test_time_limit_is_said() -> None:
     """After the deadline the error is TimeLimitReached, with the same evidence."""
-    task = replace(motion_task(clutter(1, 5).problem()), deadline=Deadline(0.0))
+    task = replace(motion_task(clutter(1, 5).problem()), deadline=Deadline.after(0.0))
     error = nothing_found(task, FAILURES)
     assert type(error).__name__ == "TimeLimitReached"
     assert error.diagnosis.evidence["in_the_way"] == {"'post'": 2, "'door'": 1}

@@ -13,8 +13,9 @@ from scipy.interpolate import BSpline
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.motion.clamped_spline import clamped_spline
-from ccm_opt.motion.continuation import Deadline, Stalled, follow, settle
+from ccm_opt.motion.continuation import Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
@@ -173,7 +174,7 @@ def test_a_passed_deadline_stops_the_continuation() -> None:
     stepper, start = make_stepper(scene)
     guide = Interpolation(stepper.space, start.v, goal_coordinates(stepper, scene.goal))
     with pytest.raises(Stalled) as caught:
-        follow(stepper, guide, start, Deadline(0.0))
+        follow(stepper, guide, start, Deadline.after(0.0))
     assert len(caught.value.poses) <= 2
 
 

@@ -12,7 +12,8 @@ from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.continuation import Deadline, Stalled
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.motion.continuation import Stalled
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import CachedItems, MotionTask
 from ccm_opt.motion.search import find_motion
@@ -33,12 +34,18 @@ EXACT = 100.0 * GoalSettings().polish_tolerance
 class CountedDeadline(Deadline):
     """Over after it has been asked so many times, so that tests do not depend on the clock."""
 
+    most: int = 0
     asked: list[int] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, most: int) -> "CountedDeadline":
+        """Over after it has been asked ``most`` times."""
+        return cls(np.inf, np.inf, most=most)
 
     def passed(self) -> bool:
         """Count, and compare with the number."""
         self.asked.append(0)
-        return len(self.asked) > self.at
+        return len(self.asked) > self.most
 
 
 NO_CANDIDATES = (TreeStrategy(),)
@@ -92,7 +99,7 @@ def test_the_seed_decides() -> None:
     task = motion_task(clutter(5, 40).problem(), guessing=True)
 
     def grown(seed: int) -> FloatArray:
-        both = TreeSearch.from_task(tree_task(replace(task, seed=seed, deadline=CountedDeadline(250))))
+        both = TreeSearch.from_task(tree_task(replace(task, seed=seed, deadline=CountedDeadline.of(250))))
         both.run()
         return np.concatenate([pose.headings for tree in both.trees for pose in tree.poses])
 
@@ -104,7 +111,7 @@ def test_every_edge_is_certified_and_every_node_new() -> None:
     """Parent and edge of every node pass the certificate, and no two nodes of a tree are nearer than the dispersion."""
     scene = clutter(5, 40)
     task = motion_task(scene.problem(), guessing=True)
-    both = TreeSearch.from_task(tree_task(replace(task, deadline=CountedDeadline(1000))))
+    both = TreeSearch.from_task(tree_task(replace(task, deadline=CountedDeadline.of(1000))))
     both.run()
     for tree in both.trees:
         assert len(tree) > 10
@@ -118,29 +125,21 @@ def test_every_edge_is_certified_and_every_node_new() -> None:
 
 def test_a_deadline_ends_the_search_within_a_step() -> None:
     """Once the deadline has passed nothing but the running loops ask for it again."""
-    deadline = CountedDeadline(400)
+    deadline = CountedDeadline.of(400)
     task = replace(motion_task(clutter(5, 40).problem()), deadline=deadline)
     with pytest.raises(Stalled, match="until the time limit"):
         search_by_trees(tree_task(task))
     assert len(deadline.asked) < 410
 
 
-class DeadlineOfWork(Deadline):
-    """A moment on the clock of the process's own work, which other programs on the machine do not hasten."""
-
-    def passed(self) -> bool:
-        """Whether it is over."""
-        return time.process_time() > self.at
-
-
 def test_the_time_limit_is_kept_and_told() -> None:
     """A search that runs out of time ends on time and says that the trees were grown until then."""
     task = motion_task(boxed_in().problem(TipGoal(np.array([0.3, -0.5]))))
-    deadline = DeadlineOfWork(time.process_time() + 0.3)
+    deadline = later(0.3)
     task = replace(task, deadline=deadline)
     with pytest.raises(TimeLimitReached, match=r"trees of \d+ poses were grown until the time limit"):
         find_motion(task, NO_CANDIDATES)
-    assert time.process_time() < deadline.at + 1.0
+    assert time.process_time() < deadline.cpu + 1.0
 
 
 def test_trees_that_reach_nothing_new_end_before_the_time_limit() -> None:

@@ -164,7 +164,8 @@ def compare_command(
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of the journal, tables and pictures.")] = Path("runs/comparison"),
     time_limit: Annotated[
-        float | None, typer.Option(min=0.001, help="Time limit of every planner, in s.", show_default="the problem's")
+        float | None,
+        typer.Option(min=0.001, help="CPU time for every planner, in s.", show_default="the problem's"),
     ] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
 ) -> None:

@@ -37,7 +37,7 @@ class CompareOptions:
         workers: processes of this machine.
         dask: address of a Dask scheduler, or None.
         out: folder for the journal, tables and pictures.
-        time_limit: of every planner [s], or None.
+        time_limit: CPU time of every planner [s], or None.
         pictures: whether to draw.
     """
 

@@ -29,7 +29,7 @@ class Method:
     make: Callable[[], Planner] | None = None
 
     def prepared(self, problem: Problem, time_limit: float | None = None) -> Problem:
-        """The problem with this method's options, and a time limit [s] unless that is None."""
+        """The problem with this method's options, and a limit of CPU time [s] unless that is None."""
         options = dict(self.options)
         if time_limit is not None:
             options["time_limit"] = time_limit

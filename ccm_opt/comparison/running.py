@@ -92,7 +92,7 @@ def compare(
         methods: names of methods.
         workers: where to run.
         journal: takes every run as soon as it is done.
-        time_limit: of every planner [s]; None keeps each problem's.
+        time_limit: CPU time of every planner [s]; None keeps each problem's.
         progress: called after every run.
 
     Raises:

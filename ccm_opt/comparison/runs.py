@@ -70,7 +70,7 @@ class Task:
     Attributes:
         case: the problem.
         method: name of the method.
-        time_limit: of the planner [s]; None keeps the problem's.
+        time_limit: CPU time of the planner [s]; None keeps the problem's.
     """
 
     case: Case

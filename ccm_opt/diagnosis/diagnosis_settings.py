@@ -56,8 +56,6 @@ class TrialSettings:
         try_share: share of the time left that one try may use. Taste.
         longest_try: CPU time that one try may use at most [s]. Taste.
         longest_search: CPU time that all tries may use together, however much is left [s]. Taste.
-        starved: a try that got less than this share of the CPU time that one may use did not get its chance. Taste.
-        attempts: tries of one problem, when the first was starved. Taste.
         patience: CPU time after which nothing new is begun when something that helps is known [s]. Taste.
         enough: relaxations that are reported. Taste.
         most_omitted: obstacles that are left out in a try of their own. Taste.
@@ -70,8 +68,6 @@ class TrialSettings:
     try_share: float = 0.5
     longest_try: float = 2.5
     longest_search: float = 8.0
-    starved: float = 0.5
-    attempts: int = 2
     patience: float = 2.0
     enough: int = 4
     most_omitted: int = 2

@@ -7,8 +7,9 @@ from typing import TypeAlias
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
 from ccm_opt.diagnosis.parameters import PARAMETERS, Omission, Parameter, without_heading, without_obstacle
-from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, TimeLimitReached, VerificationError
+from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
 from ccm_opt.freespace.workspace import BOUNDARY_NAME
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem
 
 Solve: TypeAlias = Callable[[Problem], object]
@@ -19,56 +20,40 @@ Solve: TypeAlias = Callable[[Problem], object]
 class Trials:
     """Solves changed problems, each within a share of the time that is left.
 
-    How long to try is counted in CPU time, so that a busy machine finds the same; the user's limit is wall time.
-
     Attributes:
         solve: solves a problem or raises.
-        until: monotonic time at which all must end [s].
-        begun: monotonic time and CPU time at which the trials began [s].
+        until: when all must end.
+        begun: CPU time of this process at which the trials began [s].
         settings: steps, and shares of the time.
     """
 
     solve: Solve
-    until: float
-    begun: tuple[float, float] = field(default_factory=lambda: (time.monotonic(), time.process_time()))
+    until: Deadline
+    begun: float = field(default_factory=time.process_time)
     settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
 
     @property
     def spent(self) -> float:
         """CPU time since the trials began [s]."""
-        return time.process_time() - self.begun[1]
-
-    @property
-    def slowness(self) -> float:
-        """Wall time that a second of CPU time takes on this machine now."""
-        if self.spent <= self.settings.least_time:
-            return 1.0
-        return max(1.0, (time.monotonic() - self.begun[0]) / self.spent)
+        return time.process_time() - self.begun
 
     @property
     def left(self) -> float:
-        """Wall time that is left [s]."""
-        return min(self.until - time.monotonic(), (self.settings.longest_search - self.spent) * self.slowness)
+        """CPU time that is left [s]."""
+        return min(self.until.left, self.settings.longest_search - self.spent)
 
     def succeeds(self, problem: Problem) -> bool:
-        """Whether a problem is solved within its share of the time; a try that a busy machine starved is repeated."""
+        """Whether a problem is solved within its share of the time."""
         settings = self.settings
-        for _ in range(settings.attempts):
-            # A share of what is left, so that several things can be tried.
-            limit = min(settings.try_share * self.left, settings.longest_try * self.slowness)
-            before = self.spent
-            if limit < settings.least_time:
-                return False
-            try:
-                self.solve(replace(problem, planner=replace(problem.planner, time_limit=limit)))
-            except TimeLimitReached:
-                if self.spent - before > settings.starved * settings.longest_try:
-                    return False
-            except (NoPlanFound, VerificationError, ProblemError):
-                return False
-            else:
-                return True
-        return False
+        # A share of what is left, so that several things can be tried.
+        limit = min(settings.try_share * self.left, settings.longest_try)
+        if limit < settings.least_time:
+            return False
+        try:
+            self.solve(replace(problem, planner=replace(problem.planner, time_limit=limit)))
+        except (NoPlanFound, VerificationError, ProblemError):
+            return False
+        return True
 
 
 def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials) -> tuple[Relaxation, ...]:

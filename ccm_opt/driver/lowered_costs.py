@@ -1,12 +1,12 @@
 """Costs never stand in the way: where no plan is found with the user's costs, it is sought with less of them."""
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, UnreachableGoal, VerificationError
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem
 from ccm_opt.user_terms.compiled_terms import UserTerms
 
@@ -34,7 +34,7 @@ def planned_with_costs(
         NoPlanFound: there is none without any costs either; or the goal cannot be reached.
         VerificationError: the verifier refuses the last plan, which knows no costs.
     """
-    give_up = time.monotonic() + problem.planner.time_limit
+    deadline = Deadline.after(problem.planner.time_limit)
     shares = settings.curve.cost_shares
     if terms is None or not terms.all_costs:
         return attempt(problem, terms), shares[0]
@@ -45,7 +45,7 @@ def planned_with_costs(
         except UnreachableGoal:
             raise
         except (NoPlanFound, VerificationError):
-            left = give_up - time.monotonic()
+            left = deadline.left
             if left <= 0.0:
                 raise
             hurried = replace(problem, planner=replace(problem.planner, time_limit=left))

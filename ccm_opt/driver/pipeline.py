@@ -1,6 +1,5 @@
 """The driver, in the paper's order: problem, plan, joint trajectory, dynamics, verification, simulation."""
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -18,6 +17,7 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verif
 from ccm_opt.dynamics.runtime.compiled_library import prepare
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
 from ccm_opt.errors import NoPlanFound
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.legs import plan_legs
@@ -62,7 +62,7 @@ def solve(
     """
     stages = Stages(progress)
     numbers = settings or DEFAULT_SETTINGS
-    give_up = time.monotonic() + problem.planner.time_limit
+    deadline = Deadline.after(problem.planner.time_limit)
 
     # Checks: what no plan could mend is refused before one is sought.
     # Compiling goes on in the background while the path is sought.
@@ -108,7 +108,7 @@ def solve(
 
         # Explanation: of the same kind as the failure, with the causes and the changes that would help.
         with stages("diagnosis"):
-            trials = Trials(solve_changed, give_up, settings=numbers.diagnosis.trials)
+            trials = Trials(solve_changed, deadline, settings=numbers.diagnosis.trials)
             explanation = explained(problem, with_constraint_first(failure, problem, terms, numbers), trials)
         raise explanation from failure
 

@@ -1,6 +1,5 @@
 """A motion that survives errors of the joints: planned with room for them, certified afterwards, or none."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -9,6 +8,7 @@ import numpy as np
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, VerificationError
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem
 from ccm_opt.solution import SurvivedError
 from ccm_opt.verification.tolerance.error_model import joint_errors
@@ -39,7 +39,7 @@ def planned_for_errors(
     """
     if problem.joint_error == 0.0:
         return attempt(problem)
-    search = _RoomSearch(problem, attempt, settings, time.monotonic() + problem.planner.time_limit)
+    search = _RoomSearch(problem, attempt, settings, Deadline.after(problem.planner.time_limit))
     plan, survived = search.best()
     check = check_of(problem, survived)
     if check.passed:
@@ -55,13 +55,13 @@ class _RoomSearch:
         problem: what to solve.
         attempt: plans, times and verifies a problem.
         settings: which shares are tried.
-        give_up: when to stop, on the monotonic clock [s].
+        deadline: when to stop.
     """
 
     problem: Problem
     attempt: Callable[[Problem], VerifiedPlan]
     settings: Settings
-    give_up: float
+    deadline: Deadline
 
     def best(self) -> tuple[VerifiedPlan, SurvivedError]:
         """The first plan that survives what is asked for, or the best of those found, and the error it survives."""
@@ -80,7 +80,7 @@ class _RoomSearch:
     ) -> tuple[VerifiedPlan, SurvivedError]:
         """The same with shares between one that gave too little and one that found nothing."""
         for _ in range(self.settings.tolerance.refinements):
-            if share == above or time.monotonic() > self.give_up:
+            if share == above or self.deadline.passed():
                 break
             middle = 0.5 * (share + above)
             found = self._found(middle)
@@ -109,7 +109,7 @@ class _RoomSearch:
         return found[1].size >= self.problem.joint_error
 
     def _left(self) -> float:
-        return max(self.give_up - time.monotonic(), self.settings.tolerance.least_time)
+        return max(self.deadline.left, self.settings.tolerance.least_time)
 
 
 def _with_room(problem: Problem, share: float, time_limit: float) -> Problem:

@@ -1,12 +1,11 @@
 """The continuation: follow a guide step by step, then settle on the goal and polish."""
 
-import time
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.step import Stepper, smoothness_terms
@@ -38,17 +37,6 @@ class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
     def __init__(self, message: str, poses: list[Pose]) -> None:
         super().__init__(message)
         self.poses = poses
-
-
-@dataclass(frozen=True)
-class Deadline:
-    """A moment on the monotonic clock [s]."""
-
-    at: float
-
-    def passed(self) -> bool:
-        """Whether it is over."""
-        return time.monotonic() > self.at
 
 
 def follow(stepper: Stepper, guide: Guide, pose: Pose, deadline: Deadline, patience: int | None = None) -> list[Pose]:

@@ -51,7 +51,9 @@ def nothing_found(task: MotionTask, failures: Sequence[Failure]) -> MotionNotFou
     reason += _limits_in_the_way(task, tried)
     if task.deadline.passed():
         return TimeLimitReached(
-            Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence(tried))
+            Diagnosis(
+                f"{task.deadline.what_passed()}: {reason}", "motion", ("raise planner.time_limit",), evidence(tried)
+            )
         )
     advice = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "use a longer arm")
     first = [words for limit in task.user_limits for words in limit.advice]

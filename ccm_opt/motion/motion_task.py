@@ -13,8 +13,8 @@ from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.limit_stack import assembled_limits

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.polyline import arc_lengths
-from ccm_opt.motion.continuation import Deadline, Stalled, settle
+from ccm_opt.motion.continuation import Stalled, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.step import Stepper, smoothness_terms

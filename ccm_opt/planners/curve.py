@@ -4,7 +4,6 @@ Free space and routes (section 4.1 of the paper), a goal configuration of the co
 the certified motion on the links, and a smooth path through joint space.
 """
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
@@ -13,8 +12,8 @@ from scipy.interpolate import BSpline
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.stages import Stages
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.user_limit import UserLimit
@@ -56,7 +55,7 @@ class CurvePlanner:
         Raises:
             NoPlanFound: with the reason and what would help.
         """
-        deadline = Deadline(time.monotonic() + self.settings.planning_share * problem.planner.time_limit)
+        deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
         with self.stages("mapping"):
             ends = resolve_ends(problem, self.settings.motion.ends)
             for limit in self.user_limits:

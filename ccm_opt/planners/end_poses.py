@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose

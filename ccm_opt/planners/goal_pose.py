@@ -8,8 +8,8 @@ import numpy as np
 from ccm_opt.collision.contacts import ContactFinder
 from ccm_opt.collision.walls import Walls
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import Ends
 from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace, nearest_curve

@@ -1,12 +1,12 @@
 """Goals in sequence: a problem with stops is planned leg by leg, each from where the one before came to rest."""
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.errors import Diagnosis, NoPlanFound
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Goal, JointPose, Problem, Start, Tolerances
 from ccm_opt.solution import JointPath
@@ -41,13 +41,12 @@ def plan_legs(problem: Problem, planner: Planner, *, least_time: float = 0.5) ->
     goals.append((problem.goal, problem.tolerances))
 
     start: Start = problem.start
-    began = time.monotonic()
+    deadline = Deadline.after(problem.planner.time_limit)
     legs: list[Leg] = []
     for number, (goal, tolerances) in enumerate(goals, start=1):
         options = problem.planner
         if number > 1:
-            left = options.time_limit - (time.monotonic() - began)
-            options = replace(options, time_limit=max(left, least_time))
+            options = replace(options, time_limit=max(deadline.left, least_time))
         leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
         try:
             path = planner.plan(leg)

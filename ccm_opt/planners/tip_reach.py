@@ -14,9 +14,10 @@ from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.angles import wrap
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.motion.continuation import Deadline, Stalled, settle
+from ccm_opt.motion.continuation import Stalled, settle
 from ccm_opt.motion.ends import clamped_arm, resolve_ends
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.limits.limit import Limit
@@ -31,7 +32,7 @@ from ccm_opt.problem import JointPose, Problem, TipGoal
 
 FREE = -1
 """Stands for a heading that the tip takes by itself, beside the numbers of the headings that are tried."""
-NEVER = Deadline(np.inf)
+NEVER = Deadline.never()
 """Tasks are small; who runs them may stop between them."""
 
 

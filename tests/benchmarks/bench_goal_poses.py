@@ -18,7 +18,6 @@ User CPU of this process. Set OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1.
 import argparse
 import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -28,8 +27,8 @@ import numpy as np
 
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.search import find_motion
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
@@ -84,7 +83,7 @@ def arrival(problem: Problem) -> FloatArray | None:
         return ()
 
     ends = resolve_ends(problem)
-    task = CurvePlanner().motion_task(problem, ends, Deadline(time.monotonic() + problem.planner.time_limit))
+    task = CurvePlanner().motion_task(problem, ends, Deadline.after(problem.planner.time_limit))
     try:
         find_motion(replace(task, end_poses=look_on))
     except NoPlanFound:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.motion.continuation import Deadline
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.limits.clearance_rows import IntervalRows, joined_rows, representatives
 from ccm_opt.motion.limits.limit import Limit, MotionCost

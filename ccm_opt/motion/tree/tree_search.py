@@ -12,7 +12,8 @@ from enum import IntEnum
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.continuation import Deadline, Guide, Stalled, follow, settle
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.motion.continuation import Guide, Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.limits.motion_certificate import IntervalCertificate

@@ -4,7 +4,6 @@ The arm takes the mean heading of the curve on each link plus what the start's o
 keyframe is the start itself. Tips and contacts are those of the arm.
 """
 
-import time
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,6 +15,7 @@ from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import Diagnosis, ProblemError, TimeLimitReached
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.clearance_field import ClearanceField
 from ccm_opt.hill_climbing.world import World
@@ -33,14 +33,14 @@ class Follower:
         problem: with the arm and its workspace.
         ends: start and goal on the links.
         certificate: of moves.
-        deadline: monotonic time at which to stop [s].
+        deadline: when to stop.
         settings: the planner's.
     """
 
     problem: Problem
     ends: Ends
     certificate: Certificate
-    deadline: float
+    deadline: Deadline
     settings: BaselineSettings = DEFAULT_BASELINE
 
     @classmethod
@@ -55,7 +55,7 @@ class Follower:
             UnreachableGoal: start or goal cannot be.
         """
         ends = resolve_ends(problem)
-        deadline = time.monotonic() + settings.planning_share * problem.planner.time_limit
+        deadline = Deadline.after(settings.planning_share * problem.planner.time_limit)
         return cls(problem, ends, _certificate(problem, ends, settings), deadline, settings)
 
     @cached_property
@@ -126,9 +126,8 @@ class Follower:
     @property
     def hurried_world(self) -> World:
         """The world of the schemas for one plan, whose share of the time that is left begins now."""
-        now = time.monotonic()
         # Of the time that is left now, so that late plans have less but every one has some.
-        until = now + self.settings.plan_share * (self.deadline - now)
+        until = Deadline.after(self.settings.plan_share * self.deadline.left)
 
         def passes(here: Shapes, there: Shapes) -> BoolArray:
             look_at_clock(until)
@@ -155,14 +154,14 @@ class Follower:
         )
 
 
-def look_at_clock(deadline: float) -> None:
-    """Do nothing before a monotonic time [s].
+def look_at_clock(deadline: Deadline) -> None:
+    """Do nothing before a deadline.
 
     Raises:
         TimeLimitReached: after it.
     """
-    if time.monotonic() > deadline:
-        raise TimeLimitReached(Diagnosis("the time limit passed", "hill climbing", ("raise planner.time_limit",)))
+    if deadline.passed():
+        raise TimeLimitReached(Diagnosis(deadline.what_passed(), "hill climbing", ("raise planner.time_limit",)))
 
 
 def _certificate(problem: Problem, ends: Ends, settings: BaselineSettings) -> Certificate:

@@ -1,6 +1,5 @@
 """The planner of 1990: one plan after the other until one arrives, then a smooth, certified path through its steps."""
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -93,7 +92,7 @@ def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
         except TimeLimitReached as late:
             # A plan that has made no step yet is still selecting a segment type.
             last_schema = steps[-1].schema if steps else "SCM-1"
-            if time.monotonic() > follower.deadline:
+            if follower.deadline.passed():
                 stops.append(_Stop(name, last_schema, f"the time limit passed after {last_schema}"))
                 raise TimeLimitReached(_diagnosis("no plan arrived in time", stops)) from late
             stops.append(_Stop(name, last_schema, f"its share of the time passed after {last_schema}"))

@@ -1,6 +1,5 @@
 """The planner of arms on a feed axis: follow the leader into the room beyond the hole, change shape where need be."""
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import product
@@ -8,8 +7,8 @@ from itertools import product
 from scipy.interpolate import BSpline
 
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.stages import Stages
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.feed.leader_paths import LeaderPaths, Reach
@@ -41,7 +40,7 @@ class FeedPlanner:
         """
         if problem.arm.feed is None:
             raise ProblemError("the feed planner needs an arm with arm.feed, got one whose base is fixed")
-        deadline = Deadline(time.monotonic() + self.settings.planning_share * problem.planner.time_limit)
+        deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
         with self.stages("mapping"):
             query = FeedQuery.from_problem(problem, problem.arm.feed, deadline, self.settings)
         with self.stages("motion"):
@@ -67,11 +66,10 @@ class _FeedSearch:
     def __post_init__(self) -> None:
         problem = self.query.problem
         settings = self.query.settings
-        until = time.monotonic() + settings.following_share * problem.planner.time_limit
         self.leader_paths = None
         if isinstance(problem.goal, TipGoal):
             # What following may use up leaves time for changes of shape.
-            deadline = Deadline(min(self.query.deadline.at, until))
+            deadline = self.query.deadline.within(settings.following_share * problem.planner.time_limit)
             self.leader_paths = LeaderPaths(problem, problem.goal, deadline, settings)
 
     def run(self) -> JointPath:
@@ -171,7 +169,9 @@ class _FeedSearch:
         reason = f"no motion found along {found} leaders' paths, {len(self.refused)} motions could not be certified"
         evidence: dict[str, object] = {"refused": refused[: self.query.settings.refusals_listed]}
         if self.query.deadline.passed():
-            slow = Diagnosis(f"time limit reached: {reason}", "motion", ("raise planner.time_limit",), evidence)
+            slow = Diagnosis(
+                f"{self.query.deadline.what_passed()}: {reason}", "motion", ("raise planner.time_limit",), evidence
+            )
             return TimeLimitReached(slow)
         advice = ("raise planner.routes", "use a smaller radius or clearance", "widen arm.feed.range")
         return MotionNotFound(Diagnosis(reason, "motion", advice, evidence))

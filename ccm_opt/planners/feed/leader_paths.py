@@ -18,10 +18,10 @@ from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.polyline import path_length
 from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.jointed.arm import Arm, Feed
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings

@@ -8,9 +8,9 @@ import shapely
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.search import find_motion
 from ccm_opt.planners.curve import CurvePlanner

@@ -1,13 +1,11 @@
 """Motions from the start to the end of a leader's path: by following alone, or with a change of shape on the way."""
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.continuation import Deadline
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.reshaping import Reshaping
 from ccm_opt.planners.following.leader import LeaderPath
@@ -179,8 +177,8 @@ def _to_feed(query: FeedQuery, feed: float) -> FloatArray | None:
 
 def _reshaper(query: FeedQuery) -> Reshaping:
     """Changes of shape, none of which may use up all the time."""
-    until = time.monotonic() + query.settings.reshaping_share * query.problem.planner.time_limit
-    return Reshaping(query.problem, Deadline(min(query.deadline.at, until)), query.settings)
+    deadline = query.deadline.within(query.settings.reshaping_share * query.problem.planner.time_limit)
+    return Reshaping(query.problem, deadline, query.settings)
 
 
 def _pinned(query: FeedQuery, keyframes: FloatArray) -> FloatArray:
