@@ -4,9 +4,12 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from ccm_opt.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.motion.failures import Failure, evidence, nothing_found
+from ccm_opt.motion.failures import Failure, StrategyInVain, evidence, nothing_found
+from ccm_opt.motion.search import find_motion
 from tests.scenes import clutter, motion_task
 
 
@@ -16,13 +19,14 @@ def failure(name: str, remaining: float, wall: str) -> Failure:
     return Failure(name, "the tip stopped", f"link 3 and {wall}, gap 1.00 mm", remaining, "", (3, wall, 1e-3), headings)
 
 
+EXHAUSTED = (StrategyInVain("candidates", 3, exhausted=True), StrategyInVain("trees", 1, exhausted=True))
 FAILURES = [failure("far", 0.4, "'post'"), failure("near", 0.1, "'door'"), failure("middle", 0.2, "'post'")]
 
 
 def test_the_best_candidate_speaks_for_all() -> None:
     """The reason names the candidate that came nearest, how near, and what was tightest there."""
     task = motion_task(clutter(1, 5).problem())
-    error = nothing_found(task, FAILURES)
+    error = nothing_found(task, FAILURES, EXHAUSTED)
     assert "3 candidates; the best (near) ended with the tip 100 mm" in error.diagnosis.reason
     assert "'door'" in error.diagnosis.reason
 
@@ -37,9 +41,30 @@ def test_evidence_is_ranked_and_plain() -> None:
     assert plain["nearest_pose"] == [0.1] * 24
 
 
+def test_what_was_exhausted_is_said() -> None:
+    """When every strategy is exhausted the failure is none of time, and words and record say how much was tried."""
+    error = nothing_found(motion_task(clutter(1, 5).problem()), FAILURES, EXHAUSTED)
+    assert isinstance(error, MotionNotFound)
+    assert error.diagnosis.reason.endswith("; exhausted: candidates (3 attempts), trees (1 attempt)")
+    strategies = json.loads(json.dumps(error.diagnosis.evidence["strategies"]))
+    assert strategies[0] == {"name": "candidates", "attempts": 3, "exhausted": True}
+
+
 def test_time_limit_is_said() -> None:
-    """After the deadline the error is TimeLimitReached, with the same evidence."""
+    """A strategy that the time cut short makes the failure one of time, with the same evidence and what was cut."""
     task = replace(motion_task(clutter(1, 5).problem()), deadline=Deadline.after(0.0))
-    error = nothing_found(task, FAILURES)
-    assert type(error).__name__ == "TimeLimitReached"
+    error = nothing_found(task, FAILURES, (EXHAUSTED[0], StrategyInVain("trees", 0, exhausted=False)))
+    assert isinstance(error, TimeLimitReached)
     assert error.diagnosis.evidence["in_the_way"] == {"'post'": 2, "'door'": 1}
+    assert "exhausted: candidates (3 attempts); cut short: trees (nothing tried)" in error.diagnosis.reason
+
+
+def test_a_search_in_vain_lists_its_strategies() -> None:
+    """Every strategy that applies stands in the record, in turn; without time none is called exhausted."""
+    task = replace(motion_task(clutter(1, 5).problem()), deadline=Deadline.after(0.0))
+    with pytest.raises(TimeLimitReached) as caught:
+        find_motion(task)
+    listed = caught.value.diagnosis.evidence["strategies"]
+    assert isinstance(listed, list)
+    assert [each["name"] for each in listed] == ["candidates", "trees"]
+    assert not any(each["exhausted"] for each in listed)

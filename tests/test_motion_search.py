@@ -148,7 +148,7 @@ def test_a_detour_is_cut_short() -> None:
 def test_without_time_the_motion_stays_as_it_is() -> None:
     """Past the deadline optimising returns the motion it was given."""
     task, motion = planned("clutter 4")
-    assert optimise(motion, replace(task, deadline=Deadline(0.0))) is motion
+    assert optimise(motion, replace(task, deadline=Deadline.after(0.0))) is motion
 
 
 @pytest.mark.parametrize("name", ["clutter 1", "clutter 4"])
@@ -253,7 +253,7 @@ def test_the_time_limit_ends_the_search() -> None:
     """A deadline that has passed, or a time limit too short to plan in, ends in TimeLimitReached with that advice."""
     task = motion_task(clutter(5, 40).problem())
     with pytest.raises(TimeLimitReached, match="time limit") as caught:
-        find_motion(replace(task, deadline=Deadline(0.0)))
+        find_motion(replace(task, deadline=Deadline.after(0.0)))
     assert "raise planner.time_limit" in caught.value.diagnosis.advice
     with pytest.raises(TimeLimitReached):
         CurvePlanner().plan(clutter(5, 40).problem(time_limit=1e-6))

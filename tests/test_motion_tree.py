@@ -149,6 +149,14 @@ def test_trees_that_reach_nothing_new_end_before_the_time_limit() -> None:
         find_motion(replace(task, deadline=later(900.0)), NO_CANDIDATES)
 
 
+def test_trees_are_given_up_by_count_and_not_by_the_clock() -> None:
+    """However much time is left, a search ends after as many extensions as its settings allow, and says so."""
+    task = replace(motion_task(clutter(5, 40).problem()), deadline=later(900.0))
+    settings = replace(task.settings, tree=replace(DEFAULT_TREES, most_extensions=3))
+    with pytest.raises(Stalled, match="grown by all of 3 extensions"):
+        search_by_trees(tree_task(replace(task, settings=settings)))
+
+
 def boxed_in() -> Scene:
     """A straight arm that fills a duct of 34 mm; the goal lies in a branch off its beginning."""
     arm = make_arm()

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -35,8 +35,31 @@ class Failure:
     headings: FloatArray
 
 
-def nothing_found(task: MotionTask, failures: Sequence[Failure]) -> MotionNotFound | TimeLimitReached:
-    """The error that says why no motion was found."""
+@dataclass(frozen=True)
+class StrategyInVain:
+    """How far a strategy was tried that found nothing.
+
+    Attributes:
+        name: of the strategy.
+        attempts: that it made, each of which failed.
+        exhausted: whether all was tried that it has; else the time passed first.
+    """
+
+    name: str
+    attempts: int
+    exhausted: bool
+
+
+def nothing_found(
+    task: MotionTask, failures: Sequence[Failure], strategies: Sequence[StrategyInVain]
+) -> MotionNotFound | TimeLimitReached:
+    """The error that says why no motion was found.
+
+    Args:
+        task: what was looked for.
+        failures: of every attempt.
+        strategies: that were tried, in turn.
+    """
     tried = sorted(failures, key=lambda f: f.remaining)
     trees = [f.message for f in failures if f.candidate == TREES]
     if tried:
@@ -49,15 +72,26 @@ def nothing_found(task: MotionTask, failures: Sequence[Failure]) -> MotionNotFou
     else:
         reason = "no motion found: there is no path of the tip that the arm is long enough for"
     reason += _limits_in_the_way(task, tried)
-    if task.deadline.passed():
-        return TimeLimitReached(
-            Diagnosis(
-                f"{task.deadline.what_passed()}: {reason}", "motion", ("raise planner.time_limit",), evidence(tried)
-            )
-        )
+    reason += _how_far(strategies)
+    figures = {**evidence(tried), "strategies": [asdict(each) for each in strategies]}
+    if any(not each.exhausted for each in strategies):
+        reason = f"{task.deadline.what_passed()}: {reason}"
+        return TimeLimitReached(Diagnosis(reason, "motion", ("raise planner.time_limit",), figures))
     advice = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "use a longer arm")
     first = [words for limit in task.user_limits for words in limit.advice]
-    return MotionNotFound(Diagnosis(reason, "motion", (*first, *advice), evidence(tried)))
+    return MotionNotFound(Diagnosis(reason, "motion", (*first, *advice), figures))
+
+
+def _how_far(strategies: Sequence[StrategyInVain]) -> str:
+    """Which strategies were exhausted, and which the time cut short, in words."""
+    exhausted = [f"{each.name} ({_attempts(each)})" for each in strategies if each.exhausted]
+    cut_short = [f"{each.name} ({_attempts(each)})" for each in strategies if not each.exhausted]
+    words = f"; exhausted: {', '.join(exhausted)}" if exhausted else ""
+    return f"{words}; cut short: {', '.join(cut_short)}" if cut_short else words
+
+
+def _attempts(strategy: StrategyInVain) -> str:
+    return {0: "nothing tried", 1: "1 attempt"}.get(strategy.attempts, f"{strategy.attempts} attempts")
 
 
 def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:

@@ -5,7 +5,7 @@ links, they are planned on their own links.
 """
 
 from ccm_opt.motion.ending import optimised_to_end_pose
-from ccm_opt.motion.failures import Failure, nothing_found
+from ccm_opt.motion.failures import Failure, StrategyInVain, nothing_found
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
@@ -26,11 +26,13 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         TimeLimitReached: the deadline passed first.
     """
     failures: list[Failure] = []
+    in_vain: list[StrategyInVain] = []
     nominal_links = nominal_links_asked(task)
     coarse = coarsened(task, task.settings.search.design_links) if _planned_coarsely(task, nominal_links) else None
     for strategy in strategies:
         if not strategy.applies(task):
             continue
+        before = len(failures)
         if coarse is not None:
             # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.
             found = strategy.find(coarse, failures, NOMINAL_LINKS)
@@ -40,7 +42,8 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         motion = strategy.find(task, failures, nominal_links)
         if motion is not None:
             return optimised_to_end_pose(motion, task)
-    raise nothing_found(task, failures)
+        in_vain.append(StrategyInVain(strategy.name, len(failures) - before, not task.deadline.passed()))
+    raise nothing_found(task, failures, in_vain)
 
 
 def _planned_coarsely(task: MotionTask, nominal_links: float) -> bool:

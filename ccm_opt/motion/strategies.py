@@ -16,6 +16,11 @@ from ccm_opt.motion.tree.tree_search import TREES, search_by_trees
 class SearchStrategy(Protocol):
     """One way to look for a motion."""
 
+    @property
+    def name(self) -> str:
+        """For the record of a search in vain."""
+        ...
+
     def applies(self, task: MotionTask) -> bool:
         """Whether the strategy can find motions for a task."""
         ...
@@ -34,6 +39,8 @@ class SearchStrategy(Protocol):
 @dataclass(frozen=True)
 class PortfolioStrategy:
     """The candidates of the portfolio with one planning margin after another."""
+
+    name: str = "candidates"
 
     def applies(self, task: MotionTask) -> bool:
         """Candidates do not know how far along the motion they are."""
@@ -56,6 +63,8 @@ class TrackingStrategy:
 
     Where candidates fail under limits that do not depend on it, tracking is another way to keep them.
     """
+
+    name: str = "tracking"
 
     def applies(self, task: MotionTask) -> bool:
         """There must be something to track under."""
@@ -81,6 +90,8 @@ class TrackingStrategy:
 @dataclass(frozen=True)
 class TreeStrategy:
     """Trees of poses from both ends, until the deadline or until they reach nothing new."""
+
+    name: str = TREES
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of a tree do not know how far along the motion they are."""

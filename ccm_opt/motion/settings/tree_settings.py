@@ -53,6 +53,8 @@ class TreeSettings:
         heading_weight: of a radian of heading against the length of the arm in the distance of two poses. Taste.
         node_interval: least number of steps between two nodes of one extension. Taste.
         saturated: extensions in a row that add no node before the search is given up. Taste.
+        most_extensions: extensions in all before the search is given up, however much time is left, so that what is
+            found does not depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201.
         connections: nodes of the other tree that a new node is connected to, nearest first. Taste.
         root_interval: extensions between two new poses at the goal. Taste.
         settling_distance: a tip nearer to its goal than this is drawn onto it, in nominal links. Derived: twice the
@@ -67,6 +69,7 @@ class TreeSettings:
     heading_weight: float = 0.1
     node_interval: int = 10
     saturated: int = 80
+    most_extensions: int = 400
     connections: int = 1
     root_interval: int = 40
     settling_distance: float = 3.0

@@ -124,6 +124,7 @@ class TreeSearch:
         trees: from the start, and from poses at the goal.
         samplers: of their extensions.
         rejected: extensions since the last that added a node.
+        extensions: tried so far.
         found: poses from start to goal, empty as long as there are none.
     """
 
@@ -132,6 +133,7 @@ class TreeSearch:
     trees: tuple[PoseTree, PoseTree]
     samplers: tuple[ExtensionSampler, ExtensionSampler]
     rejected: int = 0
+    extensions: int = 0
     found: list[Pose] = field(default_factory=list)
 
     @classmethod
@@ -154,14 +156,18 @@ class TreeSearch:
 
     def run(self) -> None:
         """Extend the trees in turn."""
-        settings = self.task.settings
-        turn = 0
-        while not self.found and not self.task.deadline.passed() and self.rejected < settings.saturated:
-            if turn % settings.root_interval == 0:
+        while not self.found and not self.task.deadline.passed() and not self._exhausted:
+            if self.extensions % self.task.settings.root_interval == 0:
                 self._draw_root()
-            side = turn % 2 if len(self.trees[_Root.GOAL]) else _Root.START
+            side = self.extensions % 2 if len(self.trees[_Root.GOAL]) else _Root.START
             self._extend(side)
-            turn += 1
+            self.extensions += 1
+
+    @property
+    def _exhausted(self) -> bool:
+        """Whether the trees reach nothing new, or are as large as they may become."""
+        settings = self.task.settings
+        return self.rejected >= settings.saturated or self.extensions >= settings.most_extensions
 
     def _draw_root(self) -> None:
         """Add a pose at the goal, if there is another, and try to reach it at once."""
@@ -271,8 +277,13 @@ class TreeSearch:
 
     def ended(self) -> str:
         """Why the growth ended, in words."""
-        limit = "the time limit" if self.task.deadline.passed() else "they reached nothing new"
-        return f"trees of {sum(len(tree) for tree in self.trees)} poses were grown until {limit}"
+        if self.rejected >= self.task.settings.saturated:
+            limit = "until they reached nothing new"
+        elif self._exhausted:
+            limit = f"by all of {self.extensions} extensions"
+        else:
+            limit = "until the time limit"
+        return f"trees of {sum(len(tree) for tree in self.trees)} poses were grown {limit}"
 
     def nearest_to_goal(self) -> Pose:
         """The pose reached from the start whose tip is nearest to the goal."""
