@@ -131,6 +131,11 @@ class Diagnosis:
     findings: tuple[Finding, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
 
+    @property
+    def proved(self) -> bool:
+        """Whether it is proved that there is no plan; else none was found."""
+        return any(finding.proved for finding in self.findings)
+
     def __str__(self) -> str:
         others = [finding for finding in self.findings if finding.reason != self.reason]
         also = [f"  {'also' if finding.proved else 'perhaps'}: {finding.reason}" for finding in others]
@@ -139,16 +144,18 @@ class Diagnosis:
 
 
 class NoPlanFound(CcmError):  # noqa: N818 - it names a result, not a defect
-    """The problem is sound but no plan was found; ``diagnosis`` says why.
+    """The problem is sound but no plan was found; ``diagnosis`` says why."""
 
-    ``status`` is the word written to ``solution.json``.
-    """
-
-    status = "infeasible"
+    unproved_status = "no plan found"
 
     def __init__(self, diagnosis: Diagnosis) -> None:
         self.diagnosis = diagnosis
         super().__init__(str(diagnosis))
+
+    @property
+    def status(self) -> str:
+        """What is written to ``solution.json``: infeasible only where a finding proves it."""
+        return "infeasible" if self.diagnosis.proved else self.unproved_status
 
 
 class UnreachableGoal(NoPlanFound):
@@ -166,7 +173,7 @@ class MotionNotFound(NoPlanFound):
 class TimeLimitReached(NoPlanFound):
     """The time limit passed before a plan was found."""
 
-    status = "timed-out"
+    unproved_status = "timed-out"
 
 
 class RetimingError(NoPlanFound):

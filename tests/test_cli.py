@@ -16,13 +16,21 @@ from typer.testing import CliRunner
 from ccm_opt import __version__
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.outcome import run_all
-from ccm_opt.errors import ConfigurationNotFound, Diagnosis, TimeLimitReached, UnreachableGoal, VerificationError
+from ccm_opt.errors import (
+    ConfigurationNotFound,
+    Diagnosis,
+    Finding,
+    TimeLimitReached,
+    UnreachableGoal,
+    VerificationError,
+)
 from ccm_opt.problem import Problem
 from ccm_opt.solution import SimulationOutcome, SimulationVerdict, Solution
 
 from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution
 
 Progress = Callable[[str], None]
+PROOF = Finding("too short", "the goal is out of reach")
 
 
 def run(*arguments: object) -> tuple[int, str]:
@@ -228,13 +236,14 @@ def test_what_would_help_is_printed(problem_path: Path, tmp_path: Path, monkeypa
 @pytest.mark.parametrize(
     ("error", "code", "status"),
     [
-        (ConfigurationNotFound(Diagnosis("every corridor failed", "configuration")), 3, "infeasible"),
-        (UnreachableGoal(Diagnosis("the goal is out of reach", "necessary checks")), 3, "infeasible"),
+        (ConfigurationNotFound(Diagnosis("every corridor failed", "configuration")), 3, "no plan found"),
+        (UnreachableGoal(Diagnosis("no way", "necessary checks", findings=(PROOF,))), 3, "infeasible"),
+        (TimeLimitReached(Diagnosis("60 s have passed", "motion", findings=(PROOF,))), 3, "infeasible"),
         (TimeLimitReached(Diagnosis("60 s have passed", "motion")), 3, "timed-out"),
-        (VerificationError(["wall clearance: -1 mm"]), 3, "infeasible"),
+        (VerificationError(["wall clearance: -1 mm"]), 3, "no plan found"),
         (KeyboardInterrupt(), 130, "cancelled"),
     ],
-    ids=["no plan", "unreachable", "timed out", "refused", "cancelled"],
+    ids=["no plan", "proved", "timed out but proved", "timed out", "refused", "cancelled"],
 )
 def test_a_search_without_a_plan_leaves_its_diagnosis(
     problem_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, status: str

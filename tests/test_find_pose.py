@@ -164,7 +164,7 @@ def test_the_command_leaves_a_record_where_there_is_no_pose(files: Path) -> None
     folder = files / "out" / "small"
     assert [file.name for file in folder.iterdir()] == ["pose.json"]
     record = json.loads((folder / "pose.json").read_text())
-    assert record["status"] == "infeasible"
+    assert record["status"] == "no plan found"
     assert "elbow too far" in record["diagnosis"]["reason"]
 
 

@@ -9,6 +9,7 @@ import pytest
 import shapely
 
 from ccm_opt.collision.certificate import Certificate
+from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
@@ -209,10 +210,13 @@ def boxed_goal(opening: float) -> Scene:
 
 
 def test_a_closed_box_round_the_goal_is_unreachable() -> None:
-    """The planner says before any search that no route leads to the goal, and gives advice."""
-    with pytest.raises(UnreachableGoal, match="no route from the base to the goal") as caught:
-        CurvePlanner().plan(boxed_goal(0.0).problem(TipGoal(np.array([0.7, 0.0]))))
-    assert caught.value.diagnosis.stage == "free space"
+    """What is proved is refused before any search; without a proof the planner only says that it found nothing."""
+    closed = boxed_goal(0.0).problem(TipGoal(np.array([0.7, 0.0])))
+    with pytest.raises(UnreachableGoal, match="'box' closes it off"):
+        CurvePlanner(refuse=refuse_closed).plan(closed)
+    with pytest.raises(MotionNotFound, match="no route to the goal was found") as caught:
+        CurvePlanner().plan(closed)
+    assert caught.value.status == "no plan found"
     assert caught.value.diagnosis.advice
 
 
@@ -220,7 +224,7 @@ def test_a_slot_that_is_too_narrow_is_no_way() -> None:
     """A slot narrower than the arm is as good as none; one four times as wide lets the arm in."""
     goal = TipGoal(np.array([0.7, 0.0]), 0.0)
     with pytest.raises(UnreachableGoal, match=r"diameter 30\.0 mm"):
-        CurvePlanner().plan(boxed_goal(0.028).problem(goal))
+        CurvePlanner(refuse=refuse_closed).plan(boxed_goal(0.028).problem(goal))
     scene = boxed_goal(0.12)
     motion = find_motion(motion_task(scene.problem(goal)))
     assert least_gap(scene.arm, scene.workspace, motion.headings) > 0.0
@@ -229,7 +233,7 @@ def test_a_slot_that_is_too_narrow_is_no_way() -> None:
 def test_a_search_without_candidates_says_so() -> None:
     """Without any path of the tip and without a guess there is nothing to try, and that is the reason given."""
     task = motion_task(clutter(4).problem())
-    with pytest.raises(MotionNotFound, match="no path of the tip") as caught:
+    with pytest.raises(MotionNotFound, match="no route to the goal was found") as caught:
         find_motion(replace(task, tip_paths=(), guesses=()))
     assert caught.value.diagnosis.stage == "motion"
 

@@ -31,7 +31,7 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock) -> Iterato
         raise
     except VerificationError as error:
         diagnosis = Diagnosis("the verifier refuses the plan: " + "; ".join(error.failures), "verification")
-        write_failure(problem, "infeasible", diagnosis, out, clock.timings)
+        write_failure(problem, NoPlanFound.unproved_status, diagnosis, out, clock.timings)
         raise
     except CancelledWithPlan as cancelled:
         write_solution(cancelled.solution, out)

@@ -24,10 +24,26 @@ def refuse_impossible(problem: Problem) -> None:
     _refuse(ranked(failed(problem, AT_ONCE)))
 
 
+def refuse_closed(problem: Problem) -> None:
+    """Refuse a problem of which any of the necessary checks proves that it has no plan.
+
+    Raises:
+        UnreachableGoal: with the findings.
+    """
+    _refuse(ranked(failed(problem)))
+
+
 def _refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
     """Raise what is found, the first finding as the reason; nothing found, nothing raised."""
     if findings:
         raise UnreachableGoal(Diagnosis(f"{goal}{findings[0].reason}", "necessary checks", findings=findings))
+
+
+def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
+    """The same error with what proves that there is no plan, if anything does; no change of the problem is tried."""
+    findings = error.diagnosis.findings or ranked(failed(problem))
+    reason = findings[0].reason if findings else error.diagnosis.reason
+    return type(error)(replace(error.diagnosis, reason=reason, findings=findings))
 
 
 def explained(problem: Problem, error: NoPlanFound, trials: Trials) -> NoPlanFound:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from ccm_opt.diagnosis.explain import explained, refuse_impossible
+from ccm_opt.diagnosis.explain import explained, refuse_impossible, with_proof
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
@@ -94,8 +94,10 @@ def solve(
         plan, cost_share = planned_with_costs(problem, None if planner else terms, attempt, numbers)
     except NoPlanFound as failure:
         # What a motion survives is explained already, and further searches would not know of it.
-        if not explain or failure.diagnosis.stage == STAGE:
+        if failure.diagnosis.stage == STAGE:
             raise
+        if not explain:
+            raise with_proof(problem, failure) from failure
 
         def solve_changed(changed: Problem) -> object:
             """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""

@@ -1,5 +1,6 @@
 """Which planner a problem is given to when the user brings none."""
 
+from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.stages import Stages
@@ -25,4 +26,4 @@ def default_planner(
         return HillClimbingPlanner(stages, settings.hill_climbing)
     if problem.arm.base_axes:
         return FeedPlanner(stages, settings.feed)
-    return CurvePlanner(stages, terms, settings.curve)
+    return CurvePlanner(stages, terms, refuse_closed, settings.curve)

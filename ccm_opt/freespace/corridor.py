@@ -28,11 +28,13 @@ class Route:
         sleeve: indices of the triangles crossed, in order, without immediate returns.
         taut: the shortest path of the class, a polyline, shape (k, 2) [m].
         length: of ``taut`` [m].
+        heading: that is asked for at its end [rad], or None.
     """
 
     sleeve: tuple[int, ...]
     taut: FloatArray
     length: float
+    heading: float | None = None
 
 
 @dataclass(frozen=True)

@@ -51,16 +51,31 @@ def resolve_ends(problem: Problem, settings: EndSettings = DEFAULT_ENDS) -> Ends
     refuse_bad_pose(arm, problem.workspace, start, "start", settings.reach)
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
-        share = settings.tolerance_share
-        near_enough = (share * problem.tolerances.position, share * problem.tolerances.heading)
-        goal = GoalPose(aim(problem, problem.goal, settings), problem.goal.heading, near_enough=near_enough)
-        return Ends(start, goal, None, clamped)
+        return Ends(start, tip_goal(problem, problem.goal, settings), None, clamped)
     headings = _headings(problem, problem.goal)
     # A base that is clamped at the start is so at the goal only if it has not turned.
     at_goal = arm if headings[0] == start[0] else problem.arm
     refuse_bad_pose(at_goal, problem.workspace, headings, "goal", settings.reach)
     tip = arm.joint_positions(headings)[-1]
     return Ends(start, GoalPose(tip, float(headings[-1])), headings, clamped)
+
+
+def tip_goal(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -> GoalPose:
+    """A goal for the tip as planning takes it: a place and a heading to be met exactly, or a set with room in it.
+
+    A tolerance as small as a precision leaves the goal a point, which is met exactly where that can be; a wider one
+    makes it a set, of which any member will do.
+    """
+    allowed = problem.tolerances
+    # Whoever may turn by half a turn either way may point anywhere.
+    heading = None if allowed.heading >= np.pi else goal.heading
+    wide = allowed.position > settings.precise_place * problem.arm.length
+    turning = heading is not None and allowed.heading > settings.precise_turn
+    room = (settings.room_used * allowed.position * wide, settings.room_used * allowed.heading * turning)
+    spare = (settings.tolerance_share * allowed.position, settings.tolerance_share * allowed.heading)
+    near_enough = (0.0 if wide else spare[0], 0.0 if turning else spare[1])
+    position = goal.position if wide else aim(problem, goal, settings)
+    return GoalPose(position, heading, room=room, near_enough=near_enough)
 
 
 def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -> FloatArray:

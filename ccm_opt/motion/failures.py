@@ -70,7 +70,7 @@ def nothing_found(
             f"{1e3 * best.remaining:.0f} mm from the goal: {best.message}; tightest there: {best.obstacle}"
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
     else:
-        reason = "no motion found: there is no path of the tip that the arm is long enough for"
+        reason = "no motion found: no route to the goal was found that the arm is thin and long enough for"
     reason += _limits_in_the_way(task, tried)
     reason += _how_far(strategies)
     figures = {**evidence(tried), "strategies": [asdict(each) for each in strategies]}

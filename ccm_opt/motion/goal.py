@@ -1,6 +1,6 @@
 """The goal as the continuation sees it: tip position, tip heading if any, or a whole-arm pose."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ class GoalPose:
         position: of the tip, shape (2,) [m].
         heading: of the tip [rad], or None.
         coordinates: of a whole-arm goal in the link space, or None.
+        room: distance [m] and turn [rad] by which every pose may miss the position and the heading: then the goal is
+            a set, and any member of it will do. Nothing for a goal that is to be met exactly.
         near_enough: distance [m] and turn [rad] that still count where no pose meets the goal exactly.
         limits: what else has to be met at the goal; usually nothing.
         settings: numbers.
@@ -29,13 +31,37 @@ class GoalPose:
     position: FloatArray
     heading: float | None
     coordinates: FloatArray | None = None
+    room: tuple[float, float] = (0.0, 0.0)
     near_enough: tuple[float, float] = (0.0, 0.0)
     limits: tuple[Limit, ...] = ()
     settings: GoalSettings = field(default_factory=GoalSettings)
 
+    @property
+    def is_set(self) -> bool:
+        """Whether there is more than one place or heading that will do."""
+        return self.room[0] > 0.0 or (self.heading is not None and self.room[1] > 0.0)
+
+    def nearest_member(self, tip: FloatArray, heading: float) -> "GoalPose":
+        """The goal less its room: of a set the member nearest to a tip, shape (2,) [m], and its heading [rad]."""
+        if not self.is_set:
+            return self
+        turned = None if self.heading is None else heading + self._turn_from(heading)
+        return replace(self, position=tip + self._offset_from(tip), heading=turned, room=(0.0, 0.0))
+
+    def offset(self, pose: Pose) -> FloatArray:
+        """From the tip to the nearest place that will do, shape (2,) [m]; zero within the room about the position."""
+        return self._offset_from(pose.points[-1])
+
+    def _offset_from(self, tip: FloatArray) -> FloatArray:
+        towards = self.position - tip
+        distance = float(np.hypot(*towards))
+        if distance <= self.room[0]:
+            return np.zeros(2)
+        return np.asarray(towards * (1.0 - self.room[0] / distance))
+
     def errors(self, pose: Pose) -> tuple[float, float]:
         """Distance [m] and turn [rad] still to go; for a whole-arm goal the largest turn of any link."""
-        return float(np.hypot(*(self.position - pose.points[-1]))), abs(self.turn(pose))
+        return float(np.hypot(*self.offset(pose))), abs(self.turn(pose))
 
     def met(self, pose: Pose) -> bool:
         """Whether a pose is near enough."""
@@ -55,32 +81,58 @@ class GoalPose:
         return "; ".join(words for limit in self.limits if (words := limit.describe(pose.headings)))
 
     def turn(self, pose: Pose) -> float:
-        """Signed turn of the tip to the goal heading, the short way [rad]; 0 without a goal heading."""
+        """Signed turn of the tip to the nearest heading that will do, the short way [rad]; 0 where any will."""
+        return self._turn_from(float(pose.headings[-1]))
+
+    def _turn_from(self, heading: float) -> float:
         if self.heading is None:
             return 0.0
-        return float(wrap(self.heading - pose.headings[-1]))
+        turn = float(wrap(self.heading - heading))
+        return float(np.copysign(max(abs(turn) - self.room[1], 0.0), turn))
 
     def terms(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, weight: float) -> list[Term]:
         """What draws the tip onto the goal."""
         settings = self.settings
         unit = space.nominal_length
-        error = self.position - pose.points[-1]
+        error = self._inwards(pose)
         # A far goal is asked for a stretch at a time: beyond that the linearised tip says nothing of use.
         error = error * min(1.0, settings.distance_step * unit / max(float(np.hypot(*error)), TINY))
-        terms = [Term(jacobians[-1] / unit, error / unit, weight)]
-        if self.heading is not None:
-            step = np.clip(self.turn(pose), -settings.heading_step, settings.heading_step)
+        terms = []
+        if self.room[0] == 0.0 or np.any(error):
+            terms.append(Term(jacobians[-1] / unit, error / unit, weight))
+        turn = self.turn(pose)
+        if self.heading is not None and (self.room[1] == 0.0 or turn != 0.0):
+            # Some way into the range, or the tip would only creep up to its edge.
+            turn += np.copysign(settings.inwards * self.room[1], turn)
+            step = np.clip(turn, -settings.heading_step, settings.heading_step)
             terms.append(Term(space.matrix[-1:], np.array([step]), settings.heading_weight * weight))
         for limit in self.limits:
             rows, wanted = limit.mending(space, pose.headings, settings.heading_step)
             terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
         return terms
 
+    def _inwards(self, pose: Pose) -> FloatArray:
+        """From a tip outside the room about the position to a place some way inside it, shape (2,) [m]."""
+        offset = self.offset(pose)
+        distance = float(np.hypot(*offset))
+        return offset if distance == 0.0 else offset * (1.0 + self.settings.inwards * self.room[0] / distance)
+
     def tip_equations(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Rows of the tip that the polish solves, shape (k, p), and by how much they have to change, shape (k,)."""
-        error = np.append(self.position - pose.points[-1], self.turn(pose))
-        rows = np.vstack((space.jacobians(pose.headings)[-1], space.matrix[-1:]))
-        return (rows[:2], error[:2]) if self.heading is None else (rows, error)
+        """Rows of the tip that the polish solves, shape (k, p), and by how much they have to change, shape (k,).
+
+        A place and a heading within the room ask for nothing: they have no rows.
+        """
+        rows = [np.zeros((0, space.matrix.shape[1]))]
+        errors = [np.zeros(0)]
+        offset = self.offset(pose)
+        if self.room[0] == 0.0 or np.any(offset):
+            rows.append(space.jacobians(pose.headings)[-1])
+            errors.append(offset)
+        turn = self.turn(pose)
+        if self.heading is not None and (self.room[1] == 0.0 or turn != 0.0):
+            rows.append(space.matrix[-1:])
+            errors.append(np.array([turn]))
+        return np.vstack(rows), np.concatenate(errors)
 
 
 def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
@@ -97,7 +149,7 @@ def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
             missed, change = limit.missed(space, pose.headings)
             rows = np.vstack((rows, missed))
             error = np.append(error, change)
-        if np.max(np.abs(error)) < goal.settings.polish_tolerance:
+        if np.max(np.abs(error), initial=0.0) < goal.settings.polish_tolerance:
             break
         # min ½ δᵀ M δ subject to J δ = e: δ = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ e.
         spread = np.linalg.solve(space.metric, rows.T)

@@ -52,17 +52,19 @@ def gap_beside_arm(task: MotionTask) -> float:
     arm = task.arm
     walls = Walls.from_workspace(task.workspace)
     samples = task.settings.guides.passages.samples
-    half_widths = [
-        0.5 * float(passage_widths(walls, path.taut, arm.length, samples).min())
-        for path in task.tip_paths
-        if path.length > 0.0
-    ]
-    if not half_widths:
-        return 0.0
-    # With a wider margin than it has at the goal the tip would never arrive.
-    tip = shapely.Point(task.goal.position)
-    at_goal = min(float(shapely.distance(tip, wall.core)) - wall.rounding for wall in task.workspace.walls)
-    return min(max(half_widths), at_goal) - (arm.radius + task.workspace.clearance)
+    rooms = []
+    for path in task.tip_paths:
+        if path.length > 0.0:
+            half_width = 0.5 * float(passage_widths(walls, path.taut, arm.length, samples).min())
+            # With a wider margin than it has at the goal the tip would never arrive.
+            rooms.append(min(half_width, _room_about(task, path.route[-1])))
+    return max(rooms) - (arm.radius + task.workspace.clearance) if rooms else 0.0
+
+
+def _room_about(task: MotionTask, place: FloatArray) -> float:
+    """Distance from a place (2,) to the nearest wall [m]."""
+    tip = shapely.Point(place)
+    return min(float(shapely.distance(tip, wall.core)) - wall.rounding for wall in task.workspace.walls)
 
 
 def passage_widths(

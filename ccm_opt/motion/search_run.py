@@ -8,10 +8,11 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.backward import pose_at_goal
-from ccm_opt.motion.continuation import Stalled, follow, settle, without_pauses
+from ccm_opt.motion.continuation import Guide, Stalled, follow, settle, without_pauses
 from ccm_opt.motion.failures import Failure
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.into_set import GuideIntoSet
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import CachedItems, Motion, MotionTask
 from ccm_opt.motion.portfolio import GuideCandidate, first_candidates, further_candidates
@@ -110,16 +111,21 @@ class SearchRun:
         """Follow the candidate's guide, then the one that resumes where it ends or stalls."""
         guide = candidate.make_guide()
         try:
-            poses = follow(self.stepper, guide, self.start, self.task.deadline)
+            poses = self._followed(guide, self.start)
         except Stalled as stalled:
             if candidate.resume is None:
                 raise
             # A guide that leads into a dead end may still have brought the arm near enough for the next.
             poses = stalled.poses
-        if candidate.resume is None:
+        if candidate.resume is None or (self.goal.is_set and self.goal.met(poses[-1])):
             return poses
         rest = candidate.resume(guide, poses[-1])
-        return poses + follow(self.stepper, rest, poses[-1], self.task.deadline)[1:]
+        return poses + self._followed(rest, poses[-1])[1:]
+
+    def _followed(self, guide: Guide, pose: Pose) -> list[Pose]:
+        """Follow a guide to its end; where the goal is a set, no farther than into it."""
+        led = GuideIntoSet(guide, self.goal) if self.goal.is_set else guide
+        return follow(self.stepper, led, pose, self.task.deadline)
 
     def _arrive(self, pose: Pose) -> list[Pose]:
         """Poses from near the goal onto it: settled, or for a whole-arm goal led straight into its coordinates."""

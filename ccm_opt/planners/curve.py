@@ -4,7 +4,7 @@ Free space and routes (section 4.1 of the paper), a goal configuration of the co
 the certified motion on the links, and a smooth path through joint space.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 from scipy.interpolate import BSpline
@@ -37,11 +37,13 @@ class CurvePlanner:
     Attributes:
         stages: names and times the stages.
         terms: the user's constraints and costs, or None.
+        refuse: raises where it is proved that no way leads to the goal; asked where no route is found.
         settings: numbers of every stage.
     """
 
     stages: Stages = field(default_factory=Stages)
     terms: UserTerms | None = None
+    refuse: Callable[[Problem], None] = field(default=lambda _: None)
     settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 
     @property
@@ -73,12 +75,14 @@ class CurvePlanner:
         """What the search for a motion between ends that are already resolved is asked.
 
         Raises:
-            NoPlanFound: there is no route that the arm is long enough for.
+            NoPlanFound: there is no route, and a proof that there can be none.
         """
         settings = self.settings
         with self.stages("free space"):
             room = FreeSpace(problem.workspace, route_inflation(problem, ends, settings))
             routes = find_routes(problem, ends, room, settings) if ends.goal_headings is None else ()
+            if not routes and ends.goal_headings is None:
+                self.refuse(problem)
             tip_paths = tip_paths_along(problem, ends, routes, settings)
         guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes, settings)))
         further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes, settings)))

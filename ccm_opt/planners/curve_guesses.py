@@ -92,7 +92,8 @@ def configuration_task(
         settings: numbers.
     """
     arm = problem.arm
-    taut = room.path_of_sleeve(route.sleeve, arm.base, ends.goal.position)
+    # Of a goal that is a set, the configuration takes the member that the route leads to.
+    taut = room.path_of_sleeve(route.sleeve, arm.base, route.taut[-1])
     corridor = room.corridor(Route(route.sleeve, taut, path_length(taut)))
     weights = problem.planner.weights
     return ConfigurationTask(
@@ -100,8 +101,8 @@ def configuration_task(
         base_heading_range=base_heading_range(problem, ends),
         length=arm.length,
         curvature_limit=(settings.curvature_share if share is None else share) * arm.joint_limit / arm.link_length,
-        goal=ends.goal.position,
-        goal_heading=ends.goal.heading,
+        goal=route.taut[-1],
+        goal_heading=route.heading,
         corridor=corridor,
         mount_length=arm.mount_length,
         bending_weight=weights.bending,

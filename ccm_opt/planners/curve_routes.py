@@ -1,9 +1,10 @@
 """Routes from the base to the goal through free space, and the tip's ways along them (section 4.1 of the paper)."""
 
+from dataclasses import replace
+
 import numpy as np
 import shapely
 
-from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.angles import unit_vector
@@ -13,6 +14,7 @@ from ccm_opt.motion.ends import Ends
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by
 from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
+from ccm_opt.planners.goal_members import GoalMember, goal_members
 from ccm_opt.problem import Problem
 
 
@@ -22,19 +24,24 @@ def route_inflation(problem: Problem, ends: Ends, settings: CurvePlannerSettings
     Where that closes every way from the base to the goal it is hardly more than the arm needs.
     """
     least = problem.arm.radius + problem.workspace.clearance
-    goal = shapely.Point(ends.goal.position)
-    room = min(shapely.distance(goal, wall.core) - wall.rounding for wall in problem.workspace.walls)
     inflation = settings.route_inflation * problem.arm.length
     kept = settings.least_margin * inflation
-    wide = least + float(np.clip(room - least - kept, kept, inflation))
-    if ends.goal_headings is not None or _connected(problem, ends, wide):
+    wide = least + inflation
+    if not ends.goal.is_set:
+        goal = shapely.Point(ends.goal.position)
+        room = min(shapely.distance(goal, wall.core) - wall.rounding for wall in problem.workspace.walls)
+        wide = least + float(np.clip(room - least - kept, kept, inflation))
+    if ends.goal_headings is not None or _connected(problem, ends, wide, settings):
         return wide
     return least + kept
 
 
-def _connected(problem: Problem, ends: Ends, inflation: float) -> bool:
-    """Whether the free places nearest to the base and to the goal are in one piece."""
-    pieces = shapely.get_parts(FreeSpace(problem.workspace, inflation).polygons)
+def _connected(problem: Problem, ends: Ends, inflation: float, settings: CurvePlannerSettings) -> bool:
+    """Whether the free places nearest to the base and to some member of the goal are in one piece."""
+    room = FreeSpace(problem.workspace, inflation)
+    pieces = shapely.get_parts(room.polygons)
+    if ends.goal.is_set:
+        return len(pieces) > 0 and bool(goal_members(problem.arm, ends.goal, room, settings.members))
     if len(pieces) < 2:
         return len(pieces) == 1
     nearest = [np.argmin(shapely.distance(pieces, shapely.Point(p))) for p in (problem.arm.base, ends.goal.position)]
@@ -44,65 +51,78 @@ def _connected(problem: Problem, ends: Ends, inflation: float) -> bool:
 def find_routes(
     problem: Problem, ends: Ends, room: FreeSpace, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 ) -> tuple[Route, ...]:
-    """Routes from the base to the start of the run onto the goal, shortest first.
+    """Routes from the base to the start of the run onto the goal, shortest first; of a set, onto several members.
 
-    Raises:
-        UnreachableGoal: when there is none that the arm is long enough for.
+    Args:
+        problem: what is asked.
+        ends: of the motion.
+        room: free space.
+        settings: numbers.
+
+    Returns:
+        None when the arm is long enough for none of those that were looked for; that proves nothing.
     """
+    members = goal_members(problem.arm, ends.goal, room, settings.members)
+    count = problem.planner.routes
+    found = [routes_to(problem, member, room, count, settings) for member in members]
+    # The shortest route to every member before the second to any.
+    ranked = sorted(((rank, route.length, route) for routes in found for rank, route in enumerate(routes)), key=_order)
+    chosen = [route for _, _, route in ranked[: count + len(members) - 1]]
+    if chosen:
+        return tuple(sorted(chosen, key=lambda route: route.length))
+    direct = [route for member in members for route in _direct(problem, member, room)]
+    fitting = [route for route in direct if route.length <= (1.0 + settings.rounding) * problem.arm.length]
+    return (min(fitting, key=lambda route: route.length),) if fitting else ()
+
+
+def _order(ranked: tuple[int, float, Route]) -> tuple[int, float]:
+    rank, length, _ = ranked
+    return rank, length
+
+
+def routes_to(
+    problem: Problem, member: GoalMember, room: FreeSpace, count: int, settings: CurvePlannerSettings
+) -> list[Route]:
+    """Routes onto one member of the goal that are not too long, shortest first."""
     arm = problem.arm
-    entry = run_in(room, ends, arm.length / NOMINAL_LINKS, settings)
-    longest = settings.longest_route * arm.length - float(np.hypot(*(ends.goal.position - entry)))
+    entry = run_in(room, member, arm.length / NOMINAL_LINKS, settings)
+    longest = settings.longest_route * arm.length - float(np.hypot(*(member.position - entry)))
     shrink = settings.corner_distance * arm.length
-    routes = room.routes(arm.base, entry, problem.planner.routes, longest=longest, shrink=shrink)
-    if routes:
-        return tuple(_led_on(room, route, ends.goal.position) for route in routes)
-    shortest = room.routes(arm.base, ends.goal.position, 1, shrink=0.0)
-    if shortest and shortest[0].length <= (1.0 + settings.rounding) * arm.length:
-        return shortest
-    raise UnreachableGoal(_no_route(problem, shortest))
+    routes = room.routes(arm.base, entry, count, longest=longest, shrink=shrink)
+    return [_led_on(room, route, member) for route in routes]
 
 
-def _led_on(room: FreeSpace, route: Route, goal: FloatArray) -> Route:
-    """A route led straight on to the goal."""
-    path = np.vstack((route.taut, goal))
-    return Route(room.sleeve_of(path), path, path_length(path))
+def _direct(problem: Problem, member: GoalMember, room: FreeSpace) -> list[Route]:
+    """The shortest route to a member of the goal, whatever its heading."""
+    shortest = room.routes(problem.arm.base, member.position, 1, shrink=0.0)
+    return [replace(route, heading=member.heading) for route in shortest]
 
 
-def _no_route(problem: Problem, shortest: tuple[Route, ...]) -> Diagnosis:
-    arm = problem.arm
-    if not shortest:
-        reason = (
-            f"no route from the base to the goal is wide enough for the arm: diameter {2e3 * arm.radius:.1f} mm, "
-            f"clearance {1e3 * problem.workspace.clearance:.1f} mm"
-        )
-        return Diagnosis(
-            reason, "free space", ("use a smaller arm.radius or workspace.clearance", "remove an obstacle")
-        )
-    need = shortest[0].length
-    reason = f"the shortest route to the goal is {need:.3f} m long, the arm only {arm.length:.3f} m"
-    return Diagnosis(reason, "free space", (f"use an arm longer than {need:.3f} m",), {"route_length": need})
+def _led_on(room: FreeSpace, route: Route, member: GoalMember) -> Route:
+    """A route led straight on to a member of the goal."""
+    path = np.vstack((route.taut, member.position))
+    return Route(room.sleeve_of(path), path, path_length(path), member.heading)
 
 
 def run_in(
-    room: FreeSpace, ends: Ends, nominal_length: float, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+    room: FreeSpace, member: GoalMember, nominal_length: float, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 ) -> FloatArray:
-    """Where the straight run onto the goal along its heading begins, shape (2,) [m].
+    """Where the straight run onto a member of the goal along its heading begins, shape (2,) [m].
 
     Args:
         room: free space.
-        ends: of the motion.
+        member: where the run ends.
         nominal_length: of a nominal link [m].
         settings: numbers.
     """
-    goal = ends.goal
-    if goal.heading is None:
-        return goal.position
-    direction = unit_vector(goal.heading)
+    if member.heading is None:
+        return member.position
+    direction = unit_vector(member.heading)
     for links in settings.run_in:
-        entry = goal.position - links * nominal_length * direction
-        if room.contains(np.linspace(entry, goal.position, settings.run_in_samples)).all():
+        entry = member.position - links * nominal_length * direction
+        if room.contains(np.linspace(entry, member.position, settings.run_in_samples)).all():
             return entry
-    return goal.position
+    return member.position
 
 
 def tip_paths_along(

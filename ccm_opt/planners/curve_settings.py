@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from ccm_opt.motion.settings.motion_settings import MotionSettings
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.configuration_settings import ConfigurationSettings
+from ccm_opt.planners.goal_member_settings import GoalMemberSettings
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class CurvePlannerSettings:
             pose is looked for that misses constraints least; one after the other, each from the pose before. Measured:
             the first is solved where the last alone fails, and with the last misses are exact to a thousandth.
         elastic_share: constraints that this pose misses by less than this share of the worst miss count as kept. Taste.
+        members: of the members of a goal to which routes are led.
         configuration: of the configuration NLP.
         motion: of the search for a motion.
         goal_pose: of the goal pose's NLP.
@@ -61,6 +63,7 @@ class CurvePlannerSettings:
     different: float = 0.3
     elastic_weights: tuple[float, ...] = (10.0, 1e2, 1e3, 1e5)
     elastic_share: float = 0.02
+    members: GoalMemberSettings = field(default_factory=GoalMemberSettings)
     configuration: ConfigurationSettings = field(default_factory=ConfigurationSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     goal_pose: PoseSettings = field(default_factory=PoseSettings)

@@ -11,6 +11,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.ends import Ends
+from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace, nearest_curve
 from ccm_opt.nlp.arm_pose.pose_program import PoseProgram, PoseSize, pose_program
@@ -161,8 +162,16 @@ class GoalPoseSearch:
         space, _ = LinkSpace.through(self.problem.arm, start, clamped=self.ends.clamped)
         weights = self._weights
         energy = PoseEnergy.of(space, self.near, EnergyWeights(*weights[1:3].tolist()))
-        goal = self.ends.goal
+        goal = self._member_near(start)
         return PoseDraws(energy, self._walls, goal.position, goal.heading, self.near, start, self.draw_settings)
+
+    def _member_near(self, headings: FloatArray) -> GoalPose:
+        """Of a goal that is a set the member at or nearest to a pose, shape (links,) [rad]; else the goal itself."""
+        goal = self.ends.goal
+        if not goal.is_set:
+            return goal
+        points = self.problem.arm.joint_positions(headings)
+        return goal.nearest_member(points[-1], float(headings[-1]))
 
     @cached_property
     def _walls(self) -> WallSegments:
@@ -219,6 +228,7 @@ class GoalPoseSearch:
             arm=arm,
             position=goal.position,
             heading=_winding_of(goal.heading, start),
+            room=goal.room,
             near=self.near,
             start=start,
             regions=regions,

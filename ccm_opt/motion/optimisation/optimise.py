@@ -175,7 +175,8 @@ def _program(motion: Motion, task: MotionTask, margin: float) -> MotionProgram:
     link = min(task.arm.link_length, settings.largest_link * length)
     return MotionProgram(
         motion.space,
-        task.limited_goal,
+        # Of a goal that is a set the motion keeps the member to which it was found.
+        task.limited_goal.nearest_member(motion.space.positions(motion.coordinates[-1])[-1], motion.headings[-1, -1]),
         task.goal_headings is not None,
         # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
         task.limits(task.finder(margin * length, settings.reach * link + task.wanted_gap), task.wanted_gap),

@@ -9,6 +9,11 @@ class EndSettings:
 
     Attributes:
         tolerance_share: share of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste.
+        precise_place: position tolerances up to this share of the arm's length say how exactly a place is to be met;
+            wider ones make the goal a set. Taste.
+        precise_turn: the same for heading tolerances [rad]. Taste: 2°, twice what is allowed by default.
+        room_used: share of the tolerances of such a set that planning uses; the rest is left to rounding and smoothing.
+            Taste.
         aim_share: share of the position tolerance by which planning may aim beside a goal that the tip cannot take.
             Taste.
         stretch: share of its length by which an arm is kept from full stretch where a goal out of reach is aimed at.
@@ -22,6 +27,9 @@ class EndSettings:
     """
 
     tolerance_share: float = 0.5
+    precise_place: float = 5e-3
+    precise_turn: float = 0.03490658503988659
+    room_used: float = 0.95
     aim_share: float = 0.9
     stretch: float = 2e-3
     room_share: float = 0.05

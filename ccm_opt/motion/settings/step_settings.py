@@ -80,6 +80,8 @@ class GoalSettings:
         polish_steps: most steps of Newton's method. Taste: it converges in four or never.
         heading_step: largest turn onto the goal's heading that a step asks for [rad]. Taste.
         distance_step: largest advance onto the goal that a step asks for, in nominal links. Taste.
+        inwards: share of the room about a goal's position, and about its heading, by which a tip outside is led in
+            beyond the edge. Taste.
         heading_weight: weight of the heading, and of what limits miss at the goal, beside the position. Taste.
         least_share: singular values below this share of the largest count as none where equations may depend on each
             other. Taste.
@@ -90,6 +92,7 @@ class GoalSettings:
     polish_steps: int = 12
     heading_step: float = 0.3
     distance_step: float = 1.5
+    inwards: float = 0.1
     heading_weight: float = 0.3
     least_share: float = 1e-10
 

@@ -14,6 +14,7 @@ from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve
 from ccm_opt.nlp.arm_pose.link_mapping import mapping_rows
 from ccm_opt.nlp.arm_pose.pose_rows import (
     chain_rows,
+    goal_rows,
     holding_torques,
     joint_limit_rows,
     region_rows,
@@ -63,6 +64,8 @@ class PoseParameters:
         base_heading: of the straight arm [rad].
         bend_limits: shape (links, 1) [rad].
         first_shares: where on each link the part begins that must be inside its region, shape (links, 1).
+        goal: middle of the disc that the tip lies in, shape (2, 1).
+        goal_room: its radius, scalar.
         normals: of the regions' sides, shape (2, links · sides).
         offsets: shape (sides, links).
         link_weights: force on each link's centre, shape (2, links) [N]; empty when torque is not limited.
@@ -76,6 +79,8 @@ class PoseParameters:
     base_heading: ca.SX
     bend_limits: ca.SX
     first_shares: ca.SX
+    goal: ca.SX
+    goal_room: ca.SX
     normals: ca.SX
     offsets: ca.SX
     link_weights: ca.SX
@@ -93,6 +98,8 @@ class PoseParameters:
             base_heading=ca.SX.sym("base_heading"),
             bend_limits=ca.SX.sym("bend_limit", size.links),
             first_shares=ca.SX.sym("first_share", size.links),
+            goal=ca.SX.sym("goal", 2),
+            goal_room=ca.SX.sym("goal_room"),
             normals=ca.SX.sym("normal", 2, size.links * size.sides),
             offsets=ca.SX.sym("offset", size.sides, size.links),
             link_weights=ca.SX.sym("link_weight", 2, loaded),
@@ -175,6 +182,7 @@ def pose_program(size: PoseSize) -> PoseProgram:
         chain_rows(link_headings, points),
         joint_limit_rows(link_headings, given.base_heading, given.bend_limits),
         region_rows(points, given.first_shares, given.normals, given.offsets, gap),
+        goal_rows(points[:, size.links], given.goal, given.goal_room),
     ]
     parts = {
         "room": pose_costs.lack_of_room(gap, given.wanted_gap),

@@ -56,6 +56,17 @@ def _repeated(columns: ca.SX, times: int) -> ca.SX:
     return columns[:, indices]
 
 
+def goal_rows(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
+    """|P_n - goal|² ≤ room²: the tip lies in a disc; over 2 room, so that at the edge the row is a length.
+
+    Args:
+        tip: P_n, shape (2, 1).
+        goal: middle of the disc, shape (2, 1).
+        room: radius of the disc, scalar and positive.
+    """
+    return not_negative(("tip: distance from its goal",), 0.5 * (room - ca.sumsqr(tip - goal) / room))
+
+
 def holding_torques(points: ca.SX, weights: ca.SX, payload: ca.SX) -> ca.SX:
     """Torque about every joint that gravity asks of it, shape (links, 1), in units of force times the arm's length.
 

@@ -143,6 +143,9 @@ class PoseQuestion:
             [arm.base_heading],
             limits,
             np.minimum(self._free_from, 1.0),
+            (task.position - arm.base) / self._length,
+            # A tip that is held at its goal by its bounds lies in any disc about it.
+            [task.room[0] / self._length or 1.0],
             normals.reshape(-1),
             offsets.reshape(-1),
         ]
@@ -169,10 +172,12 @@ class PoseQuestion:
         if task.clamped:
             lower[headings.start] = upper[headings.start] = task.start[0]
         if task.heading is not None:
-            lower[headings.stop - 1] = upper[headings.stop - 1] = task.heading
+            lower[headings.stop - 1] = task.heading - task.room[1]
+            upper[headings.stop - 1] = task.heading + task.room[1]
         lower[points.start : points.start + 2] = upper[points.start : points.start + 2] = 0.0
         goal = (task.position - task.arm.base) / self._length
-        lower[points.stop - 2 : points.stop] = upper[points.stop - 2 : points.stop] = goal
+        lower[points.stop - 2 : points.stop] = goal - task.room[0] / self._length
+        upper[points.stop - 2 : points.stop] = goal + task.room[0] / self._length
         upper[-1] = task.wanted_gap / self._length
         return lower, upper
 

@@ -51,6 +51,7 @@ class PoseTask:
         arm: whose pose it is.
         position: where the tip has to be, shape (2,) [m].
         heading: where the last link points, whole turns included [rad], or None.
+        room: by how much the tip [m] and the last link [rad] may miss these two; then any member of the set will do.
         near: link headings of a pose to stay near, shape (links,) [rad].
         start: link headings of the pose that the solver starts from, shape (links,) [rad]; usually in its regions.
         regions: a convex region for every link.
@@ -68,5 +69,6 @@ class PoseTask:
     regions: LinkRegions
     wanted_gap: float
     clamped: bool = False
+    room: tuple[float, float] = (0.0, 0.0)
     gravity: FloatArray = field(default_factory=lambda: np.zeros(2))
     torque_limits: FloatArray | None = None
