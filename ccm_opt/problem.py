@@ -154,7 +154,8 @@ class PlannerOptions:
         time_limit: CPU time of this process after which the search stops [s]; three times as much wall time ends it
             too.
         routes: corridors tried, shortest first.
-        seed: of every random choice.
+        seed: of the order in which candidates are tried and of every random choice; 0 tries the most promising first.
+        tries: plans that are made, with this seed and those after it; the best is taken.
         optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.
         retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
         weights: what counts how much when configurations and motions are optimised.
@@ -169,6 +170,7 @@ class PlannerOptions:
     time_limit: float = 60.0
     routes: int = 5
     seed: int = 0
+    tries: int = 1
     optimiser: OptimiserName = "sequential-convex"
     retiming: RetimingName = "toppra"
     weights: Weights = field(default_factory=Weights)

@@ -59,6 +59,12 @@ def described(
     return assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages.timings, room, tolerance)
 
 
+def as_it_stands(problem: Problem, plan: VerifiedPlan, stages: Stages) -> Solution:
+    """The solution that a verified plan is, with no word of its room and its simulation; for one that is cancelled."""
+    simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
+    return assembled(problem, plan, simulated, {}, stages.timings, None)
+
+
 def _room(problem: Problem, plan: VerifiedPlan, settings: Settings) -> RoomRecord | None:
     """The room that the motion keeps; None where a defect of this package keeps it from being measured."""
     try:

@@ -12,6 +12,7 @@ from ccm_opt.driver.lowered_costs import planned_with_costs
 from ccm_opt.driver.planned_for_errors import STAGE, planned_for_errors
 from ccm_opt.driver.planner_choice import default_planner
 from ccm_opt.driver.pose_failure import with_constraint_first
+from ccm_opt.driver.several_tries import best_of_tries
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verified_plan
 from ccm_opt.dynamics.runtime.compiled_library import prepare
@@ -77,7 +78,11 @@ def solve(
 
     def attempt(hurried: Problem, lowered: UserTerms | None) -> VerifiedPlan:
         """Legs, one to each goal, then their timing and verification: each by itself, then all as one motion."""
-        return planned_for_errors(hurried, lambda roomy: planned(roomy, lowered), numbers)
+
+        def surviving(tried: Problem) -> VerifiedPlan:
+            return planned_for_errors(tried, lambda roomy: planned(roomy, lowered), numbers)
+
+        return best_of_tries(hurried, surviving, stages, numbers)
 
     def planned(roomy: Problem, lowered: UserTerms | None) -> VerifiedPlan:
         chosen = RecordingPlanner(planner or default_planner(roomy, stages, lowered, numbers))

@@ -46,6 +46,7 @@ def assembled(
         versions=versions(),
         room=room,
         tolerance=tolerance,
+        tries=plan.tries,
     )
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
+from ccm_opt.driver.tries_settings import TriesSettings
 from ccm_opt.dynamics.simulation.simulation_settings import BrakingSettings, SimulationSettings
 from ccm_opt.planners.baseline.baseline_settings import BaselineSettings
 from ccm_opt.planners.curve_settings import CurvePlannerSettings
@@ -31,6 +32,7 @@ class Settings:
         timing: of timing along a path.
         transitions: of timing by Paul's transitions.
         verification: tolerances of the verifier.
+        tries: which of several tries is the best.
         room: how closely the room that a motion keeps is looked at.
         tolerance: how closely the errors that a motion survives are sought.
         user_terms: how users' constraints are checked on the finished motion.
@@ -46,6 +48,7 @@ class Settings:
     timing: TimingSettings = field(default_factory=TimingSettings)
     transitions: PaulSettings = field(default_factory=PaulSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
+    tries: TriesSettings = field(default_factory=TriesSettings)
     room: RoomSettings = field(default_factory=RoomSettings)
     tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
     user_terms: TermCheckSettings = field(default_factory=TermCheckSettings)

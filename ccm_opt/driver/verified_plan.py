@@ -17,7 +17,7 @@ from ccm_opt.planners.following.gating import feed_limits
 from ccm_opt.planners.legs import Leg, plan_legs, whole_path
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
-from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory
+from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
 from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.term_checks import checks_of_terms, metrics_of_terms
@@ -47,6 +47,7 @@ class VerifiedPlan:
         joints: the same for all drives.
         checks: of the verifier.
         of_terms: what the motion makes of the user's constraints and costs.
+        tries: what came of every try, where several were asked for.
     """
 
     path: JointPath
@@ -54,6 +55,7 @@ class VerifiedPlan:
     joints: JointStates
     checks: tuple[Check, ...]
     of_terms: TermResults
+    tries: tuple[TryRecord, ...] = ()
 
 
 def verified_plan(

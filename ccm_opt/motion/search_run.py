@@ -9,6 +9,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.backward import pose_at_goal
 from ccm_opt.motion.continuation import Guide, Stalled, follow, settle, without_pauses
+from ccm_opt.motion.drawn_order import drawn_order
 from ccm_opt.motion.failures import Failure
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
@@ -75,11 +76,17 @@ class SearchRun:
 
     def first(self) -> Iterator[GuideCandidate]:
         """The candidates that solve most problems."""
-        return first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, self.goal.coordinates)
+        whole_arm = self.goal.coordinates
+        return self._drawn(first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
 
     def further(self) -> Iterator[GuideCandidate]:
         """All other candidates."""
-        return further_candidates(self.stepper, self.start, self.task.tip_paths, self.goal.coordinates)
+        whole_arm = self.goal.coordinates
+        return self._drawn(further_candidates(self.stepper, self.start, self.task.tip_paths, whole_arm))
+
+    def _drawn(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
+        """Candidates in the order that the seed draws."""
+        return drawn_order(candidates, self.task.seed, self.task.settings.search.put_off)
 
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
         """The finished motion of the first candidate that arrives and is certified, or None."""

@@ -163,7 +163,8 @@ class GoalPoseSearch:
         weights = self._weights
         energy = PoseEnergy.of(space, self.near, EnergyWeights(*weights[1:3].tolist()))
         goal = self._member_near(start)
-        return PoseDraws(energy, self._walls, goal.position, goal.heading, self.near, start, self.draw_settings)
+        seed = self.problem.planner.seed
+        return PoseDraws(energy, self._walls, goal.position, goal.heading, self.near, start, seed, self.draw_settings)
 
     def _member_near(self, headings: FloatArray) -> GoalPose:
         """Of a goal that is a set the member at or nearest to a pose, shape (links,) [rad]; else the goal itself."""

@@ -30,7 +30,6 @@ class PoseDrawSettings:
         drawn_solutions: drawn starts that are solved from, of different classes where there are (measured by
             ``tests.benchmarks.bench_goal_poses``).
         further_rounds: most further solutions for one pose, the regions drawn anew about it (measured: as before).
-        seed: of the random numbers; the same scene gives the same poses (taste).
     """
 
     starts: int = 40
@@ -51,4 +50,3 @@ class PoseDrawSettings:
     unknown_cost: float = 20.0
     drawn_solutions: int = 2
     further_rounds: int = 3
-    seed: int = 0

@@ -49,6 +49,7 @@ class PoseDraws:
         heading: of the tip [rad], or None.
         near: link headings of the pose that distance counts from, shape (links,) [rad].
         start: link headings of a pose at the goal, shape (links,) [rad].
+        seed: of the random numbers.
         settings: numbers.
     """
 
@@ -58,6 +59,7 @@ class PoseDraws:
     heading: float | None
     near: FloatArray
     start: FloatArray
+    seed: int = 0
     settings: PoseDrawSettings = field(default_factory=PoseDrawSettings)
 
     def cheapest_below(self, cost: float) -> tuple[CheapestPose, ...]:
@@ -82,7 +84,7 @@ class PoseDraws:
 
     @cached_property
     def _rng(self) -> np.random.Generator:
-        return np.random.default_rng(self.settings.seed)
+        return np.random.default_rng(self.seed)
 
     def _tips(self, cost: float) -> FloatArray:
         """Headings of the tip with every number of whole turns that can be cheaper than a cost, shape (k,) [rad].

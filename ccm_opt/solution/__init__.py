@@ -15,6 +15,7 @@ from ccm_opt.solution.stage_results import (
 )
 from ccm_opt.solution.static_pose import BindingSide, PoseOutcome, StaticPose
 from ccm_opt.solution.survived_error import SurvivedError
+from ccm_opt.solution.try_record import TryRecord
 
 __all__ = [
     "BindingSide",
@@ -37,4 +38,5 @@ __all__ = [
     "Solution",
     "StaticPose",
     "SurvivedError",
+    "TryRecord",
 ]

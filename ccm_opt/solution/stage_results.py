@@ -14,6 +14,7 @@ from ccm_opt.solution.goal_pose_record import GoalPoseRecord
 from ccm_opt.solution.room_record import NearPlace, RoomRecord
 from ccm_opt.solution.simulation_verdict import FOLLOWED, SimulationVerdict
 from ccm_opt.solution.survived_error import SurvivedError
+from ccm_opt.solution.try_record import TryRecord
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -234,6 +235,7 @@ class Solution:
         versions: of Python and of the packages that the plan was made with.
         room: how much room the motion keeps; None where nobody asked.
         tolerance: errors that the motion survives; none where nobody asked.
+        tries: what came of every try, where several were asked for.
     """
 
     problem: Problem
@@ -247,6 +249,7 @@ class Solution:
     versions: Mapping[str, str] = field(default_factory=dict)
     room: RoomRecord | None = None
     tolerance: tuple[SurvivedError, ...] = ()
+    tries: tuple[TryRecord, ...] = ()
 
     @property
     def joint_positions(self) -> FloatArray:

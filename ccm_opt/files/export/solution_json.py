@@ -39,6 +39,8 @@ def solution_json(solution: Solution) -> str:
         record["room"] = room_data(solution.room)
     if solution.tolerance:
         record["tolerance"] = tolerance_data(solution.tolerance)
+    if solution.tries:
+        record["tries"] = [asdict(each) for each in solution.tries]
     if solution.path.goal_pose is not None:
         record["goal_pose"] = goal_pose_data(solution.path.goal_pose)
     return strict_text(record)

@@ -33,6 +33,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues) -> None:
         _heading_applies(data, path, ("position", "segments"), issues)
     _masses(data, issues)
     _feed(data, issues)
+    _tries(data, issues)
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
@@ -87,6 +88,13 @@ def _heading_applies(data: Mapping[str, object], path: KeyPath, kinds: Sequence[
 def _masses(data: Mapping[str, object], issues: Issues) -> None:
     if len(_given(data, ("arm",), ("link_mass", "masses"))) == 2:
         issues.add(("arm", "masses"), "expected only one of link_mass, masses; got both")
+
+
+def _tries(data: Mapping[str, object], issues: Issues) -> None:
+    """Several tries need a planner that draws something."""
+    tries = lookup(data, ("planner", "tries"))
+    if isinstance(tries, int) and tries > 1 and lookup(data, ("planner", "method")) == "hill-climbing":
+        issues.add(("planner", "tries"), '"hill-climbing" draws nothing, so that all tries would be the same; use 1')
 
 
 def _feed(data: Mapping[str, object], issues: Issues) -> None:

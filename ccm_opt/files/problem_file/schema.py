@@ -237,6 +237,7 @@ class PlannerTable(Table):
     time_limit: Positive = PlannerOptions.time_limit
     routes: Annotated[int, Field(ge=1)] = PlannerOptions.routes
     seed: Annotated[int, Field(ge=0)] = PlannerOptions.seed
+    tries: Annotated[int, Field(ge=1)] = PlannerOptions.tries
     optimiser: OptimiserName = PlannerOptions.optimiser
     retiming: RetimingName = PlannerOptions.retiming
     wanted_gap: NonNegativeLength | None = PlannerOptions.wanted_gap

@@ -19,6 +19,8 @@ class SearchSettings:
         many_links: times that number of links from which lifting pays. Taste.
         lift_margin: gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length.
             Taste: about what an arm of 24 links leaves the curve by.
+        put_off: probability with which a seed other than 0 puts a candidate off until the others have been tried.
+            Taste.
         spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste.
         spare_at_ends: share of the gap at the ends that the certificate may ask for. Taste.
         end_reach: gaps at the ends that are looked at, in spares. Taste.
@@ -31,6 +33,7 @@ class SearchSettings:
     design_links: int = 24
     many_links: float = 1.5
     lift_margin: float = 3e-3
+    put_off: float = 0.5
     spare: float = 1e-4
     spare_at_ends: float = 0.5
     end_reach: float = 4.0
