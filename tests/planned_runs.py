@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from ccm_opt import retiming, verification
+from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.frames import joint_names, revolute_angles
@@ -68,7 +69,7 @@ def _planned(problem: Problem, blank: Run) -> tuple[Run, JointPath | None]:
     """The run as far as planning goes, and the path, if there is one."""
     begin = user_seconds()
     try:
-        path = CurvePlanner().plan(problem)
+        path = CurvePlanner(refuse=refuse_closed).plan(problem)
     except NoPlanFound as failure:
         return replace(blank, reason=in_one_line(failure), seconds=user_seconds() - begin), None
     except Exception as crash:  # noqa: BLE001 - whatever it is, it is reported as a defect

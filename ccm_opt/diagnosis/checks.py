@@ -10,7 +10,7 @@ from ccm_opt.errors import Finding
 from ccm_opt.problem import Problem
 
 Check = Callable[[Problem], Iterator[Finding]]
-AT_ONCE: tuple[Check, ...] = (within_joint_limits, within_reach, supple_enough, strong_enough)
+AT_ONCE: tuple[Check, ...] = (contact_at_tips, within_joint_limits, within_reach, supple_enough, strong_enough)
 """Checks that cost next to nothing; the planner makes those of the others itself before it searches."""
 NECESSARY: tuple[Check, ...] = (
     contact_at_poses,

@@ -1,10 +1,12 @@
 """Whether the arm touches something where it starts or is asked to end: which link, which obstacle, by how much."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import shapely
 
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
 from ccm_opt.diagnosis.words import millimetres, point
 from ccm_opt.errors import Finding
@@ -30,6 +32,11 @@ def contact_at_tips(problem: Problem) -> Iterator[Finding]:
     """Every wall that the tip touches at a goal of its own; deepest first."""
     for place in tip_places(problem):
         yield from sorted(_tip_blocked(problem, place), key=lambda finding: -(finding.measured or 0.0))
+
+
+def contact_missed(arm: Arm) -> float:
+    """Overlap that counts as touching in a proof [m]: what touches is not hit, and rounding is not contact."""
+    return DEFAULT_DIAGNOSIS.passages.touching * arm.length
 
 
 def axis_gap(wall: Obstacle, bodies: shapely.Geometry, room: shapely.Polygon) -> float:
@@ -74,9 +81,11 @@ def _walls_touched(problem: Problem, pose: WholePose) -> Iterator[Finding]:
         if axis_gap(wall, whole, workspace.boundary) - need >= -ROUNDING:
             continue
         gaps = [axis_gap(wall, link, workspace.boundary) for link in links]
-        # One finding a wall: the link that is deepest in it.
+        # One finding a wall: the link that is deepest in it. A goal's tolerances may let some links out, not all.
         k = int(np.argmin(gaps))
-        yield _touch(problem, pose.name, pose.key, f"link {first + k + 1}", wall, gaps[k], links[k], 0.0)
+        touch = _touch(problem, pose.name, pose.key, f"link {first + k + 1}", wall, gaps[k], links[k], 0.0)
+        lacking = need - np.array(gaps) - pose.link_play(arm)[first:]
+        yield replace(touch, proved=bool(np.max(lacking) > contact_missed(arm)))
 
 
 def free_links(arm: Arm, points: FloatArray) -> tuple[int, list[shapely.LineString]]:
@@ -108,7 +117,7 @@ def _tip_blocked(problem: Problem, place: TipPlace) -> Iterator[Finding]:
     need = arm.radius + problem.workspace.clearance
     for wall in problem.workspace.walls:
         gap = axis_gap(wall, body, problem.workspace.boundary)
-        if gap + play - need < -ROUNDING:
+        if gap + play - need < -contact_missed(arm):
             yield _touch(problem, place.name, place.key, what, wall, gap, body, play)
 
 
@@ -162,9 +171,12 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     overlap = 2.0 * arm.radius - float(distances[k])
     if overlap <= ROUNDING and distances[k] > 0.0:
         return
+    play = pose.link_play(arm)
+    crossing = distances[k] == 0.0 and not play.any()
     yield Finding(
         "contact",
         f"{pose.key}: the {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by {millimetres(overlap)}",
+        proved=bool(crossing or overlap > play[i[k]] + play[j[k]] + contact_missed(arm)),
         key=pose.key,
         place=point(points[i[k]]),
         measured=overlap,

@@ -14,6 +14,10 @@ class PassageProofSettings:
         most_removed: obstacles that are taken away one at a time, nearest to the narrow place first. Taste.
         detour: a way longer than the straight line by less than this share of it is reported by the check of reach
             alone. Taste.
+        touching: overlap that counts as touching in a proof, and room that is granted to every passage, as a share of
+            the arm's length. Derived: of the size of what the verifier lets pass, above all rounding.
+        most_corners: corners of free space between which the shortest way is proved; where there are more it is not.
+            Taste.
         arc_sides: sides of a quarter of a circle; inscribed arcs lose 0.2 % of their radius. Taste.
     """
 
@@ -21,6 +25,8 @@ class PassageProofSettings:
     beyond: float = 1.01
     most_removed: int = 16
     detour: float = 1e-3
+    touching: float = 1e-6
+    most_corners: int = 2000
     arc_sides: int = 12
 
 

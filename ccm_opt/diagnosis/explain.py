@@ -34,8 +34,8 @@ def refuse_closed(problem: Problem) -> None:
 
 
 def _refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
-    """Raise what is found, the first finding as the reason; nothing found, nothing raised."""
-    if findings:
+    """Raise what is proved, the first finding as the reason; nothing proved, nothing raised."""
+    if any(finding.proved for finding in findings):
         raise UnreachableGoal(Diagnosis(f"{goal}{findings[0].reason}", "necessary checks", findings=findings))
 
 
@@ -54,9 +54,9 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials) -> NoPlanFou
         error: how the pipeline ended.
         trials: solves changed problems in the time that is left.
     """
-    proved = failed(problem)
+    checked = failed(problem)
     # What is proved leaves no use for what is likely; an overload is known of the path that was found, no more.
-    known = proved or _overloads(problem, error) or tight_places(problem)
+    known = checked or _overloads(problem, error) or tight_places(problem)
     solved = relaxations(problem, known, trials)
     findings = ranked(known, solved)
     return type(error)(_diagnosis(problem, error.diagnosis, findings, solved))

@@ -1,12 +1,14 @@
 """Whether every joint can hold the arm still at its start and at a goal that says where all links are."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from ccm_opt.diagnosis.keyed_poses import WholePose, whole_poses
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.errors import Finding
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.problem import Problem
@@ -25,18 +27,32 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
         number = int(np.argmax(load / torque))
         if load[number] > torque[number]:
             where = f"{pose.key}: at the {pose.name} {joint_words(problem.arm, number)}"
-            yield overloaded(problem, where, number, float(load[number]), pose)
+            proved = bool(np.any(load - _lighter(problem, pose) > torque))
+            yield replace(overloaded(problem, where, number, float(load[number])), proved=proved)
 
 
-def overloaded(problem: Problem, where: str, number: int, load: float, pose: WholePose | None = None) -> Finding:
-    """A joint that cannot hold the arm: its torque against its limit.
+def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
+    """By how much the tolerances of a pose can lower each revolute's load, at most, shape (3 links,) [N m]."""
+    arm = problem.arm
+    play = pose.link_play(arm)
+    if not play.any():
+        return np.zeros(3 * arm.links)
+    # Every weight beyond a joint may come nearer by its own play and by the joint's.
+    weights = float(np.linalg.norm(problem.simulation.gravity)) * np.append(arm.masses, arm.payload)
+    moved = np.append(play, play[-1])
+    beyond = np.cumsum((weights * moved)[::-1])[::-1][: arm.links]
+    carried = np.cumsum(weights[::-1])[::-1][: arm.links]
+    return np.repeat(beyond + carried * play, 3)
+
+
+def overloaded(problem: Problem, where: str, number: int, load: float) -> Finding:
+    """A joint that cannot hold the arm in one pose, which by itself proves nothing: its torque against its limit.
 
     Args:
         problem: what was asked.
         where: the beginning of the reason, up to the joint.
         number: of the revolute.
         load: torque that it needs [N m].
-        pose: where, when that is an end of the motion and so proves that there is no plan.
     """
     limits = problem.limits.torque
     limit = np.inf if limits is None else float(limits[number])
@@ -44,7 +60,7 @@ def overloaded(problem: Problem, where: str, number: int, load: float, pose: Who
     return Finding(
         "torque",
         f"{where} needs {load:.4g} N m to hold the arm still, its torque limit is {limit:.4g} N m",
-        proved=pose is not None,
+        proved=False,
         key="limits.torque",
         measured=load,
         allowed=limit,

@@ -1,9 +1,12 @@
 """The ends of a problem as the checks see them: whole-arm poses and goals of the tip, each with its key."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal, Tolerances
 
@@ -17,12 +20,24 @@ class WholePose:
         key: of the problem file.
         headings: of the links, shape (links,) [rad].
         feed: position of the base on its feed axis [m].
+        bend_play: by how much every joint may miss it [rad]; infinite where the pose is a curve, on which other
+            mappings may lay the joints elsewhere.
+        base_play: by how much the base may miss its position on the axis [m].
     """
 
     name: str
     key: str
     headings: FloatArray
     feed: float
+    bend_play: float = 0.0
+    base_play: float = 0.0
+
+    def link_play(self, arm: Arm) -> FloatArray:
+        """Farthest that any point of each link may lie from where it is in the pose, shape (links,) [m]."""
+        # The heading of link j is the sum of j bends; its end adds up the ends of all links before it.
+        turns = self.bend_play * np.arange(1.0, arm.links + 1.0)
+        reach: FloatArray = self.base_play + arm.link_length * np.cumsum(np.minimum(turns, 2.0))
+        return reach
 
 
 @dataclass(frozen=True)
@@ -45,9 +60,10 @@ class TipPlace:
 def whole_poses(problem: Problem) -> Iterator[WholePose]:
     """The start, then every goal that says where all links are."""
     yield _whole(problem, "start", "start", problem.start)
-    for name, key, goal, _ in _goals(problem):
+    for name, key, goal, tolerances in _goals(problem):
         if not isinstance(goal, TipGoal):
-            yield _whole(problem, name, key, goal)
+            play = tolerances.heading if isinstance(goal, JointPose) else np.inf
+            yield replace(_whole(problem, name, key, goal), bend_play=play, base_play=tolerances.position)
 
 
 def tip_places(problem: Problem) -> Iterator[TipPlace]:

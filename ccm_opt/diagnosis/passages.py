@@ -25,10 +25,10 @@ def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
     for place in tip_places(problem):
         search = PassageSearch(problem, place.goal.position, place.tolerances.position)
         straight = float(np.hypot(*(search.goal - problem.arm.base)))
-        if np.isfinite(search.space.shortest):
+        if search.space.connected:
             # A straight way that is too long is a matter of reach, and is reported there.
             straight_way = (straight - search.tolerance) * (1.0 + search.settings.detour)
-            if search.space.shortest > max(problem.arm.length, straight_way):
+            if search.shortest > max(problem.arm.length * (1.0 + search.settings.touching), straight_way):
                 yield _too_long(search, place.key)
         elif tip_has_room(problem, search.goal, search.tolerance):
             yield _closed(search, place.key)
@@ -54,6 +54,14 @@ class PassageSearch:
     def space(self) -> WideSpace:
         """Free space for the arm as it is."""
         return self.at(self.inflation)
+
+    @cached_property
+    def shortest(self) -> float:
+        """Length of the shortest way to the goal's tolerance [m]; 0 where none that is too long is proved to be it."""
+        found = self.space.shortest
+        if not self.problem.arm.length < found < np.inf:
+            return 0.0
+        return self.space.shortest_proved(found, self.settings.most_corners) or 0.0
 
     @property
     def inflation(self) -> float:
@@ -115,7 +123,7 @@ def _largest(high: float, holds: Callable[[float], bool], fineness: float) -> fl
 def _too_long(search: PassageSearch, key: str) -> Finding:
     """All ways are longer than the arm."""
     arm = search.problem.arm
-    need = search.space.shortest
+    need = search.shortest
     taut = search.space.routes(arm.base, search.goal, 1)[0].taut
     # The corner half-way stands for the detour; a straight way has none but its middle.
     corner = taut[len(taut) // 2] if len(taut) > 2 else taut.mean(axis=0)

@@ -24,14 +24,19 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
         if least > arm.length + ROUNDING:
             yield Finding(
                 "too short",
-                f"{place.key}: out of reach: {metres(distance)} from the base, the arm is only {metres(arm.length)} "
-                f"long, {metres(distance - arm.length)} too short",
+                f"{place.key}: out of reach: {metres(distance)} from the base{_allowed(place)}, the arm is only "
+                f"{metres(arm.length)} long, {metres(least - arm.length)} too short",
                 key=place.key,
                 place=point(place.goal.position),
-                measured=distance,
+                measured=least,
                 allowed=arm.length,
                 bounds={"arm.link_length": least / arm.links},
             )
+
+
+def _allowed(place: TipPlace) -> str:
+    """The tolerance of a goal's position, where it is worth a word."""
+    return f" less {metres(place.tolerances.position)} of tolerance" if place.tolerances.position >= 5e-3 else ""
 
 
 def within_joint_limits(problem: Problem) -> Iterator[Finding]:
@@ -48,6 +53,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
             f"{pose.key}: the {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[joint]):.2f}°, its limit is "
             f"{np.rad2deg(arm.bend_limits[joint]):.2f}°",
             key=pose.key,
+            proved=bool(np.max(bends - arm.bend_limits) > pose.bend_play + ROUNDING),
             measured=float(bends[joint]),
             allowed=float(arm.bend_limits[joint]),
             unit="rad",

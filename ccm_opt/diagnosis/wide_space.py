@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
+from ccm_opt.diagnosis.shortest_way import shortest_way
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
@@ -43,9 +44,10 @@ class WideSpace(FreeSpace):
             for wall in self.workspace.obstacles
         ]
         free = shapely.difference(room, shapely.union_all(grown))
-        # The mount may stand in a wall, and the tip anywhere within its tolerance.
-        ends = [_disc(self.base, self.mount, arc), _disc(self.goal, self.tolerance, arc)]
-        whole = shapely.union_all([free, *(shapely.intersection(end, self.workspace.boundary) for end in ends)])
+        # The mount may stand in a wall, and the tip anywhere within its tolerance. Both discs are whole, even where
+        # they leave the room: so the straight way from any place of the tolerance to its middle is a way, and what is
+        # not near enough to the middle is not near enough to any of them.
+        whole = shapely.union_all([free, _disc(self.base, self.mount, arc), _disc(self.goal, self.tolerance, arc)])
         polygons = [part for part in shapely.get_parts(whole) if isinstance(part, shapely.Polygon)]
         space = shapely.MultiPolygon([part for part in polygons if part.area > 1e-12])
         shapely.prepare(space)
@@ -68,11 +70,19 @@ class WideSpace(FreeSpace):
 
     @cached_property
     def shortest(self) -> float:
-        """Length of the shortest path from the base to the goal's tolerance [m]; infinite when there is none."""
+        """Length of a short path from the base to the goal's tolerance [m]; infinite when none was found."""
         if not self.connected:
             return np.inf
         found = self.routes(self.base, self.goal, 1)
         return max(found[0].length - self.tolerance, 0.0) if found else np.inf
+
+    def shortest_proved(self, longest: float, most_corners: int) -> float | None:
+        """Length of the shortest path of all to the goal's tolerance, not above ``longest`` [m]; None if not proved."""
+        if not self.connected:
+            return longest
+        piece, _ = self.components_of_ends
+        found = shortest_way(piece, self.base, self.goal, longest + self.tolerance, most_corners)
+        return None if found is None else min(max(found - self.tolerance, 0.0), longest)
 
 
 def _disc(middle: FloatArray, radius: float, arc_sides: int) -> shapely.Geometry:
@@ -105,4 +115,6 @@ def wide_space(
     workspace = workspace or problem.workspace
     if inflation is None:
         inflation = arm.radius + workspace.clearance
+    # Touching is not hitting: a passage exactly as wide as the arm is open.
+    inflation -= DEFAULT_DIAGNOSIS.passages.touching * arm.length
     return WideSpace(workspace, max(inflation, SHORTEST), arm.base, arm.mount_length, goal, tolerance, arc_sides)

@@ -52,7 +52,7 @@ def resolve_ends(problem: Problem, settings: EndSettings = DEFAULT_ENDS) -> Ends
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
         return Ends(start, tip_goal(problem, problem.goal, settings), None, clamped)
-    headings = _headings(problem, problem.goal)
+    headings = _within_limits(problem, _headings(problem, problem.goal), settings)
     # A base that is clamped at the start is so at the goal only if it has not turned.
     at_goal = arm if headings[0] == start[0] else problem.arm
     refuse_bad_pose(at_goal, problem.workspace, headings, "goal", settings.reach)
@@ -137,6 +137,16 @@ def _headings(problem: Problem, pose: JointPose | CurvePose) -> FloatArray:
     if isinstance(pose, JointPose):
         return problem.arm.headings(pose.bends)
     return map_curve(problem.arm, pose.configuration, problem.planner.mapping)
+
+
+def _within_limits(problem: Problem, headings: FloatArray, settings: EndSettings) -> FloatArray:
+    """A whole-arm goal whose joints lie beyond their limits by less than its tolerance, turned back onto them."""
+    arm = problem.arm
+    bends = arm.bends(headings)
+    kept = np.clip(bends, -arm.bend_limits, arm.bend_limits)
+    over = float(np.max(np.abs(bends - kept)))
+    given = isinstance(problem.goal, JointPose)
+    return arm.headings(kept) if given and 0.0 < over <= settings.room_used * problem.tolerances.heading else headings
 
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
