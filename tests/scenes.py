@@ -7,8 +7,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.contacts import ContactFinder
-from ccm_opt.collision.walls import Walls
+from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.comparison.scenes import (
     ROOM,  # noqa: F401 - tests take the generator from here
     Scene,
@@ -109,7 +108,7 @@ def sweep_gaps(arm: Arm, workspace: Workspace, headings: FloatArray) -> tuple[fl
 def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
     """A stepper in the link space through the scene's start, and the pose there."""
     space, v = LinkSpace.through(scene.arm, scene.start)
-    walls = Walls.from_workspace(scene.workspace)
+    walls = scene.workspace.flat_walls
     finder = ContactFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04)
     limits = assembled_limits(finder, Certificate(scene.arm, scene.workspace), StepSettings())
     stepper = Stepper(space, finder, limits)

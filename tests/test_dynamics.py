@@ -16,7 +16,6 @@ from ccm_opt.dynamics.algorithms.arm_model import arm_model, arm_structure
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime import compiled_library
 from ccm_opt.dynamics.runtime.back_end import CompiledBackEnd, DynamicsKind, InterpretedBackEnd
-from ccm_opt.dynamics.runtime.c_compiler import COMPILER_VARIABLE, find_compiler
 from ccm_opt.dynamics.runtime.control_law import LoopParameters
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
@@ -25,6 +24,8 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, find_compiler
+from ccm_opt.ground.library_cache import CACHE_VARIABLE
 from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.jacobian import tip_jacobian
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
@@ -38,7 +39,7 @@ TOLERANCE = 1e-9
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Compiled code goes to a folder of the test session."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
+        patch.setenv(CACHE_VARIABLE, str(tmp_path_factory.getbasetemp() / "compiled"))
         yield
 
 
@@ -268,7 +269,7 @@ def test_a_failing_compiler_is_no_failure(
 
 def test_a_warm_cache_compiles_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Other masses, lengths and gravity use the library that is there; nothing else is left in the folder."""
-    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     InverseDynamics(swan_neck(2), GRAVITY)
     assert len(list(compiled_library.cache_folder().iterdir())) == 1
     monkeypatch.setattr(compiled_library, "_compile", _refuse_to_compile)
@@ -284,7 +285,7 @@ def test_a_damaged_library_is_compiled_again(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A file that cannot be loaded is replaced, without falling back."""
-    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     compiled_library.cache_folder().mkdir(parents=True)
     compiler = find_compiler()
     if compiler is None:
@@ -388,7 +389,7 @@ def test_arrays_of_any_layout_are_taken() -> None:
 
 def test_one_library_serves_arms_of_any_length(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Two links or two hundred, with other masses and a payload: one library; rotor inertia needs a second."""
-    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     for links in (2, 24, 200):
         arm = replace(swan_neck(links), payload=0.1 * links)
         ForwardDynamics(arm, GRAVITY)
@@ -400,7 +401,7 @@ def test_one_library_serves_arms_of_any_length(monkeypatch: pytest.MonkeyPatch, 
 
 def test_what_is_prepared_is_there_when_it_is_needed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Compiling begins in the background; the first use waits for it and does not compile again."""
-    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     compiles, compile_once = [], compiled_library._compile
     monkeypatch.setattr(compiled_library, "_compile", lambda *args: (compiles.append(1), compile_once(*args)))
     compiled_library.prepare(swan_neck(2))
@@ -410,7 +411,7 @@ def test_what_is_prepared_is_there_when_it_is_needed(monkeypatch: pytest.MonkeyP
 
 def test_many_at_once_share_one_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Loading the same functions from several threads at once leaves one whole library."""
-    monkeypatch.setenv(compiled_library.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     with ThreadPoolExecutor(4) as pool:
         built = list(pool.map(lambda _: InverseDynamics(swan_neck(2), GRAVITY), range(4)))
     torques = [inverse(*np.zeros((3, 6))) for inverse in built]

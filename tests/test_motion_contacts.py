@@ -6,8 +6,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.contacts import WALL, ContactFinder, Contacts, closest_on_segments
-from ccm_opt.collision.walls import Walls
+from ccm_opt.collision.contact_finder import ContactFinder
+from ccm_opt.collision.contacts import WALL, Contacts
+from ccm_opt.collision.neighbour_pairs import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
@@ -22,7 +23,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def make_finder(arm: Arm, workspace: Workspace, reach: float = REACH) -> ContactFinder:
     """A finder with the workspace's clearance and a margin of 2.5 mm."""
-    return ContactFinder(arm, Walls.from_workspace(workspace), workspace.clearance, 2.5e-3, reach)
+    return ContactFinder(arm, workspace.flat_walls, workspace.clearance, 2.5e-3, reach)
 
 
 def random_points(seed: int, arm: Arm, bend: float = 5.0) -> FloatArray:

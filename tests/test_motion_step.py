@@ -6,8 +6,8 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.contacts import WALL, ContactFinder
-from ccm_opt.collision.walls import Walls
+from ccm_opt.collision.contact_finder import ContactFinder
+from ccm_opt.collision.contacts import WALL
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.limits.contact_limit import allowed_shortfall, contact_rows, keeps_clear
@@ -58,7 +58,7 @@ def test_clearance_keeps_its_promised_share(scene: Scene) -> None:
     assert wall_gaps(scene.arm, scene.workspace, points).min() >= SETTINGS.keep_share * MARGIN - 1e-9
     assert self_gap(scene.arm, points) > 0.0
     for pose in poses[::10]:
-        fresh = ContactFinder(scene.arm, Walls.from_workspace(scene.workspace), 0.0, MARGIN, 0.04)
+        fresh = ContactFinder(scene.arm, scene.workspace.flat_walls, 0.0, MARGIN, 0.04)
         assert keeps_clear(fresh.find(pose.points), 1e-9, SETTINGS.keep_share)
         assert not fresh.crosses(pose.points)
 

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.walls import Walls
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.ground.arrays import FloatArray
@@ -122,7 +121,7 @@ def test_width_of_a_channel(width: float, place: float, turn: float) -> None:
     workspace = replace(problem.workspace, boundary=shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles=sheets)
     y = 0.5 * width * place
     path = np.array([[-1.0, y], [0.2, y], [1.0, y]]) @ rotation.T
-    np.testing.assert_allclose(passage_widths(Walls.from_workspace(workspace), path, 1.0), width, rtol=1e-9)
+    np.testing.assert_allclose(passage_widths(workspace.flat_walls, path, 1.0), width, rtol=1e-9)
 
 
 @needs_compiler

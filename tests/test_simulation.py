@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 from scipy.linalg import eigvals
 
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.runtime.c_compiler import COMPILER_VARIABLE
-from ccm_opt.dynamics.runtime.compiled_library import CACHE_VARIABLE
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation import closed_loop_run as simulation
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
@@ -21,6 +19,8 @@ from ccm_opt.dynamics.simulation.stability import check_stability, fastest_mode
 from ccm_opt.errors import SimulationError
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
+from ccm_opt.ground.library_cache import CACHE_VARIABLE
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions

@@ -4,8 +4,7 @@ import numpy as np
 
 from ccm_opt.collision.certificate import Certificate, allowed_contact
 from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE
-from ccm_opt.collision.contacts import ContactFinder
-from ccm_opt.collision.walls import Walls
+from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
@@ -26,7 +25,7 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str
         UnreachableGoal: the pose breaks a joint limit or touches something; names joint or link and obstacle.
     """
     _refuse_sharp_bends(arm, arm.bends(pose[: arm.links]), which)
-    finder = ContactFinder(arm, Walls.from_workspace(workspace), workspace.clearance, 0.0, reach * arm.length)
+    finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach * arm.length)
     points = arm.points(pose)
     contacts = finder.find(points)
     # An axis without width that touched a wall could not be told from one that crosses it.

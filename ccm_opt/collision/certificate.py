@@ -15,7 +15,7 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE, CertificateSettings
-from ccm_opt.collision.contacts import closest_on_segments
+from ccm_opt.collision.neighbour_pairs import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm

@@ -6,6 +6,8 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from ccm_opt.freespace.walls import Walls
+
 BOUNDARY_NAME = "workspace boundary"
 
 
@@ -51,3 +53,8 @@ class Workspace:
     def walls(self) -> tuple[Obstacle, ...]:
         """All that the arm must keep away from, the obstacles first, then the boundary's edge."""
         return (*self.obstacles, Obstacle(BOUNDARY_NAME, shapely.LinearRing(self.boundary.exterior.coords)))
+
+    @cached_property
+    def flat_walls(self) -> Walls:
+        """The same as arrays of edges and vertices, in the same order."""
+        return Walls.of(self.walls)

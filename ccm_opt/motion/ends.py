@@ -6,8 +6,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.collision.bad_pose import refuse_bad_pose
-from ccm_opt.collision.contacts import WALL, ContactFinder
-from ccm_opt.collision.walls import Walls
+from ccm_opt.collision.contact_finder import ContactFinder
+from ccm_opt.collision.contacts import WALL
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
@@ -116,7 +116,7 @@ def stands_flush(problem: Problem, headings: FloatArray, settings: EndSettings =
     # The whole first link belongs to the mount already.
     if arm.mount_length >= arm.link_length:
         return False
-    walls = Walls.from_workspace(problem.workspace)
+    walls = problem.workspace.flat_walls
     finder = ContactFinder(arm, walls, problem.workspace.clearance, 0.0, settings.reach * arm.length)
     contacts = finder.find(arm.joint_positions(headings))
     at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)

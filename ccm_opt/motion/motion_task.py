@@ -9,8 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ccm_opt.collision.certificate import Certificate, allowed_contact
-from ccm_opt.collision.contacts import ContactFinder
-from ccm_opt.collision.walls import Walls
+from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
@@ -127,7 +126,7 @@ class MotionTask:
 
     def finder(self, margin: float, reach: float) -> ContactFinder:
         """A finder of contacts with a planning margin and a reach [m]."""
-        walls = Walls.from_workspace(self.workspace)
+        walls = self.workspace.flat_walls
         return ContactFinder(self.arm, walls, self.workspace.clearance, margin, reach, self.settings.contacts)
 
     def limits(self, finder: ContactFinder, wanted_gap: float = 0.0) -> tuple[Limit, ...]:

@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from ccm_opt.collision.walls import Walls
+from ccm_opt.freespace.walls import Walls
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.polygons import cross
 from ccm_opt.ground.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
@@ -20,7 +20,7 @@ def nominal_links_asked(task: MotionTask) -> float:
     if not task.tip_paths or task.arm.links <= NOMINAL_LINKS:
         return NOMINAL_LINKS
     settings = task.settings.guides.passages
-    walls = Walls.from_workspace(task.workspace)
+    walls = task.workspace.flat_walls
     widths = passage_widths(walls, task.tip_paths[0].taut, task.arm.length, settings.samples)
     narrowest = float(widths.min()) / task.arm.length
     if narrowest * NOMINAL_LINKS >= settings.narrow:
@@ -50,7 +50,7 @@ def gap_beside_arm(task: MotionTask) -> float:
     Not positive when there is no tip path, or the paths are too narrow to be told apart from walls.
     """
     arm = task.arm
-    walls = Walls.from_workspace(task.workspace)
+    walls = task.workspace.flat_walls
     samples = task.settings.guides.passages.samples
     rooms = []
     for path in task.tip_paths:

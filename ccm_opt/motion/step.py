@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import daqp
 import numpy as np
 
-from ccm_opt.collision.contacts import ContactFinder
+from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.limits.limit import Limit, LimitRows
 from ccm_opt.motion.link_space import KNOTS, LinkSpace

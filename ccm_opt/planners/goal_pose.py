@@ -5,8 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.collision.contacts import ContactFinder
-from ccm_opt.collision.walls import Walls
+from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
@@ -269,7 +268,7 @@ class GoalPoseSearch:
         arm = self.problem.arm
         workspace = self.problem.workspace
         reach = self.settings.reach * arm.length
-        return ContactFinder(arm, Walls.from_workspace(workspace), workspace.clearance, 0.0, reach)
+        return ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach)
 
     @property
     def wanted_gap(self) -> float:

@@ -9,8 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.contacts import ContactFinder
-from ccm_opt.collision.walls import Walls
+from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.angles import wrap
 from ccm_opt.ground.arrays import FloatArray
@@ -200,7 +199,7 @@ class _Explorer:
         workspace = self.problem.workspace
         margin = self.settings.margin * self.arm.length / NOMINAL_LINKS
         reach = self.settings.seen * self.arm.length
-        return ContactFinder(self.arm, Walls.from_workspace(workspace), workspace.clearance, margin, reach)
+        return ContactFinder(self.arm, workspace.flat_walls, workspace.clearance, margin, reach)
 
     @cached_property
     def _limits(self) -> tuple[Limit, ...]:

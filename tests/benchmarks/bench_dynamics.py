@@ -25,9 +25,7 @@ from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime import compiled_library
 from ccm_opt.dynamics.runtime.back_end import CompiledBackEnd
-from ccm_opt.dynamics.runtime.c_compiler import COMPILER_VARIABLE, FLAGS, compile_library, find_compiler
 from ccm_opt.dynamics.runtime.c_source import source_text
-from ccm_opt.dynamics.runtime.compiled_library import CACHE_VARIABLE
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.dynamics.runtime.forward_dynamics import ForwardDynamics
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
@@ -37,6 +35,8 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.files.plotting.arm_3d import ArmView
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, FLAGS, compile_library, find_compiler
+from ccm_opt.ground.library_cache import CACHE_VARIABLE
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
 from ccm_opt.jointed.inverse_kinematics import ball_angles

@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.library_cache import pointer_to
 
 _POINTER = ctypes.c_void_p
 JointsCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
@@ -127,10 +128,3 @@ class CompiledFunction:
         addresses = (array.ctypes.data for array in (*arrays, out, out_feed))
         self._function(pointer_to(_CallStruct(self._arm.address, len(feed), *addresses)))
         return out, out_feed
-
-
-def pointer_to(struct: ctypes.Structure) -> ctypes.c_void_p:
-    """The address of a structure, which lives as long as the pointer."""
-    pointer = ctypes.c_void_p(ctypes.addressof(struct))
-    pointer.owner = struct  # type: ignore[attr-defined]  # keeps it alive
-    return pointer

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.contacts import WALL, ContactFinder, Contacts
+from ccm_opt.collision.contact_finder import ContactFinder
+from ccm_opt.collision.contacts import WALL, Contacts
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.limits.clearance_rows import IntervalRows, motion_rows
 from ccm_opt.motion.limits.limit import UNBOUNDED, Limit, LimitRows

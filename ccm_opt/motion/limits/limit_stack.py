@@ -4,7 +4,7 @@ A new limit that always holds is one more line here; its rows, checks and words 
 """
 
 from ccm_opt.collision.certificate import Certificate
-from ccm_opt.collision.contacts import ContactFinder
+from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.motion.limits.contact_limit import ContactLimit
 from ccm_opt.motion.limits.joint_limit import JointLimit
 from ccm_opt.motion.limits.limit import Limit

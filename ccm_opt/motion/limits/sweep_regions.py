@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import shapely
 
-from ccm_opt.collision.walls import Walls
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.ground.rounding import SHORTEST
@@ -34,7 +33,7 @@ class WallSegments:
     @classmethod
     def from_workspace(cls, workspace: Workspace) -> "WallSegments":
         """The segments of a workspace's walls."""
-        walls = Walls.from_workspace(workspace)
+        walls = workspace.flat_walls
         # A round obstacle is a point swept by a disc: it has no edge, and becomes a segment of length 0.
         lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
         points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)

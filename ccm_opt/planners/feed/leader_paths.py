@@ -11,7 +11,6 @@ from itertools import islice
 
 import numpy as np
 
-from ccm_opt.collision.walls import Walls
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ConfigurationNotFound
 from ccm_opt.freespace.corridor import Route
@@ -105,7 +104,7 @@ class LeaderPaths:
         arm = self.problem.arm
         settings = self.settings.leaders
         band = ElasticBand(
-            walls=Walls.from_workspace(self.problem.workspace),
+            walls=self.problem.workspace.flat_walls,
             least=arm.radius + self.problem.workspace.clearance + margin * arm.link_length,
             chord=arm.link_length,
             curvature_limit=self._curvature_limit,

@@ -13,7 +13,7 @@ import daqp
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ccm_opt.collision.walls import Walls
+from ccm_opt.freespace.walls import Walls
 from ccm_opt.ground.angles import heading_of, unit_vector
 from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.ground.polygons import nearest_on_segments

@@ -8,7 +8,7 @@ import sys
 from functools import cache
 from pathlib import Path
 
-from ccm_opt.dynamics.runtime.compiler_settings import DEFAULT_COMPILER, CompilerSettings
+from ccm_opt.ground.compiler_settings import DEFAULT_COMPILER, CompilerSettings
 
 COMPILER_VARIABLE = "CCM_OPT_CC"
 """Environment variable that names the compiler to use; empty: none."""

@@ -1,4 +1,4 @@
-"""The numbers of compiling the dynamics."""
+"""The numbers of compiling C."""
 
 from dataclasses import dataclass
 

@@ -1,0 +1,218 @@
+"""Near pairs by numpy: where nothing compiles, and as the oracle of what is compiled.
+
+A neighbour list in the manner of molecular dynamics (Verlet, 1967) keeps the work local: pairs nearer than a reach
+are collected once and used until some joint has moved by half of the list's slack.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.collision.contacts import WALL, Contacts, joined_contacts
+from ccm_opt.collision.pair_search import PairQuestion
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+
+
+@dataclass
+class _NeighbourList:
+    """Pairs within reach of a reference pose."""
+
+    points: FloatArray
+    link_vertex: tuple[IntArray, IntArray]
+    joint_edge: tuple[IntArray, IntArray]
+    link_edge: tuple[IntArray, IntArray]
+    link_link: tuple[IntArray, IntArray]
+
+
+class NeighbourPairs:
+    """Satisfies the ``PairSearch`` protocol.
+
+    Args:
+        question: arm, walls, and which pairs are wanted.
+    """
+
+    def __init__(self, question: PairQuestion) -> None:
+        self._question = question
+        self._arm = question.arm
+        self._walls = question.walls
+        self._slack = question.settings.slack * question.reach
+        self._renewed_at = question.settings.moved * self._slack
+        self._mount_link, self._mount_at = question.arm.mount_end
+        self._pairs = question.arm.self_pairs
+        self._near: _NeighbourList | None = None
+        self._edge_mid = question.walls.edges.mean(axis=1)
+        self._edge_half = 0.5 * np.linalg.norm(np.diff(question.walls.edges, axis=1)[:, 0], axis=1)
+        self._edge_gap = question.wall_gap[question.walls.edge_wall]
+        self._vertex_gap = question.wall_gap[question.walls.vertex_wall]
+
+    def contacts(self, points: FloatArray) -> Contacts:
+        """All pairs of a pose with a gap below the reach; ``points`` has the shape (links + 1, 2) [m]."""
+        near = self._neighbours(points)
+        parts = [self._link_vertex(points, near), self._joint_edge(points, near), self._link_link(points, near)]
+        contacts = joined_contacts(parts)
+        return contacts.take(contacts.gap < self._question.reach)
+
+    def crosses(self, points: FloatArray) -> bool:
+        """Whether any link cuts an edge of a wall or a distant link."""
+        near = self._neighbours(points)
+        i, e = near.link_edge
+        start, end = self._link_ends(points, i)
+        if bool(np.any(_cut(start, end, self._walls.edges[e, 0], self._walls.edges[e, 1]))):
+            return True
+        a, b = near.link_link
+        return bool(np.any(_cut(points[a], points[a + 1], points[b], points[b + 1])))
+
+    def _neighbours(self, points: FloatArray) -> _NeighbourList:
+        near = self._near
+        if near is None or float(np.max(np.abs(points - near.points))) > self._renewed_at:
+            near = self._collect(points)
+            self._near = near
+        return near
+
+    def _collect(self, points: FloatArray) -> _NeighbourList:
+        """All pairs whose bounding discs come within reach plus slack of each other."""
+        half = 0.5 * self._arm.link_length
+        middles = 0.5 * (points[:-1] + points[1:])
+        reach = self._question.reach + self._slack
+        free = np.arange(self._mount_link, self._arm.links)
+
+        to_edge = _distances(middles[free], self._edge_mid) - half - self._edge_half - self._edge_gap
+        to_edge -= self._question.error_room[free, None]
+        to_vertex = _distances(middles[free], self._walls.vertices) - half - self._vertex_gap
+        to_vertex -= self._question.error_room[free, None]
+        near_edge = to_edge < reach
+        i, e = np.nonzero(near_edge)
+        a, v = np.nonzero(to_vertex < reach)
+        i = free[i]
+        a = free[a]
+
+        # Joints are tested against the edges that are near either of their links; (link, edge) pairs serve for
+        # crossings.
+        near_joint = np.zeros((self._arm.links + 1, near_edge.shape[1]), dtype=bool)
+        near_joint[free] = near_edge
+        near_joint[free + 1] |= near_edge
+        joint_edge = np.nonzero(near_joint)
+
+        p, q = self._pairs
+        far = 2.0 * (self._arm.radius + half) + reach + self._question.pair_room[q - p]
+        close = np.linalg.norm(middles[p] - middles[q], axis=1) < far
+        return _NeighbourList(points.copy(), (a, v), (joint_edge[0], joint_edge[1]), (i, e), (p[close], q[close]))
+
+    def _link_ends(self, points: FloatArray, link: IntArray) -> tuple[FloatArray, FloatArray]:
+        """End points of links, the mount cut off."""
+        start = points[link]
+        end = points[link + 1]
+        at = np.where(link == self._mount_link, self._mount_at, 0.0)[:, None]
+        return start + at * (end - start), end
+
+    def _link_vertex(self, points: FloatArray, near: _NeighbourList) -> Contacts:
+        link, vertex = near.link_vertex
+        target = self._walls.vertices[vertex]
+        start = points[link]
+        end = points[link + 1]
+        least = np.where(link == self._mount_link, self._mount_at, 0.0)
+
+        # The foot of the perpendicular from the vertex: all links have the same length, so its square divides.
+        along = np.einsum("ij,ij->i", target - start, end - start) / self._arm.link_length**2
+        at = np.clip(along, least, 1.0)
+        keep = (along < 1.0) | (link == self._arm.links - 1)  # else the next link reports the shared joint
+        link = link[keep]
+        vertex = vertex[keep]
+        at = at[keep]
+        target = target[keep]
+        apart = points[link] + at[:, None] * (points[link + 1] - points[link]) - target
+        return self._wall_contacts(link, at, apart, self._walls.vertex_wall[vertex])
+
+    def _joint_edge(self, points: FloatArray, near: _NeighbourList) -> Contacts:
+        joint, edge = near.joint_edge
+        place = points[joint]
+        mounted = joint == self._mount_link
+        if mounted.any():
+            p = points[self._mount_link]
+            q = points[self._mount_link + 1]
+            place = np.where(mounted[:, None], p + self._mount_at * (q - p), place)
+        a = self._walls.edges[edge, 0]
+        b = self._walls.edges[edge, 1]
+        along = np.einsum("ij,ij->i", place - a, b - a) / np.maximum(np.einsum("ij,ij->i", b - a, b - a), 1e-30)
+        # Where the foot lies beyond the edge, its vertex is nearer, and ``_link_vertex`` reports that one.
+        keep = (along > 0.0) & (along < 1.0)
+        joint = joint[keep]
+        edge = edge[keep]
+        along = along[keep]
+        place = place[keep]
+        apart = place - (a[keep] + along[:, None] * (b - a)[keep])
+        link = np.minimum(joint, self._arm.links - 1)
+        # The tip is the far end of the last link; every other joint is the near end of its own.
+        at = np.where(joint == self._arm.links, 1.0, np.where(joint == self._mount_link, self._mount_at, 0.0))
+        return self._wall_contacts(link, at, apart, self._walls.edge_wall[edge])
+
+    def _wall_contacts(self, link: IntArray, at: FloatArray, apart: FloatArray, wall: IntArray) -> Contacts:
+        distance = np.hypot(apart[:, 0], apart[:, 1])
+        normal = apart / np.maximum(distance, 1e-12)[:, None]
+        m = len(link)
+        return Contacts(
+            link,
+            at,
+            np.full(m, WALL),
+            np.zeros(m),
+            normal,
+            distance - self._question.wall_gap[wall] - self._question.error_room[link],
+            np.full(m, self._question.margin),
+            wall,
+        )
+
+    def _link_link(self, points: FloatArray, near: _NeighbourList) -> Contacts:
+        i, j = near.link_link
+        at_i, at_j, apart = closest_on_segments(points[i], points[i + 1], points[j], points[j + 1])
+        distance = np.hypot(apart[:, 0], apart[:, 1])
+        normal = apart / np.maximum(distance, 1e-12)[:, None]
+        wall = np.full(len(i), len(self._walls.names))
+        gap = distance - 2.0 * self._arm.radius - self._question.pair_room[j - i]
+        return Contacts(i, at_i, j, at_j, normal, gap, self._question.pair_margin[j - i], wall)
+
+
+def closest_on_segments(
+    p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Closest points of segments pq and rs that do not cross: the least of four end-to-segment distances.
+
+    Returns:
+        Place on pq, place on rs, and the vector from the point on rs to the point on pq; shapes (m,), (m,), (m, 2).
+    """
+    d = q - p
+    e = s - r
+    dd = np.maximum(np.einsum("ij,ij->i", d, d), 1e-30)
+    ee = np.maximum(np.einsum("ij,ij->i", e, e), 1e-30)
+
+    w = p - r
+    dw = np.einsum("ij,ij->i", d, w)
+    ew = np.einsum("ij,ij->i", e, w)
+    de = np.einsum("ij,ij->i", d, e)
+    zero = np.zeros_like(dw)
+    one = np.ones_like(dw)
+    # An end of one segment is nearest to the other at its projection, clipped; all four ends are tried.
+    on_first = np.stack((np.clip(-dw / dd, 0, 1), np.clip((de - dw) / dd, 0, 1), zero, one))
+    on_second = np.stack((zero, one, np.clip(ew / ee, 0, 1), np.clip((ew + de) / ee, 0, 1)))
+
+    apart = w + on_first[..., None] * d - on_second[..., None] * e
+    best = np.argmin(np.einsum("kij,kij->ki", apart, apart), axis=0)
+    columns = np.arange(len(p))
+    return on_first[best, columns], on_second[best, columns], apart[best, columns]
+
+
+def _cut(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArray:
+    """Whether segments properly cross; the boxes around collinear ones, whose sides are rounding, are apart."""
+    # Each segment's ends lie on opposite sides of the other's line; an end that touches counts as no crossing.
+    opposite = (_side(p, q, r) * _side(p, q, s) < 0.0) & (_side(r, s, p) * _side(r, s, q) < 0.0)
+    low = np.maximum(np.minimum(p, q), np.minimum(r, s))
+    high = np.minimum(np.maximum(p, q), np.maximum(r, s))
+    return np.asarray(opposite & np.all(low <= high, axis=1))
+
+
+def _side(p: FloatArray, q: FloatArray, r: FloatArray) -> FloatArray:
+    # Twice the signed area of the triangle: positive where r lies to the left of pq.
+    return (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
+
+
+def _distances(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])

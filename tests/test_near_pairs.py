@@ -1,0 +1,102 @@
+"""Near pairs in C against numpy, and the index under them against plain comparison."""
+
+import logging
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.collision import compiled_pairs
+from ccm_opt.collision.collision_settings import DEFAULT_CONTACTS
+from ccm_opt.collision.contact_finder import ContactFinder
+from ccm_opt.collision.contacts import Contacts
+from ccm_opt.collision.neighbour_pairs import NeighbourPairs
+from ccm_opt.collision.pair_search import PairQuestion
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.box_tree import BoxTree
+from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
+
+from .scenes import ROOM, clutter, make_arm, mixed_walls, random_headings
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def asked(links: int, mount: float, reach: float, workspace: Workspace) -> PairQuestion:
+    """A question with numbers that are all of some account."""
+    arm = make_arm(links, 0.012, mount_length=mount / links, stray=1e-3)
+    return PairQuestion(arm, workspace.flat_walls, 2e-3, 3e-3, reach, DEFAULT_CONTACTS)
+
+
+def assert_same(one: Contacts, other: Contacts) -> None:
+    """Both lists hold the same pairs in the same order, with the same numbers to rounding."""
+    for name in ("first", "second", "wall"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for name in ("first_at", "second_at", "normal", "gap", "margin"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-9)
+
+
+@settings(max_examples=60)
+@given(
+    seed=seeds,
+    links=st.sampled_from((2, 8, 24, 50)),
+    mount=st.sampled_from((0.0, 0.6, 1.0, 1.6)),
+    reach=st.sampled_from((0.01, 0.1, 0.6)),
+    bend=st.sampled_from((2.0, 6.0, 12.0)),
+)
+def test_compiled_pairs_are_those_of_numpy(seed: int, links: int, mount: float, reach: float, bend: float) -> None:
+    """Whatever the links, the mount, the reach and the pose, C and numpy report the same pairs and crossings."""
+    question = asked(links, mount, reach, mixed_walls())
+    compiled = compiled_pairs.compiled_pairs(question)
+    if compiled is None:
+        pytest.skip("no C compiler")
+    by_numpy = NeighbourPairs(question)
+    rng = np.random.default_rng(seed)
+    for _ in range(3):
+        points = question.arm.joint_positions(random_headings(rng, question.arm, bend))
+        # A pair within rounding of the reach, or a foot within rounding of a corner, may fall on either side.
+        assert_same(compiled.contacts(points), by_numpy.contacts(points))
+        assert compiled.crosses(points) == by_numpy.crosses(points)
+
+
+def test_more_pairs_than_room_are_all_reported() -> None:
+    """A reach over the whole room makes more pairs than results have room for at first."""
+    question = asked(24, 0.0, 2.0, clutter(3, 60).workspace)
+    compiled = compiled_pairs.compiled_pairs(question)
+    if compiled is None:
+        pytest.skip("no C compiler")
+    points = question.arm.joint_positions(random_headings(np.random.default_rng(1), question.arm, 4.0))
+    found = compiled.contacts(points)
+    assert len(found) > 1000
+    assert_same(found, NeighbourPairs(question).contacts(points))
+
+
+def test_without_a_compiler_numpy_finds_contacts(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Where nothing compiles, contacts are found all the same, and one log line says how."""
+    arm = make_arm(12, 0.01)
+    workspace = Workspace(ROOM, (Obstacle("post", shapely.Point(0.5, 0.05), 0.02),))
+    points = arm.joint_positions(np.zeros(12))
+    expected = ContactFinder(arm, workspace.flat_walls, 0.0, 0.0, 0.1).find(points)
+    monkeypatch.setenv(COMPILER_VARIABLE, "")
+    compiled_pairs._log_uncompiled.cache_clear()
+    with caplog.at_level(logging.WARNING):
+        got = ContactFinder(arm, workspace.flat_walls, 0.0, 0.0, 0.1).find(points)
+    assert_same(got, expected)
+    assert [record.message.split(": ")[1] for record in caplog.records] == ["no C compiler was found"]
+
+
+@settings(max_examples=60)
+@given(seed=seeds, count=st.integers(0, 70))
+def test_a_box_tree_finds_what_comparison_finds(seed: int, count: int) -> None:
+    """For any number of items the tree names exactly those whose boxes meet a box."""
+    rng = np.random.default_rng(seed)
+    low = rng.uniform(-1.0, 1.0, (count, 2))
+    high = low + rng.exponential(0.1, (count, 2))
+    tree = BoxTree.over(low, high)
+    corner = rng.uniform(-1.2, 1.0, 2)
+    far = corner + rng.exponential(0.3, 2)
+    meeting = np.flatnonzero(np.all((low <= far) & (high >= corner), axis=1))
+    np.testing.assert_array_equal(tree.meeting(corner, far), meeting)
