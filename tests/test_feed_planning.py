@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.files.problem_file import load_problem
-from ccm_opt.freespace.walls import Walls
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
@@ -111,7 +110,7 @@ def test_bands_keep_off_the_walls_of_a_bent_tube(turn: float, left: bool, gap: f
     middle = bow(fed_arm(), sign * turn)
     line = shapely.LineString(middle.points[middle.arc > 0.7])
     tube = shapely.buffer(line, 0.15).difference(shapely.buffer(line, RADIUS + gap, cap_style="flat"))
-    walls = Walls.from_workspace(Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0), (Obstacle("tube", tube),)))
+    walls = Workspace(shapely.box(-2.0, -2.0, 2.0, 2.0), (Obstacle("tube", tube),)).flat_walls
     way = middle.points[(middle.arc > 0.82) & (middle.arc < 1.38)]
     wanted = RADIUS + 0.01
     band = ElasticBand(walls, wanted, 0.0, 15.0, LINK / 3.0, LINK).smoothed(way, (0.0, None))
