@@ -1,10 +1,12 @@
 """Whether the whole arm can stand as a problem wants it; a motion is planned only between poses that it can have."""
 
 import numpy as np
+import shapely
 
 from ccm_opt.collision.certificate import Certificate, allowed_contact
 from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE
 from ccm_opt.collision.contact_finder import ContactFinder
+from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
@@ -31,11 +33,17 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str
     # An axis without width that touched a wall could not be told from one that crosses it.
     may_touch = allowed_contact(arm, workspace) > 0.0
     least = -DEFAULT_CERTIFICATE.rounding if may_touch else DEFAULT_CERTIFICATE.touch
-    if np.any(contacts.gap < least) or finder.crosses(points):
-        raise UnreachableGoal(_touching(which, finder.describe(contacts)))
+    crossing = finder.crosses(points)
+    touching = bool(np.any(contacts.gap < least)) or crossing
     # A pose that stands still is a motion too: its certificate sees links inside obstacles, far from any wall.
-    if len(Certificate.allowing_contact(arm, workspace).failures(np.stack((pose, pose)))):
-        raise UnreachableGoal(_touching(which, "a link lies inside an obstacle"))
+    inside = not touching and len(Certificate.allowing_contact(arm, workspace).failures(np.stack((pose, pose)))) > 0
+    if touching or inside:
+        if (outside := _outside(arm, workspace, points)) is not None:
+            raise UnreachableGoal(Diagnosis(f"the {which} {outside}", which, (f"move the {which} into the room",)))
+        # Where axes cross, or lie in a wall, no thinner arm would do.
+        room = () if crossing or inside else room_advice(arm, workspace)
+        what = "a link lies inside an obstacle" if inside else finder.describe(contacts)
+        raise UnreachableGoal(_touching(which, what, room))
     return float(contacts.gap.min(initial=np.inf))
 
 
@@ -50,6 +58,22 @@ def _refuse_sharp_bends(arm: Arm, bends: FloatArray, which: str) -> None:
     raise UnreachableGoal(Diagnosis(reason, which, (f"change the {which}", "raise arm.joint_limit_deg")))
 
 
-def _touching(which: str, contact: str) -> Diagnosis:
-    advice = (f"change the {which}", "use a smaller arm.radius or workspace.clearance")
-    return Diagnosis(f"the {which} touches something: {contact}", which, advice)
+def _touching(which: str, contact: str, room: tuple[str, ...]) -> Diagnosis:
+    return Diagnosis(f"the {which} touches something: {contact}", which, (f"change the {which}", *room))
+
+
+def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
+    """Where a pose, joints and tip (links + 1, 2) [m], leaves the room, in words; None where it stays inside."""
+    link, share = arm.mount_end
+    behind_mount = np.vstack((points[link] + share * (points[link + 1] - points[link]), points[link + 1 :]))
+    out = ~shapely.intersects_xy(workspace.boundary, behind_mount[:, 0], behind_mount[:, 1])
+    if not out.any():
+        return None
+    depth = np.where(out, shapely.distance(shapely.points(behind_mount), workspace.boundary), 0.0)
+    worst = int(np.argmax(depth))
+    place = behind_mount[worst]
+    number = link + max(worst, 1)
+    return (
+        f"leaves the room: link {number} is {1e3 * depth[worst]:.1f} mm outside the workspace boundary at "
+        f"({place[0]:.3f}, {place[1]:.3f})"
+    )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, VerificationError
@@ -133,7 +134,7 @@ def _short_of(problem: Problem, best: SurvivedError) -> Diagnosis:
     )
     advice = (
         f"ask for tolerance.joint_error_deg = {_below(reached)}, which the best motion survives",
-        "use a smaller arm.radius or workspace.clearance",
+        *room_advice(problem.arm, problem.workspace),
         "move what limits it, or the goal, apart",
     )
     evidence = {"asked_deg": asked, "survived_deg": reached, "where": best.where, "link": best.link, "time": best.time}

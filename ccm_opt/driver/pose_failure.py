@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
@@ -13,9 +14,6 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.planners.pose_over_routes import PoseTry, pose_search, pose_tries, tried_from
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.user_terms.compiled_terms import UserTerms
-
-ADVICE = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "free the goal heading")
-"""What may help when no constraint of the user is in the way."""
 
 
 def no_pose(
@@ -49,7 +47,15 @@ def no_pose(
         reason += f"; the nearest ({nearest.start}): {failure_words(nearest)}"
     elif tries:
         reason += f"; {tries[0].start}: {tries[0].reason}"
-    return ConfigurationNotFound(Diagnosis(reason, "configuration", ADVICE, evidence))
+    return ConfigurationNotFound(Diagnosis(reason, "configuration", _advice(problem), evidence))
+
+
+def _advice(problem: Problem) -> tuple[str, ...]:
+    """What may help the search for a pose."""
+    room = room_advice(problem.arm, problem.workspace)
+    free = isinstance(problem.goal, TipGoal) and problem.goal.heading is not None
+    heading = ("leave goal.heading_deg out",) if free else ()
+    return ("raise planner.routes", *room, "raise arm.joint_limit_deg", *heading)
 
 
 def with_constraint_first(

@@ -97,9 +97,7 @@ class Triangulation:
             ValueError: when there is no free space at all.
         """
         if len(self) == 0:
-            raise ValueError(
-                "free space is empty: its inflation leaves the arm no room, try a smaller radius or clearance"
-            )
+            raise ValueError("free space is empty: its inflation leaves the arm no room")
         triangles = self.locate(points)
         free = np.array(points, dtype=np.float64)
         outside = np.flatnonzero(triangles < 0)

@@ -8,6 +8,7 @@ import shapely
 from ccm_opt.collision.bad_pose import refuse_bad_pose
 from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.collision.contacts import WALL
+from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
@@ -167,5 +168,6 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
         what = "tip is" if goal.heading is None else "last link is"
         depth = 1e3 * (play - gaps[k])
         reason = f"at the goal the {what} {depth:.1f} mm too near to '{problem.workspace.walls[k].name}'"
-        advice = ("move the goal or change its heading", "use a smaller arm.radius or workspace.clearance")
+        move = "move the goal" if goal.heading is None else "move the goal or change its heading"
+        advice = (move, *room_advice(arm, problem.workspace))
         raise UnreachableGoal(Diagnosis(reason, "goal", advice))

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.motion_task import MotionTask
@@ -77,7 +78,8 @@ def nothing_found(
     if any(not each.exhausted for each in strategies):
         reason = f"{task.deadline.what_passed()}: {reason}"
         return TimeLimitReached(Diagnosis(reason, "motion", ("raise planner.time_limit",), figures))
-    advice = ("raise planner.routes", "use a smaller radius or clearance", "raise joint_limit_deg", "use a longer arm")
+    room = room_advice(task.arm, task.workspace)
+    advice = ("raise planner.routes", *room, "raise arm.joint_limit_deg", "use a longer arm")
     first = [words for limit in task.user_limits for words in limit.advice]
     return MotionNotFound(Diagnosis(reason, "motion", (*first, *advice), figures))
 

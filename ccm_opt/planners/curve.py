@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from scipy.interpolate import BSpline
 
+from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
@@ -133,7 +134,7 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
         names = ", ".join(f"'{name}'" for limit in task.user_limits for name in limit.names)
         if names:
             reason = f"{reason} that keeps the joint limits and the constraints {names}"
-        raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))
+        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(problem.arm, problem.workspace)))
     control = problem.arm.bends(path.spline.c)
     curves = tuple(nearest_curve(problem.arm, headings) for headings in motion.headings)
     keyframes = problem.arm.bends(motion.headings)

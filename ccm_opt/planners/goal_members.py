@@ -50,7 +50,7 @@ class _Choice:
 
 
 def goal_members(
-    arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings | None = None
+    arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings | None = None, fed: float = 0.0
 ) -> tuple[GoalMember, ...]:
     """Members of a goal to lead routes to; the goal itself alone when it is no set.
 
@@ -59,6 +59,7 @@ def goal_members(
         goal: of the tip.
         room: free space of the arm's axis.
         settings: numbers.
+        fed: how far the base can be fed in beyond where it stands [m].
 
     Returns:
         At least one unless the whole set is closed to the tip; the one nearest to the middle of the set first.
@@ -66,15 +67,15 @@ def goal_members(
     if not goal.is_set:
         return (GoalMember(goal.position, goal.heading),)
     settings = settings or GoalMemberSettings()
-    choice = _choice(arm, goal, room, settings)
+    choice = _choice(arm, goal, room, settings, fed)
     chosen = _far_apart(arm, goal, choice, settings)
     any_heading = goal.heading is None
     return tuple(GoalMember(choice.places[k], None if any_heading else float(choice.headings[k])) for k in chosen)
 
 
-def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings) -> _Choice:
+def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings, fed: float) -> _Choice:
     """All places and headings that are looked at."""
-    places, pieces = _places(arm, goal, room, settings)
+    places, pieces = _places(arm, goal, room, settings, fed)
     headings = _headings(goal, settings)
     each = np.repeat(np.arange(len(places)), len(headings))
     turned = np.tile(headings, len(places))
@@ -104,7 +105,9 @@ def _headings(goal: GoalPose, settings: GoalMemberSettings) -> FloatArray:
     return goal.heading + np.linspace(-goal.room[1], goal.room[1], 2 * steps + 1)
 
 
-def _places(arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings) -> tuple[FloatArray, IntArray]:
+def _places(
+    arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSettings, fed: float
+) -> tuple[FloatArray, IntArray]:
     """Places of the set that are connected with the base and within the arm's length of it, with their pieces."""
     if goal.room[0] == 0.0:
         return goal.position[None], np.zeros(1, dtype=np.intp)
@@ -114,7 +117,7 @@ def _places(arm: Arm, goal: GoalPose, room: FreeSpace, settings: GoalMemberSetti
     base = shapely.Point(arm.base)
     around_base = parts[int(np.argmin(shapely.distance(parts, base)))]
     middle = shapely.Point(goal.position)
-    within = shapely.intersection(middle.buffer(goal.room[0]), base.buffer(settings.reach * arm.length))
+    within = shapely.intersection(middle.buffer(goal.room[0]), base.buffer(settings.reach * arm.length + fed))
     pieces = [
         piece
         for piece in shapely.get_parts(shapely.intersection(around_base, within))

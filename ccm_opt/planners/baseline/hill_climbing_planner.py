@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from scipy.interpolate import BSpline
 
+from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached
 from ccm_opt.ground.arrays import FloatArray
@@ -171,7 +172,7 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
     spline = certified_spline(headings, follower.certificate)
     if spline is None:
         reason = "the motion leaves no room for a smooth path"
-        raise MotionNotFound(Diagnosis(reason, "motion", ("use a smaller radius or clearance",)))
+        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm, follower.problem.workspace)))
     spare = spare_kept(spline, follower.certificate)
     return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), arm.bends(headings), curves, name, spare=spare)
 

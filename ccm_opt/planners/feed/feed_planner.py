@@ -1,20 +1,26 @@
 """The planner of arms on a feed axis: follow the leader into the room beyond the hole, change shape where need be."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 from scipy.interpolate import BSpline
 
+from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
+from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.ground.stages import Stages
+from ccm_opt.jointed.arm import Feed
+from ccm_opt.motion.ends import tip_goal
 from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.feed.leader_paths import LeaderPaths, Reach
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.tactics import ProposedMotion, following, reshaping, reshaping_at_once, straightened
 from ccm_opt.planners.following.leader import LeaderPath
+from ccm_opt.planners.goal_members import goal_members
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import JointPath
 
@@ -41,8 +47,35 @@ class FeedPlanner:
         if problem.arm.feed is None:
             raise ProblemError("the feed planner needs an arm with arm.feed, got one whose base is fixed")
         deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
+        failures: list[NoPlanFound] = []
+        members = self._members(problem, problem.arm.feed)
+        for number, member in enumerate(members):
+            share = deadline.left / (len(members) - number)
+            try:
+                return self._planned(member, problem.arm.feed, deadline.within(share))
+            except NoPlanFound as failure:
+                failures.append(failure)
+        raise failures[0]
+
+    def _members(self, problem: Problem, feed: Feed) -> tuple[Problem, ...]:
+        """The problem; where its goal is a set, one for each of some members of it in turn."""
+        if not isinstance(problem.goal, TipGoal):
+            return (problem,)
+        goal = tip_goal(problem, problem.goal)
+        if not goal.is_set:
+            return (problem,)
+        arm = problem.arm
+        room = FreeSpace(problem.workspace, max(arm.radius + problem.workspace.clearance, SHORTEST))
+        # What lies within reach begins at the hole, where the guide tube ends.
+        at_hole = replace(arm, base=arm.base + feed.hole * arm.feed_direction)
+        members = goal_members(at_hole, goal, room, fed=max(feed.high - feed.hole, 0.0))
+        goals = [TipGoal(member.position, member.heading) for member in members]
+        return tuple(replace(problem, goal=each) for each in goals) or (problem,)
+
+    def _planned(self, problem: Problem, feed: Feed, deadline: Deadline) -> JointPath:
+        """A motion to one member of the goal."""
         with self.stages("mapping"):
-            query = FeedQuery.from_problem(problem, problem.arm.feed, deadline, self.settings)
+            query = FeedQuery.from_problem(problem, feed, deadline, self.settings)
         with self.stages("motion"):
             return _FeedSearch(query).run()
 
@@ -173,7 +206,8 @@ class _FeedSearch:
                 f"{self.query.deadline.what_passed()}: {reason}", "motion", ("raise planner.time_limit",), evidence
             )
             return TimeLimitReached(slow)
-        advice = ("raise planner.routes", "use a smaller radius or clearance", "widen arm.feed.range")
+        room = room_advice(self.query.arm, self.query.problem.workspace)
+        advice = ("raise planner.routes", *room, "widen arm.feed.range")
         return MotionNotFound(Diagnosis(reason, "motion", advice, evidence))
 
 
@@ -208,14 +242,14 @@ def _unreachable(query: FeedQuery, shortest: float) -> Diagnosis | None:
     most = Reach.from_feed(arm, query.feed).most
     if shortest == float("inf"):
         reason = (
-            f"no way from the hole to the goal is wide enough for the arm: diameter {2e3 * arm.radius:.1f} mm, "
-            f"clearance {1e3 * query.problem.workspace.clearance:.1f} mm"
+            f"no way from the hole to the goal was found that is wide enough for the arm: diameter "
+            f"{2e3 * arm.radius:.1f} mm, clearance {1e3 * query.problem.workspace.clearance:.1f} mm"
         )
-        advice = ("use a smaller arm.radius or workspace.clearance", "remove an obstacle")
+        advice = (*room_advice(arm, query.problem.workspace), "remove an obstacle")
         return Diagnosis(reason, "free space", advice)
     if shortest > most:
         reason = (
-            f"the shortest way along the feed axis to the goal is {shortest:.3f} m long from arm.base, "
+            f"the shortest way found along the feed axis to the goal is {shortest:.3f} m long from arm.base, "
             f"but the tip comes {most:.3f} m far at most"
         )
         return Diagnosis(reason, "free space", ("widen arm.feed.range", "use a longer arm"), {"way_length": shortest})
