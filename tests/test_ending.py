@@ -17,6 +17,7 @@ from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.bottleneck_joints import weighing_bottlenecks
+from ccm_opt.motion.optimisation.more_room import with_more_room
 from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.swept_motion import Sweep
@@ -78,6 +79,41 @@ def test_rows_ask_for_the_room_of_the_smooth_path(seed: int, intervals: int) -> 
     beside = known - sag + (WANTED - MARGIN) + nearer
     links = space.arm.link_margins(room.low, room.high - 1, WANTED) < WANTED
     assert np.all(asked[walls & ~links] >= beside[walls & ~links] - 1e-12)
+
+
+# ---------------------------------------------------------------- more keyframes where room is lacking
+def room(motion: Motion, task: MotionTask) -> float:
+    """Least gap of the spline along a motion, densely sampled [m]."""
+    return task.least_gap(clamped_spline(motion.headings)(np.linspace(0.0, 1.0, 1000)))
+
+
+@pytest.mark.parametrize("seed", [90_110, 90_111])
+def test_a_motion_that_lacks_room_gets_more_of_it(seed: int) -> None:
+    """From a motion after one step, which grazes walls, to one that keeps what is wanted or what its ends leave."""
+    problem = clutter(seed, 40).problem()
+    task = replace(motion_task(problem, guessing=True), wanted_gap=problem.wanted_gap)
+    found = find_motion(replace(task, optimiser="none"))
+    grazing = optimise(found, task, rounds=1)
+    widened = with_more_room(grazing, task)
+    assert widened.headings[[0, -1]] == pytest.approx(grazing.headings[[0, -1]], abs=1e-9)
+    frames = [swept(a, b, 10) for a, b in zip(widened.headings[:-1], widened.headings[1:], strict=True)]
+    walls, own = sweep_gaps(problem.arm, problem.workspace, np.vstack(frames))
+    assert walls > 0.0
+    assert own > 0.0
+
+    before = room(grazing, task)
+    most = min(problem.wanted_gap, task.least_gap(grazing.headings[[0, -1]]))
+    assert before < 0.8 * most
+    assert room(widened, task) > before
+    assert room(widened, task) >= 0.9 * most
+
+
+def test_a_motion_with_room_stays_as_it_is() -> None:
+    """Nothing is lacking where nothing is wanted, or where all that is wanted is there."""
+    _, task, motion = optimised(90_100)
+    assert with_more_room(motion, task) is motion
+    little = replace(task, wanted_gap=0.5 * room(motion, replace(task, wanted_gap=WANTED)))
+    assert with_more_room(motion, little) is motion
 
 
 # ---------------------------------------------------------------- another end

@@ -13,6 +13,7 @@ from ccm_opt.motion.continuation import Stalled, follow
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.bottleneck_joints import weighing_bottlenecks
+from ccm_opt.motion.optimisation.more_room import with_more_room
 from ccm_opt.motion.optimisation.optimise import keeps_limits, optimise, path_parameters
 from ccm_opt.motion.step import Stepper
 
@@ -41,9 +42,11 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
             end = replace(task.goal, coordinates=bent.coordinates[-1])
             to_end = replace(weighing_bottlenecks(bent, task), goal=end, goal_headings=wanted)
             ended = optimise(bent, to_end, margin, settings.end_rounds)
+            ended = with_more_room(ended, to_end, margin)
             if keeps_limits(ended, task):
                 return ended
-    return optimise(free, weighing_bottlenecks(free, task), margin, settings.end_rounds)
+    weighed = weighing_bottlenecks(free, task)
+    return with_more_room(optimise(free, weighed, margin, settings.end_rounds), weighed, margin)
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:

@@ -37,7 +37,7 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
     """
     if task.optimiser == "none" or len(motion.coordinates) < 2 or task.deadline.passed():
         return motion
-    whole = _program(motion, task, task.settings.optimisation.margin if margin is None else margin)
+    whole = motion_program(motion, task, margin)
     if any(limit.moves_keyframes for limit in task.user_limits):
         return _optimised_on_limits(motion, task, whole, rounds)
     optimised = _optimised(motion, task, whole, rounds)
@@ -98,7 +98,7 @@ def keeps_limits(motion: Motion, task: MotionTask) -> bool:
     """Whether a motion's keyframes keep the limits that users set, and the motion is certified between them."""
     if not any(limit.moves_keyframes for limit in task.user_limits):
         return True  # every motion that is made here is certified
-    program = replace(_program(motion, task, task.settings.optimisation.margin), u=path_parameters(motion))
+    program = replace(motion_program(motion, task), u=path_parameters(motion))
     return _certified(program, motion.coordinates)
 
 
@@ -167,9 +167,10 @@ def travel(motion: Motion) -> float:
     return path_length(motion.space.bends(motion.headings))
 
 
-def _program(motion: Motion, task: MotionTask, margin: float) -> MotionProgram:
-    """The program of a motion, its keyframes still to be chosen."""
+def motion_program(motion: Motion, task: MotionTask, margin: float | None = None) -> MotionProgram:
+    """The program of a motion, its keyframes still to be chosen; arguments as for ``optimise``."""
     settings = task.settings.optimisation
+    margin = settings.margin if margin is None else margin
     length = task.arm.length
     # Few, long links would otherwise reach for every wall of the room.
     link = min(task.arm.link_length, settings.largest_link * length)

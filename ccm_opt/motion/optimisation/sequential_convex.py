@@ -4,6 +4,7 @@ Every iterate is certified: a step that the certificate refuses is shortened, th
 homotopy class, and the last iterate is always fit for use.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -134,13 +135,20 @@ class _Iterate:
     gained: float = 0.0
 
 
-def sequential_convex(program: MotionProgram, coordinates: FloatArray, rounds: int | None = None) -> FloatArray:
+def sequential_convex(
+    program: MotionProgram,
+    coordinates: FloatArray,
+    rounds: int | None = None,
+    enough: Callable[[Sweep], bool] | None = None,
+) -> FloatArray:
     """Optimise a certified motion.
 
     Args:
         program: what to keep.
         coordinates: at the keyframes, shape (K + 1, p).
         rounds: most steps; those of the settings when None.
+        enough: whether a motion is what was asked for, so that no more steps are taken; when None, they end where they
+            gain little.
 
     Returns:
         The last iterate's coordinates, shape (K + 1, p); certified.
@@ -163,7 +171,8 @@ def sequential_convex(program: MotionProgram, coordinates: FloatArray, rounds: i
         iterate = following
         # One meagre round often comes before good ones, while damping or prices find their size.
         idle = idle + 1 if iterate.gained < settings.worth * before else 0
-        if idle >= settings.patience or program.deadline.passed():
+        done = idle >= settings.patience if enough is None else enough(iterate.sweep)
+        if done or program.deadline.passed():
             break
     return iterate.sweep.coordinates
 
