@@ -6,15 +6,15 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import report_console, stage_line, value_table
 from ccm_opt.cli.term_references import NO_TERMS, TermReferences
-from ccm_opt.errors import Diagnosis, NoPlanFound, ProblemError
+from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.files.export.folder import POSE_RECORD, check_target
 from ccm_opt.files.export.pose_folder import write_pose, write_pose_failure
 from ccm_opt.files.export.pose_json import segment_words
-from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import Problem
 from ccm_opt.solution import StaticPose
 from ccm_opt.user_terms.references import load_terms
@@ -36,13 +36,10 @@ def pose_files(files: Sequence[Path], out: Path, terms: TermReferences = NO_TERM
     Returns:
         The exit code.
     """
-    taken: dict[str, Path] = {}
+    problems = NamedProblems()
 
     def pose_one(file: Path) -> int:
-        problem = load_problem(file)
-        first = taken.setdefault(problem.name, file)
-        if first is not file:
-            raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
+        problem = problems.read(file)
         return _pose(problem, out, terms, pictures=pictures)
 
     return run_all(files, pose_one)

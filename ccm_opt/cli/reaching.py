@@ -10,12 +10,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from ccm_opt.cli.display_settings import DISPLAY
+from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.tables import columned_table, report_console
-from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import REACH_RECORD, check_target
 from ccm_opt.files.export.reach_folder import write_reach
-from ccm_opt.files.problem_file import load_problem
 from ccm_opt.ground.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
 from ccm_opt.solution import ReachMap
 
@@ -58,13 +57,10 @@ def reach_files(files: Sequence[Path], options: ReachOptions) -> int:
     Returns:
         The exit code.
     """
-    taken: dict[str, Path] = {}
+    problems = NamedProblems()
 
     def reach_one(file: Path) -> int:
-        problem = load_problem(file)
-        first = taken.setdefault(problem.name, file)
-        if first is not file:
-            raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
+        problem = problems.read(file)
         check_target(options.out / problem.name, REACH_RECORD)
         from ccm_opt.driver.reach_mapping import reach_map  # noqa: PLC0415 - loads casadi
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 from ccm_opt.cli.failure_record import failures_recorded, kept_without_pictures
+from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
 from ccm_opt.cli.pareto_table import print_pareto
 from ccm_opt.cli.stage_clock import stage_display
@@ -15,7 +16,6 @@ from ccm_opt.cli.term_references import NO_TERMS, TermReferences
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import check_target, write_solution
 from ccm_opt.files.export.pareto_folder import write_pareto
-from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import MethodName, Problem
 from ccm_opt.solution import ParetoPlans, Solution
 
@@ -47,17 +47,13 @@ def solve_files(
     Returns:
         The exit code.
     """
-    taken: dict[str, Path] = {}
+    problems = NamedProblems()
 
     def solve_one(file: Path) -> int:
         asked = _known_method(method)
-        problem = load_problem(file)
+        problem = problems.read(file)
         if asked is not None:
             problem = replace(problem, planner=replace(problem.planner, method=asked))
-        # Folders are named after problems, so that a second problem of the same name would replace the first plan.
-        first = taken.setdefault(problem.name, file)
-        if first is not file:
-            raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
         solve = _solve_several if several else _solve
         return solve(problem, out, terms, pictures=pictures, explain=explain)
 

@@ -1,7 +1,6 @@
 """Solve the configuration NLP with IPOPT: SX expressions, exact Hessian, one built solver a program."""
 
 from dataclasses import dataclass
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import casadi as ca
@@ -10,24 +9,9 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.ipopt_call import ipopt_call
 from ccm_opt.nlp.configuration_settings import ConfigurationSettings
+from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, ShootingProgram
 
-_OPTIONS: dict[str, Any] = {
-    "print_time": False,
-    "error_on_fail": False,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "ipopt.acceptable_iter": 0,
-    "ipopt.mu_strategy": "adaptive",
-    "ipopt.nlp_scaling_method": "none",
-    # The matrices are small and well scaled by themselves: a fifth of the time goes without changing the iterates.
-    "ipopt.fast_step_computation": "yes",
-    "ipopt.min_refinement_steps": 0,
-    "ipopt.mumps_permuting_scaling": 0,
-    "ipopt.mumps_pivot_order": 0,
-    "ipopt.mumps_scaling": 0,
-}
-"""IPOPT's options that are switches; its numbers come from the settings."""
 _solvers: WeakKeyDictionary[ShootingProgram, ca.Function] = WeakKeyDictionary()
 
 
@@ -99,7 +83,7 @@ def built_solver(program: ShootingProgram) -> ca.Function:
             "f": program.objective,
             "g": program.constraints,
         }
-        options = {**_OPTIONS, **_numbers(program.settings)}
+        options = {**IPOPT_SWITCHES, **_numbers(program.settings)}
         _solvers[program] = ca.nlpsol("configuration", "ipopt", symbols, options)
     return _solvers[program]
 

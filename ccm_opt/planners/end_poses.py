@@ -55,8 +55,7 @@ class EndPoses:
         with self.stages("configuration"):
             search = GoalPoseSearch(for_arm(self.problem, arm), self.ends, headings, self.terms, self.settings)
             poses = search.improved(headings)
-            feasible = [pose for pose in poses if search.feasible(pose)]
-            own = min(feasible, key=lambda pose: pose.cost, default=None)
+            own = search.best_of(poses)
         self.said.append((search, own or poses[-1]))
         if own is not None and own.gap >= self.settings.room_enough * search.wanted_gap:
             yield own.headings

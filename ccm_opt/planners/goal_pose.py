@@ -202,7 +202,11 @@ class GoalPoseSearch:
 
     def best(self, start: FloatArray) -> ArmPose | None:
         """The best feasible pose of ``improved``; None when there is none."""
-        feasible = [pose for pose in self.improved(start) if self.feasible(pose)]
+        return self.best_of(self.improved(start))
+
+    def best_of(self, poses: tuple[ArmPose, ...]) -> ArmPose | None:
+        """The feasible pose that costs least; None when there is none."""
+        feasible = [pose for pose in poses if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.cost, default=None)
 
     def solved(self, start: FloatArray) -> ArmPose:

@@ -17,26 +17,15 @@ from ccm_opt.ground.ipopt_call import ipopt_call
 from ccm_opt.nlp.arm_pose.pose_program import PARTS, PoseProgram
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.arm_pose.pose_task import PoseTask
+from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
 
-_SILENT: dict[str, Any] = {
-    "print_time": False,
-    "error_on_fail": False,
+_SWITCHES: dict[str, Any] = {
+    **IPOPT_SWITCHES,
     # Nobody asks how the optimum depends on the parameters; the gradient for it would take a quarter of the building.
     "calc_lam_p": False,
     "no_nlp_grad": True,
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
     # What the links' chain leaves open adds up along the arm, to 200 times as much at the tip.
     "ipopt.constr_viol_tol": 1e-10,
-    "ipopt.acceptable_iter": 0,
-    "ipopt.mu_strategy": "adaptive",
-    "ipopt.nlp_scaling_method": "none",
-    # As in the configuration NLP: the matrices are small and well scaled by themselves; a quarter of the time goes.
-    "ipopt.fast_step_computation": "yes",
-    "ipopt.min_refinement_steps": 0,
-    "ipopt.mumps_permuting_scaling": 0,
-    "ipopt.mumps_pivot_order": 0,
-    "ipopt.mumps_scaling": 0,
 }
 _solvers: WeakKeyDictionary[PoseProgram, dict[PoseSettings, ca.Function]] = WeakKeyDictionary()
 
@@ -257,7 +246,7 @@ def built_solver(program: PoseProgram, settings: PoseSettings) -> ca.Function:
             "g": program.constraints,
         }
         options = {
-            **_SILENT,
+            **_SWITCHES,
             "ipopt.max_iter": settings.iterations,
             "ipopt.tol": settings.tolerance,
             "ipopt.mu_init": settings.first_barrier,

@@ -1,0 +1,31 @@
+"""Problems of several files, whose output folders are named after them."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.problem_file import load_problem
+from ccm_opt.problem import Problem
+
+
+@dataclass
+class NamedProblems:
+    """Reads problem files, and refuses a second problem of the same name, which would replace the first one's folder.
+
+    Attributes:
+        taken: the file of every name so far.
+    """
+
+    taken: dict[str, Path] = field(default_factory=dict)
+
+    def read(self, file: Path) -> Problem:
+        """The problem of a file.
+
+        Raises:
+            ProblemError: the file is wrong, or names its problem as an earlier file does.
+        """
+        problem = load_problem(file)
+        first = self.taken.setdefault(problem.name, file)
+        if first is not file:
+            raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
+        return problem
