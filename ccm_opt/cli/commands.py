@@ -25,6 +25,14 @@ class CommandGroup(TyperGroup):
             raise typer.Exit(report_cancelled()) from interrupt
 
 
+ProblemFiles = Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)]
+Constraints = Annotated[
+    list[str] | None, typer.Option(help="User constraint, as module:function or file.py:function. May be repeated.")
+]
+Costs = Annotated[
+    list[str] | None, typer.Option(help="User cost, as module:function or file.py:function. May be repeated.")
+]
+
 app = typer.Typer(
     name="ccm-opt",
     cls=CommandGroup,
@@ -53,16 +61,12 @@ def _root(
 
 @app.command("solve")
 def solve_command(
-    files: Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)],
+    files: ProblemFiles,
     *,
     out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs"),
     method: Annotated[str | None, typer.Option(help="Planner to use instead of the one in the file.")] = None,
-    constraint: Annotated[
-        list[str] | None, typer.Option(help="User constraint, as module:function or file.py:function. May be repeated.")
-    ] = None,
-    cost: Annotated[
-        list[str] | None, typer.Option(help="User cost, as module:function or file.py:function. May be repeated.")
-    ] = None,
+    constraint: Constraints = None,
+    cost: Costs = None,
     pareto: Annotated[
         bool, typer.Option("--pareto", help="Make five plans from the fastest to the roomiest, and recommend one.")
     ] = False,
@@ -83,15 +87,11 @@ def solve_command(
 
 @app.command("pose")
 def pose_command(
-    files: Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)],
+    files: ProblemFiles,
     *,
     out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/poses"),
-    constraint: Annotated[
-        list[str] | None, typer.Option(help="User constraint, as module:function or file.py:function. May be repeated.")
-    ] = None,
-    cost: Annotated[
-        list[str] | None, typer.Option(help="User cost, as module:function or file.py:function. May be repeated.")
-    ] = None,
+    constraint: Constraints = None,
+    cost: Costs = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
 ) -> None:
     """Find the best pose at the goal, without a motion to it; write OUT/<name>/ for each."""
@@ -104,7 +104,7 @@ def pose_command(
 
 @app.command("reach")
 def reach_command(
-    files: Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)],
+    files: ProblemFiles,
     *,
     out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/reach"),
     step: Annotated[
@@ -190,7 +190,7 @@ def compare_command(
 
 @app.command("describe")
 def describe_command(
-    files: Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)],
+    files: ProblemFiles,
 ) -> None:
     """Print the arm of problems: link parameters, drives, masses."""
     from ccm_opt.cli.describing import describe_files  # noqa: PLC0415 - loads numpy

@@ -69,24 +69,18 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
         share = np.clip((u - beginning) / (1.0 - beginning), 0.0, 1.0)
         coordinates = before + (share**2 * (3.0 - 2.0 * share))[:, None] * change
         headings = space.headings(coordinates)
-        if len(task.certificate.failures(headings)) == 0 and _within_limits(headings, task):
+        if len(task.certificate.failures(headings)) == 0 and task.within_joint_limits(headings):
             return Motion(space, coordinates, headings, motion.candidate, motion.u, wanted)
     if motion.u is not None:
         return None  # whose limits depend on where along the motion they are: nothing can be added to it
     return _led_on(Motion(space, before, motion.headings, motion.candidate, end_pose=wanted), end, task)
 
 
-def _within_limits(headings: FloatArray, task: MotionTask) -> bool:
-    return bool(np.all(np.abs(task.arm.bends(headings)) <= task.arm.bend_limits))
-
-
 def _led_on(motion: Motion, end: FloatArray, task: MotionTask) -> Motion | None:
     """A motion with a way from its end to other coordinates added."""
-    settings = task.settings.search
     space = motion.space
-    for links in settings.margins:
-        margin = links * space.nominal_length
-        finder = task.finder(margin, max(settings.reach * space.nominal_length, settings.reach_margins * margin))
+    for links in task.settings.search.margins:
+        finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
         stepper = Stepper(space, finder, task.limits(finder), task.settings)
         added = _certified_way(stepper, task, motion.coordinates[-1], end)
         if added is not None:

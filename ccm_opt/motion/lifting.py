@@ -38,8 +38,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
 
     # The offset is not the one that the motion was planned with, so bends have to be looked at once more.
     headings = space.headings(coordinates)
-    within = np.all(np.abs(task.arm.bends(headings)) <= task.arm.bend_limits)
-    if len(failing) or not within:
+    if len(failing) or not task.within_joint_limits(headings):
         return None
     return Motion(space, coordinates, headings, f"{motion.candidate}, lifted", end_pose=motion.end_pose)
 

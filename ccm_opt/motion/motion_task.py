@@ -129,6 +129,11 @@ class MotionTask:
         walls = self.workspace.flat_walls
         return ContactFinder(self.arm, walls, self.workspace.clearance, margin, reach, self.settings.contacts)
 
+    def planning_finder(self, margin: float, nominal_length: float) -> ContactFinder:
+        """The finder for steps that keep a planning margin [m], in a space of nominal links of some length [m]."""
+        settings = self.settings.search
+        return self.finder(margin, max(settings.reach * nominal_length, settings.reach_margins * margin))
+
     def limits(self, finder: ContactFinder, wanted_gap: float = 0.0) -> tuple[Limit, ...]:
         """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
         return assembled_limits(finder, self.contact_certificate, self.settings.step, self.user_limits, wanted_gap)
@@ -144,6 +149,10 @@ class MotionTask:
         finder = self.finder(0.0, self.wanted_gap)
         gaps = (finder.find(self.arm.joint_positions(pose)).gap.min(initial=finder.reach) for pose in headings)
         return float(min(gaps))
+
+    def within_joint_limits(self, headings: FloatArray) -> bool:
+        """Whether all bends of poses, shape (K, links) [rad], are within the joints' limits."""
+        return bool(np.all(np.abs(self.arm.bends(headings)) <= self.arm.bend_limits))
 
     @property
     def parametric(self) -> bool:

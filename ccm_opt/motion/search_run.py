@@ -60,9 +60,7 @@ class SearchRun:
             goal = replace(goal, coordinates=end)
             guesses = (end,)
 
-        settings = task.settings.search
-        margin = margin_links * space.nominal_length
-        finder = task.finder(margin, max(settings.reach * space.nominal_length, settings.reach_margins * margin))
+        finder = task.planning_finder(margin_links * space.nominal_length, space.nominal_length)
         stepper = Stepper(space, finder, task.limits(finder), task.settings)
         run = cls(task, stepper, stepper.pose(start), goal, guesses)
         # A motion drawn towards a guess that breaks a limit would be drawn away from what the limit allows.
