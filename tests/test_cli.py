@@ -11,11 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ccm_opt import __version__
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.outcome import run_all
+from ccm_opt.cli.sentences import folded
 from ccm_opt.errors import (
     ConfigurationNotFound,
     Diagnosis,
@@ -231,6 +234,18 @@ def test_what_would_help_is_printed(problem_path: Path, tmp_path: Path, monkeypa
     assert code == 3
     assert "no route is short enough" in output
     assert "try: lengthen the arm" in output
+
+
+@given(width=st.integers(1, 200), lengths=st.lists(st.floats(-2.0, 2.0), min_size=2, max_size=6))
+def test_messages_are_folded_between_words(width: int, lengths: list[float]) -> None:
+    """At any width every word, number with its unit and place stays whole, and no text is lost."""
+    whole = [f"{1e3 * length:.1f} mm" for length in lengths] + [f"({lengths[0]:.3f}, {lengths[1]:.3f})"]
+    text = "goal.position: the arm is too thick\n  solved with arm.radius ≤ 3 mm: " + " and ".join(whole)
+    lines = folded(text, width).splitlines()
+    assert " ".join(" ".join(lines).split()) == " ".join(text.split())
+    assert all(any(each in line for line in lines) for each in whole)
+    # Too long is only what cannot be folded.
+    assert all(len(line) <= width or len(line.split()) <= 3 for line in lines)
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from ccm_opt.cli.cancelling import CANCELLED
+from ccm_opt.cli.sentences import folded
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.solution import SimulationVerdict
 
@@ -57,12 +58,12 @@ def run_all(items: Iterable[Item], run: Callable[[Item], int]) -> int:
 
 def complain(message: str) -> None:
     """Print an error for people, on stderr."""
-    _print_on_stderr(f"[red]error:[/red] {escape(message)}")
+    _print_on_stderr("error:", "red", message)
 
 
 def warn(message: str) -> None:
     """Print one line that people should read, on stderr."""
-    _print_on_stderr(f"[yellow]warning:[/yellow] {escape(message)}")
+    _print_on_stderr("warning:", "yellow", message)
 
 
 def code_of_simulation(name: str, verdict: SimulationVerdict) -> int:
@@ -96,10 +97,14 @@ def print_result(show: Callable[[], None], code: int) -> int:
     return code
 
 
-def _print_on_stderr(markup: str) -> None:
-    """Print on stderr; nothing happens when nobody reads it."""
+def _print_on_stderr(label: str, colour: str, message: str) -> None:
+    """Print on stderr, folded where it is a terminal's; nothing happens when nobody reads it."""
     try:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(markup)
+        console = Console(stderr=True, soft_wrap=True, highlight=False)
+        text = f"{label} {message}"
+        # What is no terminal gets whole lines, for other programs to read.
+        text = folded(text, console.width) if console.is_terminal else text
+        console.print(f"[{colour}]{label}[/{colour}]{escape(text[len(label) :])}")
     except (OSError, SystemExit):
         _silence(sys.stderr)
 

@@ -40,8 +40,9 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str
     if touching or inside:
         if (outside := _outside(arm, workspace, points)) is not None:
             raise UnreachableGoal(Diagnosis(f"the {which} {outside}", which, (f"move the {which} into the room",)))
-        # Where axes cross, or lie in a wall, no thinner arm would do.
-        room = () if crossing or inside else room_advice(arm, workspace)
+        # Where axes meet walls, or each other, no thinner arm would do.
+        met = crossing or inside or float(contacts.gap.min()) <= -arm.radius - workspace.clearance
+        room = () if met else room_advice(arm, workspace)
         what = "a link lies inside an obstacle" if inside else finder.describe(contacts)
         raise UnreachableGoal(_touching(which, what, room))
     return float(contacts.gap.min(initial=np.inf))

@@ -8,7 +8,7 @@ import shapely
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
-from ccm_opt.diagnosis.words import millimetres, point
+from ccm_opt.diagnosis.words import at, millimetres, point
 from ccm_opt.errors import Finding
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle
 from ccm_opt.ground.angles import unit_vector
@@ -136,9 +136,13 @@ def _touch(
     clearance = problem.workspace.clearance
     lacking = radius + clearance - gap
     free = radius - gap
-    where = "is outside" if wall.name == BOUNDARY_NAME and gap < 0.0 else "overlaps"
-    if free > 0.0:
-        how = f"{what} {where} '{wall.name}' by {millimetres(free if gap >= 0.0 else -gap)}"
+    line = shapely.shortest_line(body, wall.core)
+    where = shapely.get_coordinates(line)[0]
+    if wall.name == BOUNDARY_NAME and gap < 0.0:
+        where = _outermost(body, problem.workspace.boundary)
+        how = f"{what} is {millimetres(-gap)} outside the '{wall.name}' at {at(where)}"
+    elif free > 0.0:
+        how = f"{what} overlaps '{wall.name}' by {millimetres(free if gap >= 0.0 else -gap)}"
     else:
         how = f"{what} comes within {millimetres(-free)} of '{wall.name}', the clearance is {millimetres(clearance)}"
     bounds = {}
@@ -146,17 +150,22 @@ def _touch(
         bounds["arm.radius"] = thinnest
     if (nearest := gap + play - radius) >= 0.0 and clearance > 0.0:
         bounds["workspace.clearance"] = nearest
-    line = shapely.shortest_line(body, wall.core)
     return Finding(
         "contact",
         f"{key}: the {name} is in contact: {how}",
         key=key,
-        place=point(shapely.get_coordinates(line)[0]),
+        place=point(where),
         measured=lacking,
         allowed=play,
         obstacles=(wall.name,),
         bounds=bounds,
     )
+
+
+def _outermost(body: shapely.Geometry, room: shapely.Polygon) -> FloatArray:
+    """The corner of a body that is farthest outside the room, shape (2,) [m]."""
+    corners = shapely.get_coordinates(body)
+    return np.asarray(corners[np.argmax(shapely.distance(shapely.points(corners), room))])
 
 
 def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:

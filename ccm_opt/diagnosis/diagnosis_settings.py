@@ -50,6 +50,38 @@ class TightnessSettings:
 
 
 @dataclass(frozen=True)
+class MovedGoalSettings:
+    """How the nearest goal that can be taken is looked for.
+
+    Attributes:
+        link_samples: places along the last link that have to be free. Taste.
+        stretch: share of its length to which the arm can be expected to stretch. Taste.
+        turn_step: between headings that are looked at [rad]. Taste: 2°.
+    """
+
+    link_samples: int = 5
+    stretch: float = 0.99
+    turn_step: float = 0.03490658503988659
+
+
+@dataclass(frozen=True)
+class UnitHintSettings:
+    """Which numbers look as if they were given in another unit.
+
+    Attributes:
+        thousand: ratios of lengths, least and greatest, that look like metres beside millimetres. Taste: such lengths
+            are mostly from a third to three times as long as the other would be.
+        small_room: a room smaller than this share of the arm's length looks wrong. Taste.
+        hardly_bends: sum of all bends below which a limit of a few degrees looks like radians [rad]. Taste: a right
+            angle.
+    """
+
+    thousand: tuple[float, float] = (100.0, 10000.0)
+    small_room: float = 0.01
+    hardly_bends: float = 1.5707963267948966
+
+
+@dataclass(frozen=True)
 class TrialSettings:
     """How changed problems are tried, and for how long.
 
@@ -64,6 +96,9 @@ class TrialSettings:
         longest_search: CPU time that all tries may use together, however much is left [s]. Taste.
         patience: CPU time after which nothing new is begun when something that helps is known [s]. Taste.
         enough: relaxations that are reported. Taste.
+        most_dropped: constraints and costs of the user's that are dropped in a try of their own. Taste.
+        room_spare: room beyond radius and clearance in bounds that are made wide enough, as a share of the arm's
+            length. Taste.
         most_omitted: obstacles that are left out in a try of their own. Taste.
     """
 
@@ -76,6 +111,8 @@ class TrialSettings:
     longest_search: float = 8.0
     patience: float = 2.0
     enough: int = 4
+    most_dropped: int = 3
+    room_spare: float = 0.02
     most_omitted: int = 2
 
 
@@ -86,6 +123,8 @@ class DiagnosisSettings:
     Attributes:
         passages: of the proofs that no way is wide or short enough.
         tightness: of what is likely to stand in the way.
+        units: of numbers that look as if they were given in another unit.
+        moved_goal: of the nearest goal that can be taken.
         trials: of the tries of changed problems.
         findings: findings that are reported, at most. Taste.
         figures: figures that a reported value keeps, rounded to the easier side before it is solved. Taste.
@@ -93,6 +132,8 @@ class DiagnosisSettings:
 
     passages: PassageProofSettings = field(default_factory=PassageProofSettings)
     tightness: TightnessSettings = field(default_factory=TightnessSettings)
+    units: UnitHintSettings = field(default_factory=UnitHintSettings)
+    moved_goal: MovedGoalSettings = field(default_factory=MovedGoalSettings)
     trials: TrialSettings = field(default_factory=TrialSettings)
     findings: int = 5
     figures: int = 4

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
-from ccm_opt.diagnosis.parameters import Omission
+from ccm_opt.diagnosis.parameters import WholeChange
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.relaxation import Trials, candidates, hardest_bound, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
+from ccm_opt.diagnosis.unit_hints import unit_hints
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation, UnreachableGoal
 from ccm_opt.problem import Problem
 
@@ -79,6 +80,7 @@ def _diagnosis(
     known = bool(findings) and (findings[0].proved or findings[0].kind == "torque")
     reason = findings[0].reason if known else old.reason
     advice = () if solved else _advice(problem, findings) or old.advice
+    advice = (*unit_hints(problem), *advice)
     return Diagnosis(reason, old.stage, advice, old.evidence, findings, solved)
 
 
@@ -87,9 +89,9 @@ def _advice(problem: Problem, findings: tuple[Finding, ...]) -> tuple[str, ...]:
     proved = tuple(finding for finding in findings if finding.proved)
     lines = []
     for candidate in candidates(problem, proved) if proved else ():
-        if isinstance(candidate, Omission):
+        if isinstance(candidate, WholeChange):
             lines.append(f"{candidate.words}, though no solve has shown that it is enough")
-        elif (bound := hardest_bound(candidate, proved)) is not None:
+        elif (bound := candidate.bound or hardest_bound(candidate, proved)) is not None:
             needed = candidate.relaxation(problem, candidate.rounded(problem, bound), bound)
             lines.append(f"{needed.words} at least, though no solve has shown that it is enough")
     return tuple(lines)

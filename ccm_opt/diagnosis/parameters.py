@@ -25,6 +25,8 @@ class Parameter:
         scale: what a value is multiplied by to be reported in the unit of ``words``.
         fits: whether it can be changed in a problem.
         unit: what a value is multiplied by to be in SI units; 1 but for shares.
+        whole: what the size of a change is compared with; the given value when None.
+        bound: the value that it must reach at least as far as is known; None where the findings say.
     """
 
     key: str
@@ -35,6 +37,8 @@ class Parameter:
     scale: Callable[[Problem], float] = lambda _: 1.0
     fits: Callable[[Problem], bool] = lambda _: True
     unit: Callable[[Problem], float] = lambda _: 1.0
+    whole: float | None = None
+    bound: float | None = None
 
     def rounded(self, problem: Problem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:
         """A value rounded to some figures, to the easier side: so what is reported is what was solved."""
@@ -51,7 +55,7 @@ class Parameter:
         """What is reported when a problem was solved with a value."""
         given = self.read(problem)
         sign = "≥" if self.easier > 0 else "≤"
-        change = abs(value - given) / max(abs(given), 1e-300)
+        change = abs(value - given) / max(abs(given if self.whole is None else self.whole), 1e-300)
         words = self.words(problem, value).replace("?", sign, 1)
         unit = self.unit(problem)
         return Relaxation(words, self.key, unit * value, None if bound is None else unit * bound, change)
@@ -94,6 +98,11 @@ def _with_joint_limit(problem: Problem, limit: float) -> Problem:
 
 def _with_base_limit(problem: Problem, limit: float) -> Problem:
     return replace(problem, arm=replace(problem.arm, base_limit=limit))
+
+
+def _with_feed_to(problem: Problem, high: float) -> Problem:
+    feed = problem.arm.feed
+    return problem if feed is None else replace(problem, arm=replace(problem.arm, feed=replace(feed, high=high)))
 
 
 def _with_torque(problem: Problem, share: float) -> Problem:
@@ -155,6 +164,14 @@ CLEARANCE = Parameter(
     lambda _: 1e3,
     lambda p: p.workspace.clearance > 0.0,
 )
+FEED_RANGE = Parameter(
+    "arm.feed.range",
+    +1,
+    lambda p: p.arm.base_range[1],
+    _with_feed_to,
+    lambda _, v: f"the upper end of arm.feed.range ? {v:.4g} m",
+    fits=lambda p: p.arm.feed is not None,
+)
 LENGTH = Parameter(
     "arm.link_length",
     +1,
@@ -200,34 +217,36 @@ MASS = Parameter(
     lambda p: p.limits.torque is not None,
     _uniform_mass,
 )
-PARAMETERS = (RADIUS, CLEARANCE, LENGTH, JOINT_LIMIT, BASE_LIMIT, TORQUE, MASS)
+PARAMETERS = (RADIUS, CLEARANCE, FEED_RANGE, LENGTH, JOINT_LIMIT, BASE_LIMIT, TORQUE, MASS)
 """All of them, in the order in which they are tried where nothing else decides."""
 
 
 @dataclass(frozen=True)
-class Omission:
-    """Something of the problem that is left out.
+class WholeChange:
+    """A change that is made as a whole or not at all: something is left out, or the room made wide enough.
 
     Attributes:
         words: what is reported.
         key: of the problem file.
         value: name of an obstacle, or None.
-        changed: the problem without it.
+        changed: the problem with the change.
+        term: name of a constraint or cost of the user's that is dropped besides; usually none.
     """
 
     words: str
     key: str
     value: str | None
     changed: Callable[[Problem], Problem]
+    term: str = ""
 
     def relaxation(self) -> Relaxation:
-        """What is reported when the problem was solved without it."""
+        """What is reported when the problem was solved with it."""
         return Relaxation(self.words, self.key, self.value)
 
 
-def without_obstacle(name: str) -> Omission:
+def without_obstacle(name: str) -> WholeChange:
     """The problem without one obstacle."""
-    return Omission(
+    return WholeChange(
         f"obstacle '{name}' removed",
         "workspace.obstacles",
         name,
@@ -235,11 +254,16 @@ def without_obstacle(name: str) -> Omission:
     )
 
 
-def without_heading(problem: Problem) -> Omission | None:
+def without_term(name: str, kind: str) -> WholeChange:
+    """The problem without one constraint or cost of the user's."""
+    return WholeChange(f"{kind} '{name}' dropped", f"{kind}s", name, lambda problem: problem, name)
+
+
+def without_heading(problem: Problem) -> WholeChange | None:
     """The problem with any heading of the tip at the goal; None when it asks for none."""
     goal = problem.goal
     if not isinstance(goal, TipGoal) or goal.heading is None:
         return None
-    return Omission(
+    return WholeChange(
         "goal.heading_deg left out", "goal.heading_deg", None, lambda p: replace(p, goal=TipGoal(goal.position))
     )

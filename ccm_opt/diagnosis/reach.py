@@ -30,8 +30,21 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
                 place=point(place.goal.position),
                 measured=least,
                 allowed=arm.length,
-                bounds={"arm.link_length": least / arm.links},
+                bounds={"arm.link_length": least / arm.links, **_feed_that_reaches(arm, place)},
             )
+
+
+def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
+    """The least upper end of the feed axis from which the arm reaches a goal [m]; nothing where none does."""
+    if arm.feed is None:
+        return {}
+    towards = place.goal.position - arm.base
+    along = float(towards @ arm.feed_direction)
+    aside = float(np.hypot(*(towards - along * arm.feed_direction)))
+    reach = arm.length + place.tolerances.position
+    if aside > reach or along < arm.feed.high:
+        return {}
+    return {"arm.feed.range": along - float(np.sqrt(reach**2 - aside**2))}
 
 
 def _allowed(place: TipPlace) -> str:

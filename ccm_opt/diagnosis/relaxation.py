@@ -3,10 +3,20 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import TypeAlias
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
-from ccm_opt.diagnosis.parameters import PARAMETERS, Omission, Parameter, without_heading, without_obstacle
+from ccm_opt.diagnosis.moved_goal import moved_goals
+from ccm_opt.diagnosis.parameters import (
+    PARAMETERS,
+    Parameter,
+    WholeChange,
+    without_heading,
+    without_obstacle,
+    without_term,
+)
+from ccm_opt.diagnosis.wider_room import wider_room
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
 from ccm_opt.freespace.workspace import BOUNDARY_NAME
 from ccm_opt.ground.deadline import Deadline
@@ -14,6 +24,12 @@ from ccm_opt.problem import Problem
 
 Solve: TypeAlias = Callable[[Problem], object]
 """Plans, times and verifies a problem, or raises; what it returns is not looked at."""
+SolveWithout: TypeAlias = Callable[[Problem, str], object]
+"""The same with one constraint or cost of the user's dropped, by its name."""
+
+
+def _nothing_to_drop(problem: Problem, name: str) -> object:
+    raise ProblemError(f"problem '{problem.name}' has no constraint or cost '{name}'")
 
 
 @dataclass(frozen=True)
@@ -23,12 +39,16 @@ class Trials:
     Attributes:
         solve: solves a problem or raises.
         until: when all must end.
+        terms: kind and name of each constraint and cost of the user's, the likelier ones to be in the way first.
+        solve_without: solves a problem less one of these, or raises.
         begun: CPU time of this process at which the trials began [s].
         settings: steps, and shares of the time.
     """
 
     solve: Solve
     until: Deadline
+    terms: tuple[tuple[str, str], ...] = ()
+    solve_without: SolveWithout = _nothing_to_drop
     begun: float = field(default_factory=time.process_time)
     settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
 
@@ -42,15 +62,19 @@ class Trials:
         """CPU time that is left [s]."""
         return min(self.until.left, self.settings.longest_search - self.spent)
 
-    def succeeds(self, problem: Problem) -> bool:
-        """Whether a problem is solved within its share of the time."""
+    def succeeds(self, problem: Problem, dropped: str = "") -> bool:
+        """Whether a problem, perhaps less a term of the user's, is solved within its share of the time."""
         settings = self.settings
         # A share of what is left, so that several things can be tried.
         limit = min(settings.try_share * self.left, settings.longest_try)
         if limit < settings.least_time:
             return False
         try:
-            self.solve(replace(problem, planner=replace(problem.planner, time_limit=limit)))
+            limited = replace(problem, planner=replace(problem.planner, time_limit=limit))
+            if dropped:
+                self.solve_without(limited, dropped)
+            else:
+                self.solve(limited)
         except (NoPlanFound, VerificationError, ProblemError):
             return False
         return True
@@ -67,15 +91,20 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
     binding = tuple(f for f in findings if f.proved) or tuple(f for f in findings if f.kind == "torque")
     settings = trials.settings
     found: list[Relaxation] = []
-    for candidate in candidates(problem, findings, settings.most_omitted):
+    proved = any(finding.proved for finding in findings)
+    # Nothing of the user's own mends what is proved of the arm and the room.
+    dropped = [] if proved else [without_term(name, kind) for kind, name in trials.terms[: settings.most_dropped]]
+    for candidate in chain(dropped, candidates(problem, findings, settings.most_omitted)):
         if len(found) >= settings.enough or trials.left < settings.least_time:
             break
         if found and trials.spent > settings.patience:
             break
-        if isinstance(candidate, Omission):
-            relaxed = candidate.relaxation() if trials.succeeds(candidate.changed(problem)) else None
+        if isinstance(candidate, WholeChange):
+            solved = trials.succeeds(candidate.changed(problem), candidate.term)
+            relaxed = candidate.relaxation() if solved else None
         else:
-            relaxed = least_change(candidate, problem, hardest_bound(candidate, binding), trials)
+            bound = hardest_bound(candidate, binding) if candidate.bound is None else candidate.bound
+            relaxed = least_change(candidate, problem, bound, trials)
         if relaxed is not None:
             found.append(relaxed)
     return tuple(sorted(found, key=lambda relaxed: relaxed.change))
@@ -83,7 +112,7 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
 
 def candidates(
     problem: Problem, findings: tuple[Finding, ...], most_omitted: int = DEFAULT_DIAGNOSIS.trials.most_omitted
-) -> Iterator[Parameter | Omission]:
+) -> Iterator[Parameter | WholeChange]:
     """What may mend all that is proved, or else all that is likely, most promising first.
 
     Args:
@@ -98,6 +127,10 @@ def candidates(
     mends = {key for key in keys if not proved or all(key in finding.bounds for finding in proved)}
     fitting = [each for each in PARAMETERS if each.key in mends and each.fits(problem)]
     yield from sorted(fitting, key=lambda each: keys.index(each.key))
+    room = wider_room(problem, proved)
+    if room is not None:
+        yield room
+    yield from moved_goals(problem, proved)
     if relevant and all(_heading_may_mend(finding) for finding in relevant):
         heading = without_heading(problem)
         if heading is not None:

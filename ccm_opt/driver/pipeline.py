@@ -104,24 +104,35 @@ def solve(
         if not explain:
             raise with_proof(problem, failure) from failure
 
-        def solve_changed(changed: Problem) -> object:
+        def solve_changed(changed: Problem, dropped: str = "") -> object:
             """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
             # Trials report no progress of their own.
             quiet = Stages()
-            its_terms = compiled_terms(changed.arm, constraints, costs)
+            kept = [each for each in constraints if each.name != dropped]
+            its_terms = compiled_terms(changed.arm, kept, [each for each in costs if each.name != dropped])
             its_planner = planner or default_planner(changed, quiet, its_terms, numbers)
             recording = RecordingPlanner(its_planner, recorded)
             return verified_plan(changed, recording, quiet, retimer, its_terms, numbers)
 
         # Explanation: of the same kind as the failure, with the causes and the changes that would help.
         with stages("diagnosis"):
-            trials = Trials(solve_changed, deadline, settings=numbers.diagnosis.trials)
-            explanation = explained(problem, with_constraint_first(failure, problem, terms, numbers), trials)
+            named = with_constraint_first(failure, problem, terms, numbers)
+            droppable = named_terms(str(named), constraints, costs)
+            trials = Trials(solve_changed, deadline, droppable, solve_changed, settings=numbers.diagnosis.trials)
+            explanation = explained(problem, named, trials)
         raise explanation from failure
 
     # There is a plan: room and simulation say what it is worth, and nothing that happens there can lose it.
     figures = {"cost_share": cost_share} if terms is not None and terms.all_costs else {}
     return described(problem, plan, stages, numbers, figures)
+
+
+def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
+    """Kind and name of every constraint and cost that binds a plan, those first that a reason names."""
+    hard = [("constraint", each.name) for each in constraints if not each.soft]
+    soft = [("constraint", each.name) for each in constraints if each.soft]
+    every = [*hard, *soft, *(("cost", each.name) for each in costs)]
+    return tuple(sorted(every, key=lambda term: f"'{term[1]}'" not in reason))
 
 
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms | None:

@@ -1,0 +1,42 @@
+"""Whether numbers of a problem look as if they were given in another unit."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, UnitHintSettings
+from ccm_opt.problem import Problem, TipGoal
+
+
+def unit_hints(problem: Problem, settings: UnitHintSettings = DEFAULT_DIAGNOSIS.units) -> tuple[str, ...]:
+    """Advice where a unit looks wrong: lengths about a thousand times off, joint limits in radians; mostly none."""
+    return (*_of_lengths(problem, settings), *_of_limits(problem, settings))
+
+
+def _of_lengths(problem: Problem, settings: UnitHintSettings) -> Iterator[str]:
+    """Lengths beside the arm's."""
+    arm = problem.arm
+    lengths = {"arm.radius": arm.radius, "workspace.clearance": problem.workspace.clearance}
+    if isinstance(problem.goal, TipGoal):
+        lengths["goal.position (its distance from the base)"] = float(np.hypot(*(problem.goal.position - arm.base)))
+    for name, length in lengths.items():
+        times = length / arm.length
+        if settings.thousand[0] <= times <= settings.thousand[1]:
+            yield f"check the units: {name} is {times:.3g} times the arm's length, as if one were in mm, the other in m"
+    low_x, low_y, high_x, high_y = problem.workspace.boundary.bounds
+    share = max(high_x - low_x, high_y - low_y) / arm.length
+    reach = shapely.distance(problem.workspace.boundary, shapely.Point(arm.base)) / arm.length
+    if share > settings.thousand[0] or share < settings.small_room or reach > settings.thousand[0]:
+        yield f"check the units: the room is {share:.3g} times as large as the arm is long"
+
+
+def _of_limits(problem: Problem, settings: UnitHintSettings) -> Iterator[str]:
+    """A joint limit of as many degrees as one would give radians, with which the arm can hardly bend."""
+    arm = problem.arm
+    degrees = float(np.rad2deg(arm.joint_limit))
+    if degrees <= np.pi and (arm.links - 1) * arm.joint_limit < settings.hardly_bends:
+        yield (
+            f"check the units: arm.joint_limit_deg = {degrees:.4g} lets all joints together bend by "
+            f"{degrees * (arm.links - 1):.3g}°; {degrees:.4g} rad would be {np.rad2deg(degrees):.4g}°"
+        )
