@@ -30,8 +30,8 @@ from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.guides.hairpin import Hairpin
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import MotionTask
-from ccm_opt.motion.portfolio import pulled_over
 from ccm_opt.motion.pose import Pose, Term
+from ccm_opt.motion.pulling_over import pulled_over
 from ccm_opt.motion.search_run import SearchRun
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration

@@ -17,18 +17,21 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.motion.clamped_spline import clamped_spline
 from ccm_opt.motion.continuation import Stalled, follow, settle
 from ccm_opt.motion.goal import GoalPose, polish
+from ccm_opt.motion.guide_candidate import GuideCandidate
 from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
 from ccm_opt.motion.guides.tip_track import TipTrack
+from ccm_opt.motion.guides.withdrawal import Withdrawal
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.motion.portfolio import GuideCandidate, first_candidates
+from ccm_opt.motion.portfolio import first_candidates
 from ccm_opt.motion.pose import Pose
 from ccm_opt.motion.settings.guide_settings import (
     GuideSettings,
     HairpinSettings,
     InterpolationSettings,
     TipLedSettings,
+    WithdrawalSettings,
 )
 from ccm_opt.motion.settings.step_settings import GoalSettings, StepSettings
 from ccm_opt.motion.spline_path import certified_spline
@@ -77,16 +80,17 @@ def followed(stepper: Stepper, start: Pose, candidate: GuideCandidate) -> tuple[
     guide = candidate.make_guide()
     try:
         poses = follow(stepper, guide, start, later())
+        arrived = True
     except Stalled as stalled:
         poses = stalled.poses
-        if candidate.resume is None:
-            return poses, False
-    if candidate.resume is None:
-        return poses, True
-    try:
-        return poses + follow(stepper, candidate.resume(guide, poses[-1]), poses[-1], later())[1:], True
-    except Stalled as stalled:
-        return poses + stalled.poses[1:], False
+        arrived = False
+    for resume in candidate.resume:
+        try:
+            return poses + follow(stepper, resume(guide, poses[-1]), poses[-1], later())[1:], True
+        except Stalled as stalled:
+            poses = poses + stalled.poses[1:]
+            arrived = False
+    return poses, arrived
 
 
 @pytest.mark.parametrize("turn", [1.5, 2.3, -2.0])
@@ -279,6 +283,7 @@ def test_settings_reach_every_guide() -> None:
         interpolation=InterpolationSettings(advance=0.03),
         tip_led=TipLedSettings(advance=0.2),
         hairpin=HairpinSettings(lengths=(6.0,), advance=0.1, leash=100.0),
+        withdrawal=WithdrawalSettings(advance=0.05),
     )
     scene = Scene(make_arm(), Workspace(ROOM), np.zeros(24), 1.5 + np.linspace(0.0, 1.0, 24))
     stepper, start = make_stepper(scene)
@@ -288,10 +293,15 @@ def test_settings_reach_every_guide() -> None:
     made = [candidate.make_guide() for candidate in tried]
     assert sum(candidate.name.startswith("hairpin of 6,") for candidate in tried) == 1
     for guide in made:
-        assert isinstance(guide, Interpolation | TipLed | Hairpin)
-        expected = {Interpolation: guides.interpolation, TipLed: guides.tip_led, Hairpin: guides.hairpin}
+        assert isinstance(guide, Interpolation | TipLed | Hairpin | Withdrawal)
+        expected = {
+            Interpolation: guides.interpolation,
+            TipLed: guides.tip_led,
+            Hairpin: guides.hairpin,
+            Withdrawal: guides.withdrawal,
+        }
         assert guide.settings is expected[type(guide)]
-    assert {type(guide) for guide in made} == {Interpolation, TipLed, Hairpin}
+    assert {type(guide) for guide in made} == {Interpolation, TipLed, Hairpin, Withdrawal}
 
     fold = next(guide for guide in made if isinstance(guide, Hairpin))
     before = fold.fold_at

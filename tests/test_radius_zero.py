@@ -103,9 +103,9 @@ def test_only_tip_paths_that_turn_the_base_as_the_goal_does_remain() -> None:
     points, route = (arm.joint_positions(arm.headings(pose.bends)) for pose in (problem.start, problem.goal))
     paths = find_tip_paths(problem.workspace, points, (route,), 1e-3, 0.016)
     assert {path.side for path in paths} == {1, -1}
-    assert [path.side for path in turning_by(paths, points, np.pi - 1e-3)] == [1]
-    assert [path.side for path in turning_by(paths, points, -np.pi - 1e-3)] == [-1]
-    assert turning_by(paths, points, 20.0) == paths
+    assert [path.side for path in turning_by(paths, np.pi - 1e-3)] == [1]
+    assert [path.side for path in turning_by(paths, -np.pi - 1e-3)] == [-1]
+    assert turning_by(paths, 20.0) == paths
 
 
 @given(st.floats(0.05, 0.4), st.floats(-0.8, 0.8), st.floats(-np.pi, np.pi))

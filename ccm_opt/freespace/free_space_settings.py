@@ -34,6 +34,8 @@ class FreeSpaceSettings:
             class counts.
         arc_radius: radius of that arc as a share of how far the shorter path strays from the base. Taste; well inside
             every obstacle's gap.
+        least_curl: an arm whose first link turns by more than this when the arm is drawn taut is curled round its base
+            [rad]. Taste: well beyond how bends to and fro lie off the taut line.
         least_squareness: squareness that a chord is credited with where the string only touches it. Taste.
     """
 
@@ -55,6 +57,7 @@ class FreeSpaceSettings:
     stations: int = 200
     arc_step: float = 0.3
     arc_radius: float = 1e-3
+    least_curl: float = 2.4
     least_squareness: float = 1e-3
 
 

@@ -30,7 +30,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
         turned = _exchanged(task, task.goal_headings, points)
         # A limit on keyframes is met at the start and at the goal by different rows: backwards it is another task.
         useful = not any(limit.moves_keyframes for limit in task.user_limits)
-        yield replace(turned, tip_paths=turning_by(turned.tip_paths, points, turn)) if useful else None
+        yield replace(turned, tip_paths=turning_by(turned.tip_paths, turn)) if useful else None
         return
     for guess in chain(task.guesses, task.further_guesses()):
         goal = pose_at_goal(task, stepper, guess)

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ccm_opt.motion.portfolio import GuideCandidate
+from ccm_opt.motion.guide_candidate import GuideCandidate
 
 
 def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float) -> Iterator[GuideCandidate]:

@@ -80,12 +80,7 @@ def passage_widths(
         widest: what is not looked beyond [m].
         samples: number of places.
     """
-    path = without_repeats(path, 0.0)
-    arcs = arc_lengths(path)
-    at = np.linspace(0.0, arcs[-1], samples + 2)[1:-1]
-    leg = legs_at(arcs, at)
-    tangent = np.diff(path, axis=0)[leg] / leg_lengths(path)[leg, None]
-    places = path[leg] + (at - arcs[leg])[:, None] * tangent
+    places, tangent = evenly_along(path, samples)
     # Along the normal to the first edge on either side; where there is none, as wide as is asked about.
     across = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
     along = _crossings(walls, places, across)
@@ -93,6 +88,16 @@ def passage_widths(
     right = np.min(np.where(along <= 0.0, -along, widest), axis=1, initial=widest)
     widths: FloatArray = np.minimum(left + right, widest)
     return widths
+
+
+def evenly_along(path: FloatArray, samples: int) -> tuple[FloatArray, FloatArray]:
+    """Places evenly spread along a path (k, 2) between its ends, and the path's directions there, each (samples, 2)."""
+    path = without_repeats(path, 0.0)
+    arcs = arc_lengths(path)
+    at = np.linspace(0.0, arcs[-1], samples + 2)[1:-1]
+    leg = legs_at(arcs, at)
+    tangent = np.diff(path, axis=0)[leg] / leg_lengths(path)[leg, None]
+    return path[leg] + (at - arcs[leg])[:, None] * tangent, tangent
 
 
 def _crossings(walls: Walls, places: FloatArray, directions: FloatArray) -> FloatArray:

@@ -1,38 +1,22 @@
 """The candidates: which guide to try on which tip path, in the order that pays."""
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
 from functools import partial
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.polyline import leg_headings, path_length, without_repeats
-from ccm_opt.motion.continuation import Guide
-from ccm_opt.motion.guides.hairpin import Hairpin, fold_track
+from ccm_opt.ground.polyline import leg_headings, without_repeats
+from ccm_opt.motion.drawing_back import drawn_back, lies_confined
+from ccm_opt.motion.guide_candidate import GuideCandidate
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
 from ccm_opt.motion.guides.tip_track import TipTrack
-from ccm_opt.motion.passage_widths import passage_widths
 from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.pulling_over import fitting_folds, heading_window, pulled_over
 from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, GuideSettings
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath
-
-
-@dataclass(frozen=True)
-class GuideCandidate:
-    """A guide to try.
-
-    Attributes:
-        name: for messages.
-        make_guide: makes the guide to follow.
-        resume: makes the guide that takes over where the first ended or stalled, from that guide and the pose; or None.
-    """
-
-    name: str
-    make_guide: Callable[[], Guide]
-    resume: Callable[[Guide, Pose], Guide] | None = None
 
 
 def first_candidates(
@@ -56,6 +40,12 @@ def first_candidates(
     if whole_arm is not None or goes_straight(tip_paths, stepper.settings.guides):
         yield from interpolated
 
+    first_length = stepper.settings.guides.hairpin.lengths[:1]
+    withdrawn = _withdrawn(stepper, start, goal_coordinates, tip_paths, first_length, whole_arm=whole_arm is not None)
+    # Out of a narrow place the arm comes only as it came in, and a tip that is drawn back alone buckles it.
+    if tip_paths and lies_confined(stepper, start, tip_paths[0]):
+        yield from withdrawn
+
     for path in tip_paths:
         # A fold lays the arm on its new route link by link, where a goal of the whole arm wants it; a tip alone can
         # mostly be led there.
@@ -64,13 +54,13 @@ def first_candidates(
             yield from pulled_over(stepper, start, whole_arm, path, fitting[:1])
             yield tip_led(stepper, start, path)
         else:
-            first_length = stepper.settings.guides.hairpin.lengths[:1]
             yield tip_led(stepper, start, path)
             yield from pulled_over(stepper, start, whole_arm, path, first_length)
             # Not before, for a pose at the goal has to be found by the NLP first. The first path uses them all up.
             yield from interpolated
 
     yield from interpolated
+    yield from withdrawn
 
 
 def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[FloatArray]) -> Iterator[GuideCandidate]:
@@ -79,6 +69,21 @@ def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[Fl
     for k, goal in enumerate(goal_coordinates, start=1):
         make_guide = partial(Interpolation, stepper.space, start.v, goal, settings=settings)
         yield GuideCandidate(f"interpolation {k}", make_guide)
+
+
+def _withdrawn(
+    stepper: Stepper,
+    start: Pose,
+    goal_coordinates: Iterable[FloatArray],
+    tip_paths: tuple[TipPath, ...],
+    lengths: tuple[float, ...],
+    *,
+    whole_arm: bool,
+) -> Iterator[GuideCandidate]:
+    """Drawn back along itself onto one pose at the goal after the other; each is made when it is asked for."""
+    for path in tip_paths[:1]:
+        for goal in goal_coordinates:
+            yield from drawn_back(stepper, start, goal, path, lengths, whole_arm=whole_arm)
 
 
 def goes_straight(tip_paths: tuple[TipPath, ...], settings: GuideSettings = DEFAULT_GUIDES) -> bool:
@@ -97,9 +102,15 @@ def _corners(path: FloatArray, least_turn: float) -> int:
 
 
 def further_candidates(
-    stepper: Stepper, start: Pose, tip_paths: tuple[TipPath, ...], whole_arm: FloatArray | None = None
+    stepper: Stepper,
+    start: Pose,
+    goal_coordinates: Iterable[FloatArray],
+    tip_paths: tuple[TipPath, ...],
+    whole_arm: FloatArray | None = None,
 ) -> Iterator[GuideCandidate]:
-    """Hairpins of other lengths; arguments as for ``first_candidates``."""
+    """Folds of other lengths, back and forth; arguments as for ``first_candidates``."""
+    others = stepper.settings.guides.hairpin.lengths[1:]
+    yield from _withdrawn(stepper, start, goal_coordinates, tip_paths, others, whole_arm=whole_arm is not None)
     for path in tip_paths:
         lengths = stepper.settings.guides.hairpin.lengths
         if whole_arm is not None:
@@ -110,128 +121,6 @@ def further_candidates(
 def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> GuideCandidate:
     """The tip drawn along the taut path."""
     settings = stepper.settings.guides
-    track = TipTrack.along(path.taut, _heading_window(stepper), float(start.headings[-1]))
+    track = TipTrack.along(path.taut, heading_window(stepper), float(start.headings[-1]))
     make_guide = partial(TipLed, stepper.space, track, settings=settings.tip_led)
-    return GuideCandidate(f"tip-led, {_side(path)}", make_guide)
-
-
-def _heading_window(stepper: Stepper) -> float:
-    """Length over which a track's heading is smoothed [m]."""
-    return stepper.settings.guides.heading_window * stepper.space.nominal_length
-
-
-def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
-    """Lengths of the hairpin in nominal links, the one that fits the passage first: width times ``passage_share``."""
-    arm = stepper.space.arm
-    settings = stepper.settings.guides
-    hairpin = settings.hairpin
-    widths = passage_widths(stepper.finder.walls, path.taut, arm.length, settings.passages.samples)
-    # A fold turns inside the width that the arm's own thickness leaves.
-    width = float(np.quantile(widths, hairpin.passage_quantile)) - 2.0 * arm.radius
-    wanted = hairpin.passage_share * width / stepper.space.nominal_length
-    fitting = float(np.clip(wanted, min(hairpin.lengths), max(hairpin.lengths)))
-    others = [length for length in hairpin.lengths if abs(length - fitting) > hairpin.same_length]
-    return fitting, *others
-
-
-def pulled_over(
-    stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath, lengths: tuple[float, ...]
-) -> Iterator[GuideCandidate]:
-    """The arm pulled over as a rope, for several lengths of the fold; none when the route is too long for the arm.
-
-    Args:
-        stepper: of the link space.
-        start: where the motion begins.
-        whole_arm: coordinates of a goal for the whole arm, or None.
-        path: of the tip.
-        lengths: of the hairpin, in nominal links.
-    """
-    leave = leaving_joint(stepper, start, path)
-    if leave is None:
-        return
-    joint, route = leave
-    resume = partial(_pulled_out, stepper, path) if whole_arm is None else partial(_opened, stepper, whole_arm)
-    for length in lengths:
-        make_guide = partial(_fold, stepper, start, path, joint, route, length)
-        yield GuideCandidate(f"hairpin of {length:.2g}, {_side(path)}", make_guide, resume)
-
-
-def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, FloatArray] | None:
-    """The joint where the new shape leaves the old one, and the route from there.
-
-    The new shape (old arm up to joint b, then the taut path to the goal) may not be longer than the arm; among those
-    the smallest b whose tip path is within one nominal link of the shortest.
-    """
-    arm = stepper.space.arm
-
-    def onward(joint: int) -> float:
-        return path_length(path.from_joint(start.points, joint))
-
-    def new_length(joint: int) -> float:
-        return joint * arm.link_length + onward(joint)
-
-    def tip_path_length(joint: int) -> float:
-        return (arm.links - joint) * arm.link_length + onward(joint)
-
-    longest = stepper.settings.guides.hairpin.longest_shape * arm.length
-    if new_length(0) > longest:
-        return None
-    # Hardly too long: the arm leaves its old shape at the base, and may fit where the path keeps off corners.
-    if new_length(0) > arm.length:
-        return 0, path.from_joint(start.points, 0)
-
-    # Both lengths grow or fall with the joint, for the path from a joint differs from its neighbour's by at most a
-    # link; so bisection finds where they cross a bound, and few taut paths have to be drawn.
-    last = _last_true(lambda joint: new_length(joint) <= arm.length, arm.links)
-    near_shortest = tip_path_length(last) + stepper.space.nominal_length
-    first = last - _last_true(lambda back: tip_path_length(last - back) <= near_shortest, last)
-    return first, path.from_joint(start.points, first)
-
-
-def _last_true(holds: Callable[[int], bool], last: int) -> int:
-    """Largest k in [0, last] for which a condition holds that holds at 0 and, once false, stays false."""
-    low = 0
-    high = last
-    while low < high:
-        middle = (low + high + 1) // 2
-        if holds(middle):
-            low = middle
-        else:
-            high = middle - 1
-    return low
-
-
-def _fold(stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, length: float) -> Hairpin:
-    """The guide of a fold of some length, in nominal links, that has not begun to travel yet."""
-    arm = stepper.space.arm
-    fold_length = length * stepper.space.nominal_length
-    # The strands lie at least so far apart that the arm keeps its planning margin from itself; a half circle of the
-    # fold's length has them further apart.
-    strands = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, fold_length / np.pi)
-    last_heading = float(start.headings[-1])
-    window = _heading_window(stepper)
-    track, retraced = fold_track(start.points, joint, route, path.side, strands, window, last_heading)
-    settings = stepper.settings.guides.hairpin
-    return Hairpin(stepper.space, track, retraced, start.headings, fold_length, arm.length, settings)
-
-
-def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """The tip drawn along what remains of a hairpin's track, the fold left to itself."""
-    if not isinstance(guide, Hairpin):
-        raise TypeError(f"only a hairpin can be pulled out, got {type(guide).__name__}")
-    track = guide.track
-    # The tip may have got ahead of its target or lag behind it: what remains begins beside it.
-    rest = track.points[track.arcs > track.nearest_arc(pose.points[-1], guide.tip_arc)]
-    remaining = np.vstack((pose.points[-1], rest, path.route[-1]))
-    taut = path.free_space.taut_path(remaining, shrink=path.shrink)
-    onward = TipTrack.along(taut, _heading_window(stepper), float(pose.headings[-1]))
-    return TipLed(stepper.space, onward, settings=stepper.settings.guides.tip_led)
-
-
-def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
-    """The fold opened onto a goal of the whole arm: all but the fold lies there already."""
-    return Interpolation(stepper.space, pose.v, goal, settings=stepper.settings.guides.interpolation)
-
-
-def _side(path: TipPath) -> str:
-    return f"{'left' if path.side > 0 else 'right'} of the arm, path of {path.length:.2f} m"
+    return GuideCandidate(f"tip-led, {path.name}", make_guide)

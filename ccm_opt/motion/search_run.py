@@ -12,11 +12,12 @@ from ccm_opt.motion.continuation import Guide, Stalled, follow, settle, without_
 from ccm_opt.motion.drawn_order import drawn_order
 from ccm_opt.motion.failures import Failure
 from ccm_opt.motion.goal import GoalPose
+from ccm_opt.motion.guide_candidate import GuideCandidate
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.into_set import GuideIntoSet
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import CachedItems, Motion, MotionTask
-from ccm_opt.motion.portfolio import GuideCandidate, first_candidates, further_candidates
+from ccm_opt.motion.portfolio import first_candidates, further_candidates
 from ccm_opt.motion.pose import Pose
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tracking import ReferenceMotion, follow_reference
@@ -80,7 +81,7 @@ class SearchRun:
     def further(self) -> Iterator[GuideCandidate]:
         """All other candidates."""
         whole_arm = self.goal.coordinates
-        return self._drawn(further_candidates(self.stepper, self.start, self.task.tip_paths, whole_arm))
+        return self._drawn(further_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
 
     def _drawn(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
         """Candidates in the order that the seed draws."""
@@ -113,19 +114,25 @@ class SearchRun:
         raise Stalled("the motion arrived but could not be certified", poses)
 
     def _led(self, candidate: GuideCandidate) -> list[Pose]:
-        """Follow the candidate's guide, then the one that resumes where it ends or stalls."""
+        """Follow the candidate's guide, then those that resume where it ends or stalls, until one of them arrives."""
         guide = candidate.make_guide()
         try:
             poses = self._followed(guide, self.start)
         except Stalled as stalled:
-            if candidate.resume is None:
+            if not candidate.resume:
                 raise
             # A guide that leads into a dead end may still have brought the arm near enough for the next.
             poses = stalled.poses
-        if candidate.resume is None or (self.goal.is_set and self.goal.met(poses[-1])):
-            return poses
-        rest = candidate.resume(guide, poses[-1])
-        return poses + self._followed(rest, poses[-1])[1:]
+        for resume in candidate.resume:
+            if self.goal.is_set and self.goal.met(poses[-1]):
+                return poses
+            try:
+                return poses + self._followed(resume(guide, poses[-1]), poses[-1])[1:]
+            except Stalled as stalled:
+                if resume is candidate.resume[-1]:
+                    raise
+                poses = poses + stalled.poses[1:]
+        return poses
 
     def _followed(self, guide: Guide, pose: Pose) -> list[Pose]:
         """Follow a guide to its end; where the goal is a set, no farther than into it."""

@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
+from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.workspace import Obstacle, Workspace
-from ccm_opt.ground.angles import heading_of, sweep_on_side, unit_vector
+from ccm_opt.ground.angles import heading_of, sweep_on_side, unit_vector, wrap
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.polyline import path_length
-from ccm_opt.ground.rounding import SHORTEST
+from ccm_opt.ground.polyline import leg_headings, path_length, without_repeats
+from ccm_opt.ground.rounding import ROUNDING, SHORTEST
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class TipPath:
         side: +1 when the tip comes back along the left of the arm and passes the base on that side, else -1.
         route: from the base to the goal, shape (k, 2) [m].
         taut: from the tip to the goal, shape (m, 2) [m].
+        turn: by which the first link turns on the way, from its heading at the start to the route's first [rad].
         free_space: punctured at the base, in which the class is meant.
         shrink: distance kept from corners where there is room [m].
     """
@@ -33,6 +35,7 @@ class TipPath:
     side: int
     route: FloatArray
     taut: FloatArray
+    turn: float
     free_space: FreeSpace
     shrink: float
 
@@ -40,6 +43,11 @@ class TipPath:
     def length(self) -> float:
         """Length of the taut path [m]."""
         return path_length(self.taut)
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+        return f"{'left' if self.side > 0 else 'right'} of the arm, path of {self.length:.2f} m"
 
     def from_joint(self, points: FloatArray, joint: int) -> FloatArray:
         """The taut path from a joint of the arm, back along the arm and out along the route, shape (k, 2) [m]."""
@@ -67,15 +75,48 @@ def tip_paths_in(
     free_space: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
     """Both sides of every route in a free space that is punctured at the base, shortest tip path first."""
+    arm, curl = without_curl(free_space, points, shrink)
+    first_link = heading_of(arm[1] - arm[0])
     paths = []
-    for route in routes:
+    for lying in routes:
+        # The shape of a goal for the whole arm may be curled too.
+        route, last_curl = without_curl(free_space, lying, shrink)
+        first_leg = heading_of(route[1] - route[0])
         for side in (1, -1):
-            taut = taut_round_base(free_space, points, route, side, shrink)
-            paths.append(TipPath(side, route, taut, free_space, shrink))
+            taut = taut_round_base(free_space, arm, route, side, shrink)
+            turn = curl + sweep_on_side(first_leg - first_link, side) - last_curl
+            paths.append(TipPath(side, route, taut, turn, free_space, shrink))
     return tuple(sorted(paths, key=lambda path: path.length))
 
 
-def turning_by(paths: tuple[TipPath, ...], points: FloatArray, turn: float) -> tuple[TipPath, ...]:
+def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tuple[FloatArray, float]:
+    """The arm as the tip's paths have to follow it, and by how much its first link turns to come to lie so.
+
+    An arm with length to spare may curl round its own base; drawn taut, its base turns and the curl is gone. Paths back
+    along the curl would lead the tip round the base for nothing, and wind the arm the wrong way.
+
+    Args:
+        free_space: punctured at the base.
+        points: joints from the base outwards, shape (m ≥ 2, 2) [m].
+        shrink: distance kept from corners where there is room [m].
+
+    Returns:
+        Points from the base outwards, shape (k, 2) [m], and the turn [rad], 0 where the arm is taken as it lies.
+    """
+    try:
+        taut = _taut_route(free_space, points, shrink)
+    except UnreachableGoal:
+        return points, 0.0
+    lying = leg_headings(points)
+    drawn = leg_headings(without_repeats(taut, ROUNDING))
+    # Both end at the tip: wound alike there, their first headings differ by what the base has to turn.
+    curl = (drawn[0] - drawn[-1]) - (lying[0] - lying[-1]) + wrap(float(drawn[-1] - lying[-1]))
+    if abs(curl) < free_space.settings.least_curl:
+        return points, 0.0
+    return taut, float(curl)
+
+
+def turning_by(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ...]:
     """The paths along which the base turns by a given angle; all when there is none.
 
     By continuity the first link turns by the angle between arm and route on the path's side, so that a whole-arm goal
@@ -83,18 +124,22 @@ def turning_by(paths: tuple[TipPath, ...], points: FloatArray, turn: float) -> t
 
     Args:
         paths: of the tip.
-        points: joints at the start, shape (links + 1, 2) [m].
         turn: from the first link at the start to the first link of the goal [rad].
     """
-    agreeing = tuple(path for path in paths if abs(_base_turn(path, points) - turn) < np.pi)
+    agreeing = tuple(path for path in paths if abs(path.turn - turn) < np.pi)
     return agreeing or paths
 
 
-def _base_turn(path: TipPath, points: FloatArray) -> float:
-    """Angle by which the first link turns on a path [rad]."""
-    first_link = heading_of(points[1] - points[0])
-    first_leg = heading_of(path.route[1] - path.route[0])
-    return sweep_on_side(first_leg - first_link, path.side)
+def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tuple[TipPath, ...]:
+    """The paths, those last on which the first link would have to turn beyond its limit.
+
+    Args:
+        paths: of the tip.
+        first: bend of the first joint at the start [rad].
+        limit: largest bend of the first joint [rad].
+    """
+    # An arm on a route may leave the base up to a right angle off the route's first leg.
+    return tuple(sorted(paths, key=lambda path: abs(first + path.turn) > limit + 0.5 * np.pi))
 
 
 def taut_round_base(

@@ -12,7 +12,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.polyline import path_length
 from ccm_opt.motion.ends import Ends
 from ccm_opt.motion.link_space import NOMINAL_LINKS
-from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by
+from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by, turning_least
 from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planners.goal_members import GoalMember, goal_members
 from ccm_opt.problem import Problem
@@ -138,5 +138,5 @@ def tip_paths_along(
     inflation = route_inflation(problem, ends, settings)
     paths = find_tip_paths(problem.workspace, points, ways, inflation, settings.corner_distance * arm.length)
     if ends.goal_headings is None:
-        return paths
-    return turning_by(paths, points, float(ends.goal_headings[0] - ends.start[0]))
+        return turning_least(paths, float(arm.bends(ends.start)[0]), arm.base_limit)
+    return turning_by(paths, float(ends.goal_headings[0] - ends.start[0]))

@@ -138,6 +138,14 @@ class Hairpin:
         del pose  # the fold's travel alone decides; what the tip lags behind is led on later
         return self.tip_arc >= self.track.length or self.fold_at <= -self.fold_length
 
+    def run_through(self) -> None:
+        """Put the fold where the tip's target is at the end of the track, at most where it has opened at the base."""
+        arm = self.space.arm
+        places = np.linspace(-self.fold_length, arm.length, self.settings.places)
+        arcs = np.interp(places, np.arange(arm.links + 1) * arm.link_length, self.retraced) - places
+        reached = arcs + arm.length - self.fold_length >= self.track.length
+        self.fold_at = float(places[reached].max(initial=-self.fold_length))
+
     def describe(self, pose: Pose) -> str:
         """How far the fold has come."""
         return (

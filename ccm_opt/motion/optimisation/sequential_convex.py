@@ -163,11 +163,18 @@ def sequential_convex(
     idle = 0
     if rounds is None:
         rounds = settings.moved_rounds if moved else settings.rounds
+    worth_afresh = (1.0 - settings.worth_afresh) * objective.value(coordinates)
     for _ in range(rounds):
         before = objective.value(iterate.sweep.coordinates)
         following = _round(program, objective, iterate)
         if following is None:
-            break
+            # Prices and damping have risen so far that nothing moves; where the motion has moved much since they were
+            # low, they are out of date.
+            if before > worth_afresh:
+                break
+            worth_afresh = (1.0 - settings.worth_afresh) * before
+            iterate = _Iterate(iterate.sweep, RowCurvature.none(iterate.sweep), settings.first_damping, prices)
+            continue
         iterate = following
         # One meagre round often comes before good ones, while damping or prices find their size.
         idle = idle + 1 if iterate.gained < settings.worth * before else 0

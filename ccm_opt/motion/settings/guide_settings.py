@@ -74,6 +74,7 @@ class HairpinSettings:
         still_weight: of a joint's motion ahead of the fold in addition, where the arm should stay. Taste.
         longest_shape: the taut path from the base may be this share of the arm's length; it cuts no corner, so the
             arm itself may fit where the path seems a little too long. Taste.
+        places: of the fold among which is the one where it would have led the tip to the end of its track. Taste.
     """
 
     lengths: tuple[float, ...] = (5.0, 7.0, 4.0, 9.0)
@@ -88,6 +89,37 @@ class HairpinSettings:
     motion_weight: float = 0.02
     still_weight: float = 4.0
     longest_shape: float = 1.1
+    places: int = 400
+
+
+@dataclass(frozen=True)
+class WithdrawalSettings:
+    """Numbers of drawing an arm back along itself.
+
+    Attributes:
+        least_way: of the tip back through passages in which the arm lies and a fold has no room, for drawing back to be
+            tried first, in nominal links. Taste.
+        beside: a place of the tip's way that is nearer to the arm than this lies beside it, in nominal links. Taste.
+        near_base: links nearer to the base along the arm than this do not count, in nominal links. Taste.
+        advance: travel of the fold in one step, in nominal links. Taste.
+        leash: how far the strand may lag before the fold waits, in nominal links. Taste.
+        longest_error: error of a joint that is asked to be mended in one step, in nominal links. Taste.
+        strand_weight: of the joints of the strand that is drawn back, per nominal link. Taste.
+        heading_weight: of every link's heading against the reference, per nominal link. Taste.
+        turn_weight: of every link's turn, per nominal link. Taste.
+        motion_weight: of every joint's motion, per nominal link. Taste.
+    """
+
+    least_way: float = 2.0
+    beside: float = 2.5
+    near_base: float = 3.0
+    advance: float = 0.15
+    leash: float = 0.3
+    longest_error: float = 1.0
+    strand_weight: float = 1.0
+    heading_weight: float = 0.3
+    turn_weight: float = 0.002
+    motion_weight: float = 0.02
 
 
 @dataclass(frozen=True)
@@ -122,6 +154,7 @@ class GuideSettings:
         interpolation: of the straight interpolation of coordinates.
         tip_led: of tip-led continuation.
         hairpin: of the travelling hairpin.
+        withdrawal: of drawing back.
         passages: of how passages are measured.
     """
 
@@ -131,6 +164,7 @@ class GuideSettings:
     interpolation: InterpolationSettings = field(default_factory=InterpolationSettings)
     tip_led: TipLedSettings = field(default_factory=TipLedSettings)
     hairpin: HairpinSettings = field(default_factory=HairpinSettings)
+    withdrawal: WithdrawalSettings = field(default_factory=WithdrawalSettings)
     passages: PassageWidthSettings = field(default_factory=PassageWidthSettings)
 
 

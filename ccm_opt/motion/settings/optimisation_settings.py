@@ -107,6 +107,8 @@ class OptimisationSettings:
         moved_rounds: the same where keyframes have to be moved onto limits. Taste.
         tries: QPs of one round before it is given up. Taste.
         worth: share of the objective that a round has to gain. Taste.
+        worth_afresh: share of the objective that has to be gained for prices and damping that let nothing move to be
+            put back to where they began. Taste.
         patience: rounds in a row that may gain less. Taste.
         price: first price of one nominal link of slack. Taste.
         price_rise: its rise where the certificate fails. Taste.
@@ -157,6 +159,7 @@ class OptimisationSettings:
     moved_rounds: int = 24
     tries: int = 5
     worth: float = 3e-3
+    worth_afresh: float = 0.1
     patience: int = 2
     price: float = 30.0
     price_rise: float = 4.0

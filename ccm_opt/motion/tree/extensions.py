@@ -14,8 +14,8 @@ from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.guides.tip_led import TipLed
 from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.link_space import fit_coordinates
-from ccm_opt.motion.portfolio import pulled_over
 from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.pulling_over import pulled_over
 from ccm_opt.motion.settings.tree_settings import ExtensionSettings
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath, taut_round_base
@@ -126,7 +126,7 @@ class ExtensionSampler:
         route = self._any_route(other)
         try:
             taut = taut_round_base(self.free_space, pose.points, route, side, self.shrink)
-            path = TipPath(side, route, taut, self.free_space, self.shrink)
+            path = TipPath(side, route, taut, 0.0, self.free_space, self.shrink)
             length = float(self.rng.choice(self.stepper.settings.guides.hairpin.lengths))
             candidate = next(pulled_over(self.stepper, pose, None, path, (length,)), None)
         except UnreachableGoal:

@@ -1,0 +1,167 @@
+"""Candidates that draw the arm back along the way it lies, and lay it on its way to a pose at the goal."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import shapely
+
+from ccm_opt.ground.angles import whole_turns
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import path_length
+from ccm_opt.motion.continuation import Guide
+from ccm_opt.motion.guide_candidate import GuideCandidate
+from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.guides.tip_led import TipLed
+from ccm_opt.motion.guides.tip_track import TipTrack
+from ccm_opt.motion.guides.withdrawal import Withdrawal
+from ccm_opt.motion.passage_widths import evenly_along, passage_widths
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.pulling_over import fold_about_to_travel, leaving_joint
+from ccm_opt.motion.step import Stepper
+from ccm_opt.motion.tip_paths import TipPath, tip_paths_in
+
+
+def drawn_back(
+    stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
+) -> Iterator[GuideCandidate]:
+    """The arm drawn back along itself and laid on another shape, for both sides and several lengths of the fold.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        wanted: coordinates of a pose at the goal.
+        path: any of the tip's, for its free space.
+        lengths: of the fold, in nominal links.
+        whole_arm: whether the motion has to end in that very pose, and not only with its tip.
+    """
+    end = stepper.pose(wanted)
+    led = partial(_led_out, stepper, path)
+    laid = partial(_laid_out, stepper, end)
+    for length in lengths:
+        for name, guide in withdrawals(stepper, start, end, path, length):
+            if not whole_arm:
+                yield GuideCandidate(name, guide.afresh, (laid, led))
+                if guide.free_from > 0.0:
+                    yield GuideCandidate(f"{name}, wholly", replace(guide, free_from=0.0).afresh, (led,))
+            elif guide.turns == 0.0:
+                # Wound otherwise, the arm would come to lie where it should, but for whole turns of its base.
+                yield GuideCandidate(name, guide.afresh, (laid,))
+
+
+def withdrawals(stepper: Stepper, start: Pose, end: Pose, path: TipPath, length: float) -> list[tuple[str, Withdrawal]]:
+    """The named ways back to a pose at the goal, on either side, that with the least turn of the base first.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        end: the pose at the goal.
+        path: any of the tip's, for its free space.
+        length: of the fold, in nominal links.
+    """
+    found = []
+    for way in tip_paths_in(path.free_space, end.points, (start.points,), path.shrink):
+        guide = withdrawal(stepper, start, end, way, length)
+        if guide is not None:
+            side = "left" if way.side > 0 else "right"
+            found.append((f"drawn back by a fold of {length:.2g}, {side} of the goal pose", guide))
+    return sorted(found, key=lambda named: abs(named[1].fold.old[0] - start.headings[0]))
+
+
+def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
+    """Whether the tip's way leads back through a gate beside the arm that is too narrow for it, or far beside the arm.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        path: of the tip.
+    """
+    widths = widths_beside_arm(stepper, start, path.taut)
+    gate = 4.0 * stepper.space.arm.radius + 2.0 * stepper.finder.margin
+    least = stepper.settings.guides.withdrawal.least_way * stepper.space.nominal_length
+    folded = widths < width_of_fold(stepper)
+    return bool(widths.min(initial=np.inf) < gate or np.mean(folded) * path.length > least)
+
+
+def width_of_fold(stepper: Stepper) -> float:
+    """Width of a passage in which a fold has room [m]."""
+    hairpin = stepper.settings.guides.hairpin
+    return 2.0 * stepper.space.arm.radius + hairpin.lengths[0] / hairpin.passage_share * stepper.space.nominal_length
+
+
+def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatArray:
+    """Width of the passage at places evenly along a way of the tip where the arm lies in it, else inf, (samples,) [m].
+
+    Args:
+        stepper: of the link space.
+        start: the pose that counts.
+        way: of the tip, shape (k, 2) [m].
+    """
+    guides = stepper.settings.guides
+    unit = stepper.space.nominal_length
+    samples = guides.passages.samples
+    if path_length(way) <= 0.0:
+        return np.full(samples, np.inf)
+    places, _ = evenly_along(way, samples)
+    widths = passage_widths(stepper.finder.walls, way, stepper.space.arm.length, samples)
+    axis = shapely.LineString(start.points)
+    apart = shapely.distance(shapely.points(places), axis)
+    # Near the base the way back and the way on lie beside the same links.
+    beyond_base = shapely.line_locate_point(axis, shapely.points(places)) > guides.withdrawal.near_base * unit
+    beside = beyond_base & (apart < np.minimum(widths, guides.withdrawal.beside * unit))
+    return np.where(beside, widths, np.inf)
+
+
+def withdrawal(stepper: Stepper, start: Pose, end: Pose, way: TipPath, length: float) -> Withdrawal | None:
+    """The way in from a pose at the goal, about to be run backwards; None where the base could not turn so far.
+
+    Args:
+        stepper: of the link space.
+        start: where the withdrawal begins.
+        end: the pose at the goal.
+        way: of the tip from there to the start.
+        length: of the fold, in nominal links.
+    """
+    arm = stepper.space.arm
+    leave = leaving_joint(stepper, end, way)
+    if leave is None:
+        return None
+    joint, route = leave
+    fold = fold_about_to_travel(stepper, end, way, joint, route, length)
+    # Headings count full turns, paths do not: the way in has to end as the arm is wound now.
+    turns = whole_turns(float(start.headings[-1]) - float(fold.track.heading(fold.track.length)))
+    wound = end.headings + turns
+    if abs(arm.bends(wound)[0]) > arm.base_limit:
+        return None
+    fold = fold_about_to_travel(stepper, Pose(end.v, wound, end.points), way, joint, route, length)
+    fold.run_through()
+    settings = stepper.settings.guides.withdrawal
+    return Withdrawal(fold, turns, _free_from(stepper, start, fold.track), settings)
+
+
+def _free_from(stepper: Stepper, start: Pose, track: TipTrack) -> float:
+    """Arc length on a track from a goal pose's tip to the start's before which a fold has room beside the arm [m]."""
+    confined = np.flatnonzero(widths_beside_arm(stepper, start, track.points) < width_of_fold(stepper))
+    samples = stepper.settings.guides.passages.samples
+    return track.length * float(confined[0]) / samples if len(confined) else 0.0
+
+
+def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
+    """The tip drawn along what remains of its way to the goal."""
+    if not isinstance(guide, Withdrawal):
+        raise TypeError(f"only a withdrawal can be led out, got {type(guide).__name__}")
+    remaining = np.vstack((pose.points[-1], guide.onward()))
+    taut = path.free_space.taut_path(remaining, shrink=path.shrink)
+    window = stepper.settings.guides.heading_window * stepper.space.nominal_length
+    return TipLed(
+        stepper.space, TipTrack.along(taut, window, float(pose.headings[-1])), settings=stepper.settings.guides.tip_led
+    )
+
+
+def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
+    """The whole arm drawn straight to the pose at the goal, wound as the withdrawal leads to it."""
+    wound = end.v.copy()
+    if isinstance(guide, Withdrawal):
+        wound[0] += guide.turns
+    return Interpolation(stepper.space, pose.v, wound, settings=stepper.settings.guides.interpolation)
