@@ -89,7 +89,8 @@ class TrialSettings:
         steps: how far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds. Taste.
         guessed_steps: the same where the bound is only where the problem stands. Taste.
         close: share of its value within which a parameter is bracketed by what failed, or cannot be, and what worked.
-            Derived: just more than the first step, so that a try that succeeds there need not be repeated.
+            Derived: just more than the first step is of the value after it, so that a try that succeeds there need not
+            be repeated.
         least_time: no try begins with less time than this [s]. Taste.
         try_share: share of the time left that one try may use. Taste.
         longest_try: CPU time that one try may use at most [s]. Taste.
@@ -104,7 +105,7 @@ class TrialSettings:
 
     steps: tuple[float, ...] = (0.045, 0.1, 0.2, 0.4)
     guessed_steps: tuple[float, ...] = (0.1, 0.25, 0.5)
-    close: float = 0.046
+    close: float = 0.048
     least_time: float = 0.05
     try_share: float = 0.5
     longest_try: float = 2.5

@@ -6,7 +6,7 @@ from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
 from ccm_opt.diagnosis.parameters import WholeChange
 from ccm_opt.diagnosis.ranking import ranked
-from ccm_opt.diagnosis.relaxation import Trials, candidates, hardest_bound, relaxations
+from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
 from ccm_opt.diagnosis.unit_hints import unit_hints
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation, UnreachableGoal
@@ -77,7 +77,7 @@ def _diagnosis(
     problem: Problem, old: Diagnosis, findings: tuple[Finding, ...], solved: tuple[Relaxation, ...]
 ) -> Diagnosis:
     """The old diagnosis with what was found: a proof takes the place of its reason."""
-    known = bool(findings) and (findings[0].proved or findings[0].kind == "torque")
+    known = bool(binding(findings[:1]))
     reason = findings[0].reason if known else old.reason
     advice = () if solved else _advice(problem, findings) or old.advice
     advice = (*unit_hints(problem), *advice)

@@ -24,6 +24,8 @@ from ccm_opt.problem import Problem
 
 Solve: TypeAlias = Callable[[Problem], object]
 """Plans, times and verifies a problem, or raises; what it returns is not looked at."""
+CERTAIN = frozenset(("torque", "contact", "joint limit"))
+"""Kinds of findings that are measured on a pose or a path; not proved, they leave other poses within tolerance."""
 SolveWithout: TypeAlias = Callable[[Problem, str], object]
 """The same with one constraint or cost of the user's dropped, by its name."""
 
@@ -88,12 +90,11 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
         findings: what stands in its way; what is proved, or an overload on the path that was found, binds.
         trials: solves.
     """
-    binding = tuple(f for f in findings if f.proved) or tuple(f for f in findings if f.kind == "torque")
+    certain = binding(findings)
     settings = trials.settings
     found: list[Relaxation] = []
-    proved = any(finding.proved for finding in findings)
-    # Nothing of the user's own mends what is proved of the arm and the room.
-    dropped = [] if proved else [without_term(name, kind) for kind, name in trials.terms[: settings.most_dropped]]
+    # Nothing of the user's own mends what is known of the arm and the room.
+    dropped = [] if certain else [without_term(name, kind) for kind, name in trials.terms[: settings.most_dropped]]
     for candidate in chain(dropped, candidates(problem, findings, settings.most_omitted)):
         if len(found) >= settings.enough or trials.left < settings.least_time:
             break
@@ -103,11 +104,17 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
             solved = trials.succeeds(candidate.changed(problem), candidate.term)
             relaxed = candidate.relaxation() if solved else None
         else:
-            bound = hardest_bound(candidate, binding) if candidate.bound is None else candidate.bound
-            relaxed = least_change(candidate, problem, bound, trials)
+            bound = hardest_bound(candidate, certain) if candidate.bound is None else candidate.bound
+            relaxed = least_change(candidate, problem, bound, trials, hurried=bool(found))
         if relaxed is not None:
             found.append(relaxed)
     return tuple(sorted(found, key=lambda relaxed: relaxed.change))
+
+
+def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
+    """What any change has to mend: what is proved, or else what is known of the pose or the path that was asked for."""
+    proved = tuple(finding for finding in findings if finding.proved)
+    return proved or tuple(finding for finding in findings if finding.kind in CERTAIN)
 
 
 def candidates(
@@ -120,7 +127,7 @@ def candidates(
         findings: what stands in its way.
         most_omitted: obstacles that are left out, each alone.
     """
-    proved = tuple(finding for finding in findings if finding.proved)
+    proved = binding(findings)
     relevant = proved or findings
     keys = [key for finding in relevant for key in finding.bounds]
     # Of what is proved, every single finding has to be mended, or there is still no plan.
@@ -159,7 +166,9 @@ def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float 
     return max(bounds) if parameter.easier > 0 else min(bounds)
 
 
-def least_change(parameter: Parameter, problem: Problem, bound: float | None, trials: Trials) -> Relaxation | None:
+def least_change(
+    parameter: Parameter, problem: Problem, bound: float | None, trials: Trials, *, hurried: bool = False
+) -> Relaxation | None:
     """The least change of a parameter, within the steps, with which the problem is solved; None when none is found.
 
     Args:
@@ -167,6 +176,7 @@ def least_change(parameter: Parameter, problem: Problem, bound: float | None, tr
         problem: what was asked.
         bound: the value that it must pass, or None when that is not known.
         trials: solves.
+        hurried: whether something else helps already, so that patience counts.
     """
     settings = trials.settings
     if bound is None:
@@ -178,7 +188,7 @@ def least_change(parameter: Parameter, problem: Problem, bound: float | None, tr
     failed = begin
     for step in steps:
         value = parameter.rounded(problem, begin * (1.0 + parameter.easier * step))
-        if trials.left < settings.least_time:
+        if trials.left < settings.least_time or (hurried and trials.spent > settings.patience):
             return None
         if trials.succeeds(parameter.write(problem, value)):
             return parameter.relaxation(problem, _closed_in(parameter, problem, failed, value, trials), bound)
