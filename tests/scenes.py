@@ -18,7 +18,6 @@ from ccm_opt.comparison.scenes import (
     random_headings,  # noqa: F401 - likewise
     random_polygon,  # noqa: F401 - likewise
 )
-from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.deadline import Deadline
@@ -31,7 +30,7 @@ from ccm_opt.motion.pose import Pose
 from ccm_opt.motion.settings.step_settings import StepSettings
 from ccm_opt.motion.step import Stepper
 from ccm_opt.planners.curve_guesses import find_guesses
-from ccm_opt.planners.curve_routes import find_routes, route_inflation, tip_paths_along
+from ccm_opt.planners.curve_routes import find_routes, route_room, tip_paths_along
 from ccm_opt.problem import Problem
 
 MARGIN = 2.5e-3
@@ -128,7 +127,7 @@ def later(seconds: float = 60.0) -> Deadline:
 def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = False) -> MotionTask:
     """What the planner asks of the search for a problem, with or without guesses of goal poses."""
     ends = resolve_ends(problem)
-    room = FreeSpace(problem.workspace, route_inflation(problem, ends))
+    room = route_room(problem, ends)
     routes = () if ends.goal_headings is not None else find_routes(problem, ends, room)
     return MotionTask(
         arm=problem.arm,
@@ -137,7 +136,7 @@ def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = Fal
         goal=ends.goal,
         goal_headings=ends.goal_headings,
         guesses=tuple(find_guesses(problem, ends, room, routes)) if guessing else (),
-        tip_paths=tip_paths_along(problem, ends, routes),
+        tip_paths=tip_paths_along(problem, ends, routes, room.inflation),
         deadline=later(seconds),
     )
 

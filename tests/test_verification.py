@@ -26,6 +26,7 @@ from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
+from ccm_opt.verification.wall_edges import wall_edges
 
 from .arms import plain_arm
 
@@ -475,3 +476,22 @@ def test_links_in_line_do_not_cross() -> None:
         points = arm.joint_positions(np.full(arm.links, angle))
         apart = segment_distances(points[first], points[first + 1], points[second], points[second + 1])
         np.testing.assert_allclose(apart, (second - first - 1) * arm.link_length, atol=1e-12)
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1), vertices=st.integers(3, 400))
+def test_runs_of_edges_contain_their_edges(seed: int, vertices: int) -> None:
+    """Every edge belongs to one run, whose swept chord contains it; walls of few edges stay as they are."""
+    rng = np.random.default_rng(seed)
+    angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, vertices))
+    ring = rng.uniform(0.5, 1.0) * np.column_stack((np.cos(angles), np.sin(angles)))
+    shapes = (shapely.LineString(ring), shapely.Point(2.0, 0.0), shapely.box(3.0, 3.0, 4.0, 4.0))
+    obstacles = tuple(Obstacle(f"wall {k}", shape, 0.01 * k) for k, shape in enumerate(shapes))
+    edges = wall_edges(Workspace(shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles))
+    place, other = edges.runs.edges_of(np.arange(len(edges.runs.radius)))
+    np.testing.assert_array_equal(other, np.arange(len(edges.owner)))
+    for ends in (edges.start, edges.end):
+        away = segment_distances(ends, ends, edges.runs.start[place], edges.runs.end[place])
+        assert np.all(away + edges.rounding <= edges.runs.radius[place])
+    if vertices < 60:
+        assert len(edges.runs.radius) == len(edges.owner)

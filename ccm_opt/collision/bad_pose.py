@@ -27,8 +27,12 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str
         UnreachableGoal: the pose breaks a joint limit or touches something; names joint or link and obstacle.
     """
     _refuse_sharp_bends(arm, arm.bends(pose[: arm.links]), which)
-    finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach * arm.length)
     points = arm.points(pose)
+    # Walls farther away can neither be touched nor hold the arm inside.
+    errors = float(arm.room_for_errors(np.array([arm.links]))[0])
+    farthest = arm.radius + workspace.clearance + errors + reach * arm.length
+    workspace = workspace.near(shapely.LineString(points), farthest)
+    finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach * arm.length)
     contacts = finder.find(points)
     # An axis without width that touched a wall could not be told from one that crosses it.
     may_touch = allowed_contact(arm, workspace) > 0.0

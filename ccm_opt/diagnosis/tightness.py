@@ -17,7 +17,7 @@ from ccm_opt.ground.polyline import leg_lengths
 from ccm_opt.motion.ends import Ends, resolve_ends
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.curve_guesses import configuration_task
-from ccm_opt.planners.curve_routes import find_routes, route_inflation
+from ccm_opt.planners.curve_routes import find_routes, route_room
 from ccm_opt.problem import Problem
 
 
@@ -27,7 +27,7 @@ def tight_places(problem: Problem, settings: TightnessSettings = DEFAULT_DIAGNOS
         return ()
     try:
         ends = resolve_ends(problem)
-        room = FreeSpace(problem.workspace, route_inflation(problem, ends))
+        room = route_room(problem, ends)
         routes = find_routes(problem, ends, room) if ends.goal_headings is None else ()
     except NoPlanFound:
         return ()

@@ -36,6 +36,8 @@ class FreeSpaceSettings:
             every obstacle's gap.
         least_curl: an arm whose first link turns by more than this when the arm is drawn taut is curled round its base
             [rad]. Taste: well beyond how bends to and fro lie off the taut line.
+        many_vertices: outlines of fewer vertices are not simplified. Taste.
+        vertices_kept: outlines of which more than this share of the vertices would stay are left as they are. Taste.
         least_squareness: squareness that a chord is credited with where the string only touches it. Taste.
     """
 
@@ -58,6 +60,8 @@ class FreeSpaceSettings:
     arc_step: float = 0.3
     arc_radius: float = 1e-3
     least_curl: float = 2.4
+    many_vertices: int = 100
+    vertices_kept: float = 0.7
     least_squareness: float = 1e-3
 
 

@@ -1,6 +1,6 @@
 """The workspace: a bounded room and named obstacles, each a core shape swept by a disc."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,3 +58,12 @@ class Workspace:
     def flat_walls(self) -> Walls:
         """The same as arrays of edges and vertices, in the same order."""
         return Walls.of(self.walls)
+
+    def near(self, shape: shapely.Geometry, distance: float) -> "Workspace":
+        """The room with those obstacles alone that come within a distance [m] of a shape."""
+        if not self.obstacles:
+            return self
+        cores = np.array([obstacle.core for obstacle in self.obstacles], dtype=np.object_)
+        apart = shapely.distance(cores, shape) - [obstacle.rounding for obstacle in self.obstacles]
+        kept = [obstacle for obstacle, gap in zip(self.obstacles, apart, strict=True) if gap <= distance]
+        return self if len(kept) == len(self.obstacles) else replace(self, obstacles=tuple(kept))

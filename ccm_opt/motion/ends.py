@@ -117,9 +117,10 @@ def stands_flush(problem: Problem, headings: FloatArray, settings: EndSettings =
     # The whole first link belongs to the mount already.
     if arm.mount_length >= arm.link_length:
         return False
-    walls = problem.workspace.flat_walls
-    finder = ContactFinder(arm, walls, problem.workspace.clearance, 0.0, settings.reach * arm.length)
-    contacts = finder.find(arm.joint_positions(headings))
+    points = arm.joint_positions(headings)
+    reach = settings.reach * arm.length
+    near = problem.workspace.near(shapely.LineString(points), arm.radius + problem.workspace.clearance + reach)
+    contacts = ContactFinder(arm, near.flat_walls, near.clearance, 0.0, reach).find(points)
     at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
     flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= settings.flush * arm.length)
 

@@ -11,7 +11,6 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound
-from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.stages import Stages
@@ -23,9 +22,10 @@ from ccm_opt.motion.motion_task import CachedItems, JointSlowness, Motion, Motio
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.smooth_path import smooth_path
 from ccm_opt.planners.curve_guesses import find_guesses, further_guesses
-from ccm_opt.planners.curve_routes import find_routes, route_inflation, tip_paths_along
+from ccm_opt.planners.curve_routes import find_routes, route_room, tip_paths_along
 from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planners.end_poses import EndPoses
+from ccm_opt.planners.neighbourhood import neighbourhood
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -63,28 +63,35 @@ class CurvePlanner:
             ends = resolve_ends(problem, self.settings.motion.ends)
             for limit in self.user_limits:
                 limit.refuse_ends(ends.start, ends.goal_headings)
+            near = neighbourhood(problem, ends, self.settings)
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
-        end_poses = EndPoses(problem, ends, deadline, self.stages, self.terms, self.settings.goal_pose)
-        task = replace(self.motion_task(problem, ends, deadline), end_poses=end_poses)
+        end_poses = EndPoses(near, ends, deadline, self.stages, self.terms, self.settings.goal_pose)
+        task = replace(self.motion_task(near, ends, deadline, problem), end_poses=end_poses)
         with self.stages("motion"):
             motion = find_motion(task)
             path = joint_path(problem, task, motion)
         return replace(path, goal_pose=end_poses.record(motion.end_pose))
 
-    def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
+    def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline, asked: Problem | None = None) -> MotionTask:
         """What the search for a motion between ends that are already resolved is asked.
+
+        Args:
+            problem: perhaps with the walls of the neighbourhood alone.
+            ends: of the motion.
+            deadline: when to stop.
+            asked: the problem with all walls as they are, for proofs; the same when None.
 
         Raises:
             NoPlanFound: there is no route, and a proof that there can be none.
         """
         settings = self.settings
         with self.stages("free space"):
-            room = FreeSpace(problem.workspace, route_inflation(problem, ends, settings))
+            room = route_room(problem, ends, settings)
             routes = find_routes(problem, ends, room, settings) if ends.goal_headings is None else ()
             if not routes and ends.goal_headings is None:
-                self.refuse(problem)
-            tip_paths = tip_paths_along(problem, ends, routes, settings)
+                self.refuse(problem if asked is None else asked)
+            tip_paths = tip_paths_along(problem, ends, routes, room.inflation, settings)
         guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes, settings)))
         further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes, settings)))
         return MotionTask(

@@ -15,30 +15,38 @@ from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.tip_paths import TipPath, find_tip_paths, turning_by, turning_least
 from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planners.goal_members import GoalMember, goal_members
+from ccm_opt.planners.neighbourhood import route_workspace
 from ccm_opt.problem import Problem
 
 
-def route_inflation(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> float:
-    """Inflation of the walls for routes [m]: a little more than the arm needs, but no more than the goal has.
+def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> FreeSpace:
+    """Free space for routes, walls that no pose at the goal comes near to left out.
 
-    Where that closes every way from the base to the goal it is hardly more than the arm needs.
+    Walls are inflated by a little more than the arm needs, but by no more than the goal has. Where that closes every
+    way from the base to the goal, by hardly more than the arm needs.
     """
     least = problem.arm.radius + problem.workspace.clearance
     inflation = settings.route_inflation * problem.arm.length
     kept = settings.least_margin * inflation
     wide = least + inflation
+    workspace = route_workspace(problem, ends, settings)
     if not ends.goal.is_set:
         goal = shapely.Point(ends.goal.position)
-        room = min(shapely.distance(goal, wall.core) - wall.rounding for wall in problem.workspace.walls)
+        room = min(shapely.distance(goal, wall.core) - wall.rounding for wall in workspace.walls)
         wide = least + float(np.clip(room - least - kept, kept, inflation))
-    if ends.goal_headings is not None or _connected(problem, ends, wide, settings):
-        return wide
-    return least + kept
+    free = FreeSpace(workspace, wide)
+    if ends.goal_headings is not None or _connected(problem, ends, free, settings):
+        return free
+    return FreeSpace(workspace, least + kept)
 
 
-def _connected(problem: Problem, ends: Ends, inflation: float, settings: CurvePlannerSettings) -> bool:
+def route_inflation(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> float:
+    """Inflation of the walls for routes [m]."""
+    return route_room(problem, ends, settings).inflation
+
+
+def _connected(problem: Problem, ends: Ends, room: FreeSpace, settings: CurvePlannerSettings) -> bool:
     """Whether the free places nearest to the base and to some member of the goal are in one piece."""
-    room = FreeSpace(problem.workspace, inflation)
     pieces = shapely.get_parts(room.polygons)
     if ends.goal.is_set:
         return len(pieces) > 0 and bool(goal_members(problem.arm, ends.goal, room, settings.members))
@@ -126,16 +134,27 @@ def run_in(
 
 
 def tip_paths_along(
-    problem: Problem, ends: Ends, routes: tuple[Route, ...], settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+    problem: Problem,
+    ends: Ends,
+    routes: tuple[Route, ...],
+    inflation: float,
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> tuple[TipPath, ...]:
-    """Classes of tip motions: along every route, or along the goal pose itself when that is given."""
+    """Classes of tip motions: along every route, or along the goal pose itself when that is given.
+
+    Args:
+        problem: what is asked.
+        ends: of the motion.
+        routes: from the base to the goal.
+        inflation: of the walls [m].
+        settings: numbers.
+    """
     arm = problem.arm
     points = arm.joint_positions(ends.start)
     if ends.goal_headings is not None:
         ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_headings),)
     else:
         ways = tuple(route.taut for route in routes)
-    inflation = route_inflation(problem, ends, settings)
     paths = find_tip_paths(problem.workspace, points, ways, inflation, settings.corner_distance * arm.length)
     if ends.goal_headings is None:
         return turning_least(paths, float(arm.bends(ends.start)[0]), arm.base_limit)

@@ -39,6 +39,11 @@ class CurvePlannerSettings:
             pose is looked for that misses constraints least; one after the other, each from the pose before. Measured:
             the first is solved where the last alone fails, and with the last misses are exact to a thousandth.
         elastic_share: constraints that this pose misses by less than this share of the worst miss count as kept. Taste.
+        neighbourhood: walls are left out that are farther beyond the arm's reach than this share of its length. Taste:
+            more than any row of the search or of the optimisation looks ahead.
+        outline_error: distance by which outlines of many vertices may be simplified, as a share of the arm's length.
+            Taste: less than a tenth of what the optimisation keeps off.
+        outline_gap_share: the same as a share of the least gap at the ends. Taste.
         members: of the members of a goal to which routes are led.
         configuration: of the configuration NLP.
         motion: of the search for a motion.
@@ -63,6 +68,9 @@ class CurvePlannerSettings:
     different: float = 0.3
     elastic_weights: tuple[float, ...] = (10.0, 1e2, 1e3, 1e5)
     elastic_share: float = 0.02
+    neighbourhood: float = 0.1
+    outline_error: float = 5e-5
+    outline_gap_share: float = 0.02
     members: GoalMemberSettings = field(default_factory=GoalMemberSettings)
     configuration: ConfigurationSettings = field(default_factory=ConfigurationSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)

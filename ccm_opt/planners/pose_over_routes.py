@@ -17,7 +17,7 @@ from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import attempt, attempts
 from ccm_opt.nlp.infeasibility import FailedAttempt, beyond_reach, diagnose
 from ccm_opt.planners.curve_guesses import configuration_task
-from ccm_opt.planners.curve_routes import find_routes, route_inflation
+from ccm_opt.planners.curve_routes import find_routes, route_room
 from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planners.goal_pose import GoalPoseSearch, for_arm
 from ccm_opt.problem import Problem
@@ -79,7 +79,7 @@ def pose_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_
     """
     problem = search.problem
     ends = search.ends
-    room = FreeSpace(problem.workspace, route_inflation(problem, ends, settings))
+    room = route_room(problem, ends, settings)
     for number, route in enumerate(find_routes(problem, ends, room, settings), start=1):
         start = f"route {number}, {route.length:.3f} m"
         try:

@@ -37,6 +37,10 @@ class VerificationSettings:
             some 200 MB of arrays.
         wall_probes: poses at which the nearest wall is looked up first, to know how far the search must look. Taste.
         pair_probes: poses at which all pairs of links are measured first, likewise. Taste.
+        many_edges: walls with as many edges are looked at in runs of them first. Taste.
+        edges_a_run: edges in a run. Taste: their chord is near all of them, and few runs are near the arm.
+        run_spare: by which the disc that sweeps a run's chord is wider than measured, beside the size of the
+            coordinates. Derived: rounding.
     """
 
     contact_tolerance: float = 1e-6
@@ -61,6 +65,9 @@ class VerificationSettings:
     most_pairs: int = 2_000_000
     wall_probes: int = 48
     pair_probes: int = 24
+    many_edges: int = 64
+    edges_a_run: int = 16
+    run_spare: float = 1e-13
 
 
 DEFAULT_VERIFICATION = VerificationSettings()

@@ -14,59 +14,7 @@ from ccm_opt.verification.bisection import Nearest, Pairs, Verdict, least_allowe
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-
-
-@dataclass(frozen=True)
-class WallEdges:
-    """The walls taken apart into straight edges; a circle's centre is an edge of no length.
-
-    Attributes:
-        start: shape (E, 2) [m].
-        end: shape (E, 2) [m].
-        rounding: radius of the disc that sweeps the edge, shape (E,) [m].
-        owner: number of the wall an edge belongs to, shape (E,).
-        names: of the walls.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    rounding: FloatArray
-    owner: IntArray
-    names: tuple[str, ...]
-
-    @cached_property
-    def tree(self) -> shapely.STRtree:
-        """Spatial index of the edges' boxes, each grown by its rounding."""
-        low = np.minimum(self.start, self.end) - self.rounding[:, None]
-        high = np.maximum(self.start, self.end) + self.rounding[:, None]
-        return shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
-
-    @cached_property
-    def lines(self) -> shapely.STRtree:
-        """Spatial index of the edges themselves."""
-        return shapely.STRtree(np.asarray(shapely.linestrings(np.stack((self.start, self.end), axis=1))))
-
-
-def wall_edges(workspace: Workspace) -> WallEdges:
-    """The edges of everything the arm must keep away from."""
-    walls = workspace.walls
-    pieces = [np.concatenate([_edges_of(part) for part in shapely.get_parts(wall.core)]) for wall in walls]
-    counts = [len(piece) for piece in pieces]
-    edges = np.concatenate(pieces)
-    rounding = np.repeat([wall.rounding for wall in walls], counts)
-    return WallEdges(
-        edges[:, 0], edges[:, 1], rounding, np.repeat(np.arange(len(walls)), counts), tuple(wall.name for wall in walls)
-    )
-
-
-def _edges_of(part: shapely.Geometry) -> FloatArray:
-    """Edges of a polygon, line or point, shape (E, 2, 2) [m]."""
-    if isinstance(part, shapely.Polygon):
-        return np.concatenate([_edges_of(ring) for ring in (part.exterior, *part.interiors)])
-    points = shapely.get_coordinates(part)
-    if len(points) == 1:  # the centre of a circle
-        return np.repeat(points[None], 2, axis=1)
-    return np.stack((points[:-1], points[1:]), axis=1)
+from ccm_opt.verification.wall_edges import WallEdges, wall_edges
 
 
 def check_walls(
@@ -198,8 +146,17 @@ def _candidates(poses: FloatArray, edges: WallEdges, exposed: FloatArray, links:
     high = np.maximum(start, end) + grow
     # Boxes decide quickly and err on the safe side: a pair too many costs time, a missing one would break the proof.
     # The tree asks for boxes alone, and a diagonal, which is made sooner, has the same box as its rectangle.
-    found, other = edges.tree.query(shapely.linestrings(np.stack((low, high), axis=1)))
-    return Pairs(node[found], links[link[found]], other)
+    runs = edges.runs
+    found, run = runs.tree.query(shapely.linestrings(np.stack((low, high), axis=1)))
+    # Where runs are long their chords decide again, before all of their edges are looked at.
+    long = runs.first[run + 1] - runs.first[run] > 1
+    gap = segment_distances(start[found[long]], end[found[long]], runs.start[run[long]], runs.end[run[long]])
+    near = np.ones(len(run), dtype=bool)
+    near[long] = gap - runs.radius[run[long]] <= grow[found[long], 0]
+    found = found[near]
+    place, other = runs.edges_of(run[near])
+    item = found[place]
+    return Pairs(node[item], links[link[item]], other)
 
 
 def _probe(
@@ -211,10 +168,12 @@ def _probe(
     node = np.repeat(chosen, len(links))
     link = np.tile(links, len(chosen))
     start, end = _axis(poses, node, link, exposed)
-    # Roundings differ from wall to wall, so the nearest edge need not be the nearest wall: a bound is all it gives.
-    (found, other), distance = edges.lines.query_nearest(
-        shapely.linestrings(np.stack((start, end), axis=1)), return_distance=True, all_matches=False
-    )
+    # Roundings differ from wall to wall, so the nearest chord need not be the nearest wall: a bound is all it gives.
+    runs = edges.runs
+    near, run = runs.lines.query_nearest(shapely.linestrings(np.stack((start, end), axis=1)), all_matches=False)
+    place, other = runs.edges_of(run)
+    found = near[place]
+    distance = segment_distances(start[found], end[found], edges.start[other], edges.end[other])
     gap = distance - edges.rounding[other] - motion.arm.radius
     best = int(np.argmin(gap))
     item = found[best]

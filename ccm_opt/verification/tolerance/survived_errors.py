@@ -28,7 +28,8 @@ from ccm_opt.verification.tolerance.link_cases import LinkCases
 from ccm_opt.verification.tolerance.moving_chain import MovingChain
 from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE, ToleranceSettings
 from ccm_opt.verification.tolerance.wall_cases import WallCases
-from ccm_opt.verification.wall_clearance import WallEdges, exposed_starts, wall_edges
+from ccm_opt.verification.wall_clearance import exposed_starts
+from ccm_opt.verification.wall_edges import WallEdges, wall_edges
 
 MODELS: tuple[Callable[[Arm], ErrorModel], ...] = (
     joint_errors,

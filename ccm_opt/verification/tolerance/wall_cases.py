@@ -11,7 +11,8 @@ from ccm_opt.verification.bisection import Pairs
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.tolerance.chain_cases import ChainCases, joined_cases
 from ccm_opt.verification.tolerance.moving_chain import MovingChain
-from ccm_opt.verification.wall_clearance import WallEdges, exposed_starts
+from ccm_opt.verification.wall_clearance import exposed_starts
+from ccm_opt.verification.wall_edges import WallEdges
 
 
 @dataclass(frozen=True)

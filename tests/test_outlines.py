@@ -1,0 +1,69 @@
+"""Simplified outlines against shapely, and the neighbourhood of an arm against its whole room."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.freespace.outlines import simplified
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.planners.neighbourhood import neighbourhood, route_workspace
+
+from .benchmarks.polygon_fields import FieldKind, polygon_field
+from .scenes import random_headings
+
+
+def wavy(rng: np.random.Generator, vertices: int) -> shapely.Polygon:
+    """A smooth outline with dents, with a hole that follows it."""
+    angles = 2.0 * np.pi * np.arange(vertices) / vertices
+    radius = 0.1 + 0.02 * np.cos(rng.integers(2, 6) * angles) + 0.01 * np.sin(rng.integers(2, 9) * angles)
+    ring = radius[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+    return shapely.Polygon(ring, [0.5 * ring[::-1]])
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1), vertices=st.integers(50, 3000), error=st.sampled_from((1e-6, 1e-5, 1e-4, 1e-3)))
+def test_a_simplified_obstacle_contains_the_old_one(seed: int, vertices: int, error: float) -> None:
+    """Every point of the old obstacle lies in the new one, which reaches no farther than twice the error beyond it."""
+    obstacle = Obstacle("wavy", wavy(np.random.default_rng(seed), vertices), 0.003)
+    simple = simplified(obstacle, error)
+    grown = shapely.buffer(simple.core, simple.rounding - obstacle.rounding + 1e-12, quad_segs=64)
+    assert grown.covers(obstacle.core)
+    assert simple.rounding - obstacle.rounding <= error
+    assert shapely.hausdorff_distance(shapely.boundary(simple.core), shapely.boundary(obstacle.core)) <= 2.0 * error
+
+
+def test_many_vertices_become_few() -> None:
+    """An outline of 40 000 vertices keeps hundreds within a ten-thousandth of a metre."""
+    simple = simplified(Obstacle("wavy", wavy(np.random.default_rng(3), 40_000)), 1e-4)
+    assert shapely.get_num_coordinates(simple.core) < 400
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_walls_left_out_are_out_of_reach(seed: int) -> None:
+    """No pose comes near a wall that the neighbourhood leaves out; none at the goal near one that routes leave out."""
+    scene = polygon_field(seed, FieldKind(400))
+    problem = scene.problem()
+    ends = resolve_ends(problem)
+    near = neighbourhood(problem, ends)
+    out = [each.core for each in problem.workspace.obstacles if each not in near.workspace.obstacles]
+    assert out
+    axis = shapely.LineString(scene.arm.joint_positions(random_headings(np.random.default_rng(seed), scene.arm, 1.0)))
+    assert shapely.distance(axis, out).min() > scene.arm.radius
+    routes = route_workspace(near, ends)
+    beside = [each.core for each in near.workspace.obstacles if each not in routes.obstacles]
+    at_goal = shapely.LineString(scene.arm.joint_positions(scene.goal))
+    assert shapely.distance(at_goal, beside).min() > scene.arm.radius
+
+
+def test_a_room_of_few_walls_stays_as_it_is() -> None:
+    """Where every wall is near and simple, planning sees the very workspace of the problem."""
+    problem = polygon_field(1, FieldKind(4)).problem()
+    near = replace(problem, workspace=Workspace(problem.workspace.boundary, problem.workspace.obstacles[:1]))
+    distance = shapely.distance(near.workspace.obstacles[0].core, shapely.Point(near.arm.base))
+    assert distance < near.arm.length
+    assert neighbourhood(near, resolve_ends(near)).workspace is near.workspace
