@@ -62,8 +62,8 @@ def test_walls_left_out_are_out_of_reach(seed: int) -> None:
 
 def test_a_room_of_few_walls_stays_as_it_is() -> None:
     """Where every wall is near and simple, planning sees the very workspace of the problem."""
-    problem = polygon_field(1, FieldKind(4)).problem()
-    near = replace(problem, workspace=Workspace(problem.workspace.boundary, problem.workspace.obstacles[:1]))
-    distance = shapely.distance(near.workspace.obstacles[0].core, shapely.Point(near.arm.base))
-    assert distance < near.arm.length
+    scene = polygon_field(1, FieldKind(100))
+    middle = shapely.Point(scene.arm.base)
+    few = tuple(each for each in scene.workspace.obstacles if shapely.distance(each.core, middle) < scene.arm.length)
+    near = replace(scene, workspace=Workspace(scene.workspace.boundary, few)).problem()
     assert neighbourhood(near, resolve_ends(near)).workspace is near.workspace
