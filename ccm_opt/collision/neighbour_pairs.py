@@ -57,10 +57,10 @@ class NeighbourPairs:
         near = self._neighbours(points)
         i, e = near.link_edge
         start, end = self._link_ends(points, i)
-        if bool(np.any(_cut(start, end, self._walls.edges[e, 0], self._walls.edges[e, 1]))):
+        if bool(np.any(segments_cross(start, end, self._walls.edges[e, 0], self._walls.edges[e, 1]))):
             return True
         a, b = near.link_link
-        return bool(np.any(_cut(points[a], points[a + 1], points[b], points[b + 1])))
+        return bool(np.any(segments_cross(points[a], points[a + 1], points[b], points[b + 1])))
 
     def _neighbours(self, points: FloatArray) -> _NeighbourList:
         near = self._near
@@ -200,7 +200,7 @@ def closest_on_segments(
     return on_first[best, columns], on_second[best, columns], apart[best, columns]
 
 
-def _cut(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArray:
+def segments_cross(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> BoolArray:
     """Whether segments properly cross; the boxes around collinear ones, whose sides are rounding, are apart."""
     # Each segment's ends lie on opposite sides of the other's line; an end that touches counts as no crossing.
     opposite = (_side(p, q, r) * _side(p, q, s) < 0.0) & (_side(r, s, p) * _side(r, s, q) < 0.0)

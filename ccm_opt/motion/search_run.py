@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 
@@ -72,6 +72,12 @@ class SearchRun:
         """The guesses brought onto the goal and the limits there, those that can be."""
         poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
         return CachedItems(pose.v for pose in poses if pose is not None)
+
+    def direct(self) -> Iterator[GuideCandidate]:
+        """Straight to a goal of the whole arm."""
+        whole_arm = self.goal.coordinates
+        if whole_arm is not None:
+            yield from islice(first_candidates(self.stepper, self.start, self.guesses, (), whole_arm), 1)
 
     def first(self) -> Iterator[GuideCandidate]:
         """The candidates that solve most problems."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ccm_opt.motion.backward import backward_tasks, reversed_motion
+from ccm_opt.motion.connect.connecting import CONNECT, Connecting
 from ccm_opt.motion.continuation import Stalled
 from ccm_opt.motion.failures import Failure
 from ccm_opt.motion.motion_task import Motion, MotionTask
@@ -34,6 +35,74 @@ class SearchStrategy(Protocol):
             nominal_links: nominal links to the arm's length.
         """
         ...
+
+
+@dataclass(frozen=True)
+class DirectStrategy:
+    """Straight to a goal of the whole arm, or straight back from it, bent round obstacles by the step."""
+
+    name: str = "interpolation"
+
+    def applies(self, task: MotionTask) -> bool:
+        """Poses of the whole arm alone say where straight is."""
+        return task.goal_headings is not None and not task.parametric
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The motion of the direction that arrives."""
+        margins = fitting_margins(task, task.settings.search.margins, nominal_links)
+        forward = SearchRun.from_task(task, margins[0], nominal_links)
+        motion = forward.run(forward.direct(), failures)
+        if motion is not None:
+            return motion
+        for turned in backward_tasks(task, forward.stepper):
+            if turned is not None and not task.deadline.passed():
+                backward = SearchRun.from_task(turned, margins[0], nominal_links)
+                motion = backward.run(backward.direct(), failures)
+                return reversed_motion(motion) if motion is not None else None
+        return None
+
+
+@dataclass(frozen=True)
+class ConnectStrategy:
+    """RRT-Connect in the coordinates of the curve, with so many extensions that it costs little.
+
+    Attributes:
+        late: whether this is its turn after the candidates, when it applies to arms of many links too.
+        name: for the record of a search in vain.
+    """
+
+    late: bool
+    name: str = CONNECT
+
+    def applies(self, task: MotionTask) -> bool:
+        """Limits that move keyframes, or depend on how far along the motion they are, refuse all straight motions."""
+        refused = task.parametric or any(limit.moves_keyframes for limit in task.user_limits)
+        return not refused and len(self._budgets(task)) > 0
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The motion that joins the trees."""
+        budgets = self._budgets(task)
+        if task.arm.links > task.settings.connect.most_links or task.deadline.passed():
+            return None
+        run = SearchRun.from_task(task, task.settings.search.margins[-1], nominal_links)
+        motion = Connecting(task, run.stepper.space, run.start, run.goal).find(budgets, (task.seed, self.late))
+        if motion is None:
+            ended = Stalled(f"{len(budgets)} searches of up to {max(budgets)} extensions did not meet", [run.start])
+            failures.append(run.failure(CONNECT, ended))
+        return motion
+
+    def _budgets(self, task: MotionTask) -> tuple[int, ...]:
+        settings = task.settings.connect
+        links = task.arm.links
+        few = links <= settings.few_links
+        # Without a way of the tip there is hardly one of the arm; few links may still have one closer to a wall.
+        if not task.tip_paths and not few:
+            return ()
+        if self.late:
+            return settings.late_budgets
+        if few:
+            return settings.few_budgets
+        return settings.whole_arm_budgets if task.goal_headings is not None else ()
 
 
 @dataclass(frozen=True)
@@ -126,5 +195,12 @@ def candidate_motions(
     yield forward.run(forward.further(), failures)
 
 
-STRATEGIES: tuple[SearchStrategy, ...] = (PortfolioStrategy(), TrackingStrategy(), TreeStrategy())
+STRATEGIES: tuple[SearchStrategy, ...] = (
+    DirectStrategy(),
+    ConnectStrategy(late=False),
+    PortfolioStrategy(),
+    TrackingStrategy(),
+    ConnectStrategy(late=True, name=f"{CONNECT} again"),
+    TreeStrategy(),
+)
 """What is tried in turn."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from ccm_opt.collision.collision_settings import CertificateSettings, ContactSettings
+from ccm_opt.motion.settings.connect_settings import ConnectSettings
 from ccm_opt.motion.settings.end_settings import EndSettings
 from ccm_opt.motion.settings.guide_settings import GuideSettings
 from ccm_opt.motion.settings.lifting_settings import LiftingSettings
@@ -34,6 +35,7 @@ class MotionSettings:
         search: of the search over all strategies.
         guides: of the guides and candidates.
         tree: of the trees of poses.
+        connect: of RRT-Connect.
         lifting: of taking a motion over to an arm of many links.
         optimisation: of the optimisation of a motion.
         objective: weights inside its objective.
@@ -53,6 +55,7 @@ class MotionSettings:
     search: SearchSettings = field(default_factory=SearchSettings)
     guides: GuideSettings = field(default_factory=GuideSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
+    connect: ConnectSettings = field(default_factory=ConnectSettings)
     lifting: LiftingSettings = field(default_factory=LiftingSettings)
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)

@@ -1,0 +1,208 @@
+"""RRT-Connect in the coordinates of the curve: cheap checks refute truly, what is found is certified, seeds decide."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.collision.certificate import Certificate
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.motion.connect.blocked_raster import BlockedRaster
+from ccm_opt.motion.connect.connecting import CONNECT
+from ccm_opt.motion.connect.heading_tree import HeadingTree
+from ccm_opt.motion.connect.sampled_check import SampledCheck
+from ccm_opt.motion.link_space import NOMINAL_LINKS
+from ccm_opt.motion.motion_task import Motion
+from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.settings.connect_settings import SamplingSettings
+from ccm_opt.motion.strategies import ConnectStrategy, DirectStrategy
+from ccm_opt.problem import JointPose, Problem
+
+from .few_link_scenes import few_link_problem, few_link_scene
+from .scenes import Scene, clutter, mixed_walls, motion_task, open_scene, self_gap, wall_gaps
+
+if TYPE_CHECKING:
+    from ccm_opt.motion.failures import Failure
+
+SAMPLING = SamplingSettings()
+CONNECT_ALONE = (ConnectStrategy(late=False),)
+SEEDS = st.integers(0, 10_000)
+EASY = (4, 5, 6, 9, 13, 20)
+"""Scenes of few links whose trees meet after some extensions, with goals of every kind."""
+
+
+def found(problem: Problem, **changes: object) -> Motion | None:
+    """What RRT-Connect alone finds, before it is optimised."""
+    task = replace(motion_task(problem), **changes)  # type: ignore[arg-type]  # fields of the task
+    return ConnectStrategy(late=False).find(task, [], NOMINAL_LINKS)
+
+
+def poses(scene: Scene, seed: int, count: int) -> FloatArray:
+    """Link headings of random poses within the joint limits, shape (count, links) [rad]."""
+    arm = scene.arm
+    rng = np.random.default_rng(seed)
+    limits = np.minimum(arm.bend_limits, np.pi)
+    return arm.headings(rng.uniform(-limits, limits, (count, arm.links)))
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=SEEDS, gap=st.floats(0.005, 0.1))
+def test_blocked_cells_are_too_near_to_a_wall(seed: int, gap: float) -> None:
+    """A place in a blocked cell is nearer to a wall than asked for; a free one is hardly so."""
+    workspace = mixed_walls()
+    middle = np.array([0.1, 0.05])
+    raster = BlockedRaster.around(workspace, middle, 0.9, gap, 600)
+    places = middle + np.random.default_rng(seed).uniform(-0.9, 0.9, (2000, 2))
+    distance = np.min([shapely.distance(shapely.points(places), w.core) - w.rounding for w in workspace.walls], axis=0)
+    distance[~shapely.contains_xy(workspace.boundary, places)] = -1.0
+    blocked = raster.at(places[:, 0], places[:, 1])
+    assert (distance[blocked] < gap).all()
+    assert (distance[~blocked] > gap - 0.05 * gap - 2.0 * raster.cell).all()
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=SEEDS)
+def test_refuted_poses_touch_something(seed: int) -> None:
+    """No pose is refuted that touches neither walls nor itself; most that touch are refuted."""
+    scene = few_link_scene(seed)
+    drawn = poses(scene, seed, 60)
+    points = scene.arm.joint_positions(drawn)
+    own = np.array([_own_gap(scene, pose) for pose in points])
+    gaps = np.minimum(wall_gaps(scene.arm, scene.workspace, points).min(axis=1), own)
+    inside = [shapely.contains(scene.workspace.boundary, shapely.linestrings(pose)) for pose in points]
+    refuted = SampledCheck.of(scene.arm, scene.workspace, SAMPLING).refuted(drawn)
+    assert not (refuted & (gaps > 0.0) & inside).any()
+    assert refuted[gaps < -0.3 * scene.arm.radius].all()
+
+
+def _own_gap(scene: Scene, points: FloatArray) -> float:
+    return self_gap(scene.arm, points[None])
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=SEEDS)
+def test_certified_motions_are_never_refuted(seed: int) -> None:
+    """What the certificate proves free is free by samples."""
+    scene = few_link_scene(seed)
+    drawn = poses(scene, seed, 12)
+    check = SampledCheck.of(scene.arm, scene.workspace, SAMPLING)
+    shares = check.free_shares(drawn[:-1], drawn[1:])
+    failing = Certificate(scene.arm, scene.workspace).failures(drawn)
+    proved = np.setdiff1d(np.arange(len(shares)), failing)
+    assert (shares[proved] == 1.0).all()
+
+
+def test_a_motion_is_free_up_to_the_first_pose_that_is_refuted() -> None:
+    """The share that is free ends before the wall, and not far before it."""
+    scene = open_scene(1, 4)
+    arm = scene.arm
+    room = replace(scene.workspace, boundary=shapely.box(-1.3, -0.5, 1.3, 1.3))
+    check = SampledCheck.of(arm, room, SAMPLING)
+    straight = np.zeros((1, 4))
+    share = check.free_shares(straight, straight - 0.5 * np.pi)[0]
+    # The straight arm of 1 m turns until its side meets the lower wall.
+    meets = np.arcsin(0.5 - arm.radius) / (0.5 * np.pi)
+    assert meets - 0.03 < share <= meets + 0.01
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=SEEDS)
+def test_a_tree_knows_its_nearest_nodes_and_what_hangs_on_a_node(seed: int) -> None:
+    """The nearest node is that of all distances; a cut leaves what does not hang on the node, with its ways."""
+    rng = np.random.default_rng(seed)
+    tree = HeadingTree.empty(3)
+    tree.add(rng.normal(size=(2, 3)), np.array([-1, -1]))
+    for _ in range(40):
+        tree.add(rng.normal(size=(1, 3)), rng.integers(len(tree), size=1))
+    targets = rng.normal(size=(5, 3))
+    distances = np.linalg.norm(tree.nodes[None] - targets[:, None], axis=2)
+    np.testing.assert_array_equal(tree.nearest(targets), distances.argmin(axis=1))
+
+    ways = [tree.nodes[tree.way_to(k)].copy() for k in range(len(tree))]
+    gone = int(rng.integers(1, len(tree)))
+    taken = tree.nodes[gone].copy()
+    tree.cut(gone)
+    kept = [way for way in ways if not (way == taken).all(axis=1).any()]
+    assert len(tree) == len(kept)
+    for number, way in enumerate(kept):
+        np.testing.assert_array_equal(tree.nodes[tree.way_to(number)], way)
+
+
+@pytest.mark.parametrize("seed", EASY)
+def test_motions_are_certified_and_lead_from_the_start_to_the_goal(seed: int) -> None:
+    """Whatever the goal, all between the exact start and the goal is proved free, within the limits."""
+    problem = few_link_problem(seed)
+    motion = found(problem)
+    assert motion is not None
+    assert motion.candidate == CONNECT
+    arm = problem.arm
+    assert isinstance(problem.start, JointPose)
+    np.testing.assert_allclose(arm.bends(motion.headings[0]), problem.start.bends, atol=1e-12)
+    assert len(Certificate(arm, problem.workspace).failures(motion.headings)) == 0
+    assert (np.abs(arm.bends(motion.headings)) <= arm.bend_limits).all()
+    assert_at_goal(problem, motion.headings[-1])
+
+
+def assert_at_goal(problem: Problem, headings: FloatArray) -> None:
+    """Assert that a pose meets the goal within its tolerances."""
+    arm = problem.arm
+    goal = problem.goal
+    if isinstance(goal, JointPose):
+        np.testing.assert_allclose(arm.bends(headings), goal.bends, atol=1e-9)
+        return
+    tip = arm.joint_positions(headings)[-1]
+    assert np.hypot(*(tip - goal.position)) <= problem.tolerances.position
+    if goal.heading is not None:
+        turn = (headings[-1] - goal.heading + np.pi) % (2.0 * np.pi) - np.pi
+        assert abs(turn) <= problem.tolerances.heading
+
+
+def test_what_is_found_is_optimised() -> None:
+    """The search with RRT-Connect alone ends with a motion that is shorter than the one found, and certified."""
+    problem = few_link_problem(6)
+    task = motion_task(problem)
+    first = ConnectStrategy(late=False).find(task, [], NOMINAL_LINKS)
+    last = find_motion(task, CONNECT_ALONE)
+    assert first is not None
+    assert np.abs(np.diff(last.headings, axis=0)).sum() < np.abs(np.diff(first.headings, axis=0)).sum()
+    assert len(Certificate(problem.arm, problem.workspace).failures(last.headings)) == 0
+
+
+def test_the_seed_decides() -> None:
+    """The same seed gives the same motion, another seed another."""
+    problem = few_link_problem(22)
+    once = found(problem, seed=1)
+    again = found(problem, seed=1)
+    other = found(problem, seed=2)
+    assert once is not None
+    assert again is not None
+    assert other is not None
+    np.testing.assert_array_equal(once.headings, again.headings)
+    assert once.headings.shape != other.headings.shape or not np.array_equal(once.headings, other.headings)
+
+
+def test_many_links_go_straight_to_goals_of_the_whole_arm_before_anything_is_drawn() -> None:
+    """Interpolation by the step comes first, forwards and backwards; RRT-Connect then finds the same ends."""
+    scene = clutter(1, 5)
+    problem = scene.problem(JointPose(scene.arm.bends(scene.goal)))
+    for strategy in (DirectStrategy(), ConnectStrategy(late=False)):
+        motion = strategy.find(motion_task(problem), [], NOMINAL_LINKS)
+        assert motion is not None
+        np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-9)
+        np.testing.assert_allclose(motion.headings[-1], scene.goal, atol=1e-9)
+        assert len(Certificate(scene.arm, scene.workspace).failures(motion.headings)) == 0
+
+
+def test_a_search_ends_with_its_budget() -> None:
+    """Where some extensions do not suffice, the search ends after them, and the failure says so."""
+    task = motion_task(few_link_problem(37))
+    few = replace(task.settings.connect, few_budgets=(8, 8))
+    failures: list[Failure] = []
+    limited = replace(task, settings=replace(task.settings, connect=few))
+    assert ConnectStrategy(late=False).find(limited, failures, NOMINAL_LINKS) is None
+    assert failures[0].candidate == CONNECT
+    assert "8 extensions" in failures[0].message
