@@ -128,9 +128,15 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way: TipPath, length: f
     if leave is None:
         return None
     joint, route = leave
+    near_base = stepper.settings.guides.withdrawal.near_base * stepper.space.nominal_length
+    if joint * arm.link_length <= near_base:
+        # An arm with length to spare curls round its base; from the base itself the way on knows nothing of that.
+        joint = 0
+        route = way.from_joint(end.points, 0)
     fold = fold_about_to_travel(stepper, end, way, joint, route, length)
+    fold.run_through()
     # Headings count full turns, paths do not: the way in has to end as the arm is wound now.
-    turns = whole_turns(float(start.headings[-1]) - float(fold.track.heading(fold.track.length)))
+    turns = whole_turns(float(np.median(start.headings - fold.reference())))
     wound = end.headings + turns
     if abs(arm.bends(wound)[0]) > arm.base_limit:
         return None
