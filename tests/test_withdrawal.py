@@ -1,0 +1,105 @@
+"""Drawing an arm back along itself: when it is tried, that it is safe, and that it leads out of narrow places."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from ccm_opt.collision.certificate import Certificate
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.motion.continuation import Stalled, follow
+from ccm_opt.motion.drawing_back import lies_confined, withdrawals
+from ccm_opt.motion.guides.withdrawal import Withdrawal
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.step import Stepper
+from ccm_opt.problem import TipGoal
+from tests.planned_runs import run
+from tests.scenes import ROOM, Scene, later, make_arm, make_stepper, motion_task
+
+LINKS = 24
+
+
+def duct(width: float) -> Workspace:
+    """A straight duct to the right of the base, from 0.25 m on."""
+    walls = [
+        shapely.box(0.25, 0.5 * width, 1.1, 0.5 * width + 0.1),
+        shapely.box(0.25, -0.5 * width - 0.1, 1.1, -0.5 * width),
+    ]
+    return Workspace(ROOM, tuple(Obstacle(f"duct {k}", wall) for k, wall in enumerate(walls)))
+
+
+def in_duct(width: float, heading: float) -> Scene:
+    """An arm that lies straight in the duct and is wanted straight with another heading."""
+    return Scene(make_arm(LINKS), duct(width), np.zeros(LINKS), np.full(LINKS, heading))
+
+
+def ways_back(scene: Scene, length: float = 5.0) -> tuple[Stepper, Pose, list[Withdrawal]]:
+    """The guides that draw a scene's arm back, with the stepper and the start that they are for."""
+    stepper, start = make_stepper(scene)
+    path = motion_task(scene.problem()).tip_paths[0]
+    end = stepper.pose(start.v + np.eye(len(start.v))[0] * scene.goal[0])
+    return stepper, start, [guide for _, guide in withdrawals(stepper, start, end, path, length)]
+
+
+def headings_of(poses: list[Pose]) -> FloatArray:
+    """Link headings of poses, shape (K, links) [rad]."""
+    return np.array([pose.headings for pose in poses])
+
+
+@pytest.mark.parametrize(("width", "confined"), [(0.05, True), (0.12, True), (0.6, False)])
+def test_an_arm_lies_confined_where_no_fold_has_room_beside_it(width: float, confined: bool) -> None:
+    """In a duct hardly wider than the arm and in one too narrow for a fold, but not in a hall."""
+    scene = in_duct(width, 3.0)
+    stepper, start = make_stepper(scene)
+    path = motion_task(scene.problem()).tip_paths[0]
+    assert lies_confined(stepper, start, path) is confined
+
+
+@pytest.mark.parametrize("heading", [2.6, -2.6])
+def test_a_fold_draws_the_arm_out_of_its_duct_safely(heading: float) -> None:
+    """The tip comes out of the duct, what is still inside slides along it, and nothing is touched."""
+    scene = in_duct(0.05, heading)
+    stepper, start, guides = ways_back(scene)
+    guide = guides[0]
+    assert 0.0 < guide.free_from < guide.fold.track.length
+    try:
+        poses = follow(stepper, guide.afresh(), start, later())
+    except Stalled as stalled:
+        pytest.fail(str(stalled))
+    assert poses[-1].points[-1][0] < 0.3
+    assert len(Certificate(scene.arm, scene.workspace).failures(headings_of(poses))) == 0
+    inside = [pose.points[pose.points[:, 0] > 0.3] for pose in poses]
+    assert max(np.abs(points[:, 1]).max(initial=0.0) for points in inside) < 0.025
+
+
+def test_the_base_turns_least_on_the_first_way_back() -> None:
+    """Both sides are offered, wound as the arm is wound on them, and the way with the lesser turn comes first."""
+    for heading in (2.0, -2.0):
+        _, start, guides = ways_back(in_duct(0.05, heading))
+        turns = [guide.fold.old[0] - start.headings[0] for guide in guides]
+        assert [abs(turn) for turn in turns] == sorted(abs(turn) for turn in turns)
+        assert turns[0] == pytest.approx(heading)
+        assert np.diff(turns) == pytest.approx(-2.0 * np.pi * np.sign(heading))
+
+
+def test_a_withdrawal_begins_afresh_each_time() -> None:
+    """What is followed moves its own fold and not that of the guide it was made from."""
+    stepper, start, guides = ways_back(in_duct(0.05, 2.6))
+    guide = guides[0]
+    before = guide.fold.fold_at
+    first = guide.afresh()
+    assert first.progress(start)
+    assert first.fold.fold_at - before == pytest.approx(guide.settings.advance * stepper.space.nominal_length)
+    assert guide.fold.fold_at == before
+    assert guide.afresh().fold.fold_at == before
+
+
+def test_an_arm_leaves_a_duct_by_drawing_back() -> None:
+    """The whole planner finds the way out, by this candidate, and the verifier passes it."""
+    scene = in_duct(0.05, 2.6)
+    goal = TipGoal(scene.goal_tip.position, 2.6)
+    planned = run(replace(scene.problem(goal), name="out of a duct"))
+    assert planned.outcome == "verified", planned.reason
+    assert planned.candidate.startswith("drawn back")
