@@ -33,9 +33,13 @@ __all__ = [
     "Stop",
     "TipGoal",
     "Tolerances",
+    "VerificationOptions",
     "Weights",
 ]
 
+CONTACT_SHARE_OF_LENGTH = 1e-6
+"""Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made
+to, and above what the certificate and the chords between samples leave to rounding."""
 WANTED_SHARE_OF_LENGTH = 0.015
 """Room that plans keep unless the problem says otherwise, as a share of the arm's length."""
 WANTED_SHARE_OF_RADIUS = 0.5
@@ -225,6 +229,17 @@ class SimulationOptions:
 
 
 @dataclass(frozen=True)
+class VerificationOptions:
+    """How strictly plans are judged.
+
+    Attributes:
+        contact_tolerance: gap that may be missing before a motion is refused [m]; None for a millionth of the arm.
+    """
+
+    contact_tolerance: float | None = None
+
+
+@dataclass(frozen=True)
 class Problem:
     """One planning problem.
 
@@ -241,6 +256,7 @@ class Problem:
         planner: planner options.
         simulation: simulation options.
         joint_error: of every joint at any time, with which the motion has to touch nothing [rad]; 0 asks for none.
+        verification: how strictly plans are judged.
         source: the text of the problem file, kept for the record; empty when built in Python.
     """
 
@@ -256,7 +272,14 @@ class Problem:
     planner: PlannerOptions = field(default_factory=PlannerOptions)
     simulation: SimulationOptions = field(default_factory=SimulationOptions)
     joint_error: float = 0.0
+    verification: VerificationOptions = field(default_factory=VerificationOptions)
     source: str = ""
+
+    @property
+    def contact_tolerance(self) -> float:
+        """Gap that may be missing before a motion is refused, rounding as a rule [m]."""
+        asked = self.verification.contact_tolerance
+        return CONTACT_SHARE_OF_LENGTH * self.arm.length if asked is None else asked
 
     @property
     def wanted_gap(self) -> float:
@@ -298,6 +321,8 @@ def _defects(problem: Problem) -> Iterator[str]:
     yield from _name_defects(problem)
     if not 0.0 <= problem.joint_error < np.pi:
         yield f"joint_error must be from 0 to below π rad, got {problem.joint_error}"
+    if not 0.0 < problem.contact_tolerance < np.inf:
+        yield f"verification.contact_tolerance must be positive and finite, got {problem.contact_tolerance}"
     yield from _weight_defects(problem.planner.weights)
     yield from _feed_defects(problem)
     yield from _point_defects(problem)

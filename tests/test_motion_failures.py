@@ -27,7 +27,7 @@ def test_the_best_candidate_speaks_for_all() -> None:
     """The reason names the candidate that came nearest, how near, and what was tightest there."""
     task = motion_task(clutter(1, 5).problem())
     error = nothing_found(task, FAILURES, EXHAUSTED)
-    assert "3 candidates; the best (near) ended with the tip 100 mm" in error.diagnosis.reason
+    assert "3 candidates; the best (near) ended with the tip 100.0 mm" in error.diagnosis.reason
     assert "'door'" in error.diagnosis.reason
 
 

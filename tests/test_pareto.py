@@ -44,7 +44,7 @@ def test_what_is_recommended_is_on_the_front_and_in_time(figures: list[tuple[flo
     """The fastest is never dominated but by an equally fast one, and the recommended plan is the roomiest in time."""
     problem = parse_problem(SMALL_PROBLEM, "small.toml")
     plans = [made_up(problem, duration, gap) for duration, gap in figures]
-    judgement = _Judgement(plans, 0.04, DEFAULT_PARETO)
+    judgement = _Judgement(plans, 0.04, 1.0, DEFAULT_PARETO)
     judged = [replace(plan, dominated_by=judgement.dominator(plan)) for plan in plans]
     for plan in judged:
         if plan.dominated_by:
@@ -62,7 +62,7 @@ def test_what_is_recommended_is_on_the_front_and_in_time(figures: list[tuple[flo
 def test_a_plan_that_is_slower_with_less_room_is_dominated(small_problem: Problem) -> None:
     """Of three plans the slow one with little room is dominated; equal ones do not dominate each other."""
     plans = [made_up(small_problem, *figures) for figures in ((1.0, 0.002), (1.1, 0.010), (1.3, 0.004), (1.0, 0.002))]
-    judgement = _Judgement(plans, 0.04, DEFAULT_PARETO)
+    judgement = _Judgement(plans, 0.04, 1.0, DEFAULT_PARETO)
     assert [judgement.dominator(plan) for plan in plans] == [0, 0, 2, 0]
     assert judgement.recommended() == 2
     assert replace(judgement, trade_off=ParetoSettings(most_time=0.05)).recommended() in {1, 4}

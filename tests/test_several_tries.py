@@ -19,7 +19,7 @@ from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, Problem
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.ground.stages import Stages
 from ccm_opt.motion.drawn_order import drawn_order
-from ccm_opt.motion.portfolio import GuideCandidate
+from ccm_opt.motion.guide_candidate import GuideCandidate
 from ccm_opt.problem import Problem
 from tests.conftest import SMALL_PROBLEM
 from tests.scenes import clutter, open_scene

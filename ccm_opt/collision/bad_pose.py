@@ -10,6 +10,7 @@ from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import millimetres, place
 from ccm_opt.jointed.arm import Arm
 
 
@@ -76,9 +77,8 @@ def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
         return None
     depth = np.where(out, shapely.distance(shapely.points(behind_mount), workspace.boundary), 0.0)
     worst = int(np.argmax(depth))
-    place = behind_mount[worst]
     number = link + max(worst, 1)
     return (
-        f"leaves the room: link {number} is {1e3 * depth[worst]:.1f} mm outside the workspace boundary at "
-        f"({place[0]:.3f}, {place[1]:.3f})"
+        f"leaves the room: link {number} is {millimetres(depth[worst])} outside the workspace boundary at "
+        f"{place(behind_mount[worst])}"
     )

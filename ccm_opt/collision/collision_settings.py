@@ -11,17 +11,21 @@ class CertificateSettings:
 
     Attributes:
         depth: bisections of an interval before its certificate is refused. Taste: the sag falls four-fold at each.
-        touch: gap that even an arm of no width keeps [m]. Derived: rounding of positions in a room of some metres.
-        rounding: depth of contact [m], and bend beyond a joint limit [rad], that counts as none at an end of a motion.
-            Derived: likewise.
+        touch: gap that even an arm of no width keeps [arm lengths]. Derived: rounding of positions in a
+            room of some arm's lengths.
+        rounding: depth of contact in these units, and bend beyond a joint limit [rad], that counts as none at an end of
+            a motion. Derived: likewise.
         contact: depth below contact that motions of an arm with some width may have where they begin or end in
-            contact [m]. Derived: half of what the verifier allows.
+            contact, in these units. Derived: half of what the verifier allows; where the problem asks the verifier for
+            more or less, half of that.
+        contact_share: this half.
     """
 
     depth: int = 7
     touch: float = 1e-9
     rounding: float = 1e-9
     contact: float = 5e-7
+    contact_share: float = 0.5
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from ccm_opt.diagnosis.holding_torque import strong_enough
 from ccm_opt.diagnosis.passages import wide_and_short_enough
 from ccm_opt.diagnosis.reach import supple_enough, within_joint_limits, within_reach
 from ccm_opt.errors import Finding
+from ccm_opt.ground.length_words import words_for_unit
+from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.problem import Problem
 
 Check = Callable[[Problem], Iterator[Finding]]
@@ -35,4 +37,8 @@ def failed(problem: Problem, checks: tuple[Check, ...] = NECESSARY) -> tuple[Fin
         checks: which ones.
     """
     applicable = [check for check in checks if check not in FIXED_BASE] if problem.arm.base_axes else checks
-    return tuple(finding for check in applicable for finding in check(problem))
+    units = OwnUnits(problem.arm.length)
+    with words_for_unit(units.metres):
+        scaled = units.scaled(problem)
+        findings = tuple(finding for check in applicable for finding in check(scaled))
+    return units.findings_in_metres(findings)

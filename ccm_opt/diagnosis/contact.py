@@ -8,11 +8,13 @@ import shapely
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
-from ccm_opt.diagnosis.words import at, millimetres, point
+from ccm_opt.diagnosis.words import point
 from ccm_opt.errors import Finding
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import place as at
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem

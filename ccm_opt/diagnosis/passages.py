@@ -11,11 +11,13 @@ from ccm_opt.diagnosis.contact import tip_has_room
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageProofSettings
 from ccm_opt.diagnosis.keyed_poses import tip_places
 from ccm_opt.diagnosis.wide_space import WideSpace, wide_space
-from ccm_opt.diagnosis.words import at, listed, metres, millimetres, point
+from ccm_opt.diagnosis.words import listed, point
 from ccm_opt.errors import Finding
 from ccm_opt.freespace.bottleneck import nearest_walls
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import metres, millimetres
+from ccm_opt.ground.length_words import place as at
 from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.problem import Problem
 

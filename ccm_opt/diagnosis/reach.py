@@ -7,9 +7,10 @@ import shapely
 from scipy.optimize import brentq
 
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
-from ccm_opt.diagnosis.words import degrees, metres, point
+from ccm_opt.diagnosis.words import degrees, point
 from ccm_opt.errors import Finding
 from ccm_opt.ground.angles import heading_of, wrap
+from ccm_opt.ground.length_words import metres
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem

@@ -6,18 +6,21 @@ import numpy as np
 import shapely
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TightnessSettings
-from ccm_opt.diagnosis.words import at, degrees, listed, metres, millimetres, point
+from ccm_opt.diagnosis.words import degrees, listed, point
 from ccm_opt.errors import ConfigurationNotFound, Finding, NoPlanFound
 from ccm_opt.freespace.bottleneck import narrowest_passage, nearest_walls
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import metres, millimetres, words_for_unit
+from ccm_opt.ground.length_words import place as at
 from ccm_opt.ground.polygons import cross
 from ccm_opt.ground.polyline import leg_lengths
 from ccm_opt.motion.ends import Ends, resolve_ends
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.curve_guesses import configuration_task
 from ccm_opt.planners.curve_routes import find_routes, route_room
+from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.problem import Problem
 
 
@@ -25,6 +28,13 @@ def tight_places(problem: Problem, settings: TightnessSettings = DEFAULT_DIAGNOS
     """What is likely to stand in the way, the tightest first; nothing for arms on a feed axis."""
     if problem.arm.base_axes:
         return ()
+    units = OwnUnits(problem.arm.length)
+    with words_for_unit(units.metres):
+        return units.findings_in_metres(_tight_places(units.scaled(problem), settings))
+
+
+def _tight_places(problem: Problem, settings: TightnessSettings) -> tuple[Finding, ...]:
+    """The same in units of the arm."""
     try:
         ends = resolve_ends(problem)
         room = route_room(problem, ends)

@@ -1,15 +1,18 @@
 """The static question alone: the best pose of the arm at the goal, without a motion to it."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.pipeline import compiled_terms
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.errors import ProblemError
+from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.ground.length_words import words_for_unit
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.binding_sides import binding_sides
+from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.planners.pose_over_routes import PoseTry, drawn_tries, pose_search, pose_tries
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import GoalPoseRecord, PoseOutcome, StaticPose
@@ -50,12 +53,43 @@ def find_pose(
     with stages("necessary checks"):
         refuse_contradictions(problem, terms, numbers)
         refuse_impossible(problem)
-        search = pose_search(problem, terms, numbers.curve)
+    units = OwnUnits(problem.arm.length)
+    try:
+        with words_for_unit(units.metres):
+            answer = _found(units.scaled(problem), terms, stages, numbers)
+    except NoPlanFound as failure:
+        raise type(failure)(units.diagnosis_in_metres(failure.diagnosis)) from failure
+    return replace(
+        answer,
+        problem=problem,
+        pose=units.record_in_metres(answer.pose),
+        binding=tuple(replace(side, place=_times(side.place, units.metres)) for side in answer.binding),
+        outcomes=tuple(
+            replace(each, gap=None if each.gap is None else units.metres * each.gap) for each in answer.outcomes
+        ),
+    )
+
+
+def _outcome_in_metres(outcome: PoseOutcome, units: OwnUnits) -> PoseOutcome:
+    return outcome if outcome.gap is None else replace(outcome, gap=units.metres * outcome.gap)
+
+
+def _times(place: tuple[float, float], factor: float) -> tuple[float, float]:
+    return factor * place[0], factor * place[1]
+
+
+def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: Settings) -> StaticPose:
+    """The best pose of a problem in units of its arm.
+
+    Raises:
+        NoPlanFound: no pose was found.
+    """
     with stages("configuration"):
-        tries = list(pose_tries(search, numbers.curve))
+        search = pose_search(problem, terms, settings.curve)
+        tries = list(pose_tries(search, settings.curve))
         tries = sorted((*tries, *drawn_tries(search, tries)), key=lambda each: each.cost)
         if not tries or tries[0].best is None:
-            raise no_pose(problem, tries, terms, numbers)
+            raise no_pose(problem, tries, terms, settings)
     return _answer(problem, tries, terms, stages)
 
 

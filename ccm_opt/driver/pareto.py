@@ -67,7 +67,7 @@ def pareto(
         raise CancelledWithPlan(first) from interrupt
     plans.append(roomiest)
     plans = [_priced(plan, first.trajectory.duration) for plan in plans]
-    judgement = _Judgement(plans, roomiest.wanted_gap, trade_off)
+    judgement = _Judgement(plans, roomiest.wanted_gap, problem.arm.length, trade_off)
     judged = tuple(replace(plan, dominated_by=judgement.dominator(plan)) for plan in plans)
     return ParetoPlans(problem, judged, judgement.recommended(), trade_off.most_time)
 
@@ -162,11 +162,13 @@ class _Judgement:
     Attributes:
         plans: in order.
         most_gap: the largest wanted gap [m].
+        length: of the arm [m].
         trade_off: what counts as equal, and how much slower the recommended plan may be.
     """
 
     plans: Sequence[ParetoPlan]
     most_gap: float
+    length: float
     trade_off: ParetoSettings
 
     def dominator(self, plan: ParetoPlan) -> int:
@@ -177,8 +179,8 @@ class _Judgement:
         shorter = plan.duration * (1.0 - self.trade_off.same_time)
         longer = plan.duration * (1.0 + self.trade_off.same_time)
         for number, other in enumerate(self.plans, start=1):
-            no_worse = other.duration <= longer and self.worth(other) >= gap - self.trade_off.same_gap
-            better = other.duration < shorter or self.worth(other) > gap + self.trade_off.same_gap
+            no_worse = other.duration <= longer and self.worth(other) >= gap - self._same_gap
+            better = other.duration < shorter or self.worth(other) > gap + self._same_gap
             if no_worse and better:
                 return number
         return 0
@@ -192,6 +194,11 @@ class _Judgement:
             if plan.duration <= most and not self.dominator(plan)
         ]
         return max(eligible, key=lambda number: self._rank(self.plans[number - 1]))
+
+    @property
+    def _same_gap(self) -> float:
+        """Gaps that differ by less count as equal [m]."""
+        return self.trade_off.same_gap * self.length
 
     def worth(self, plan: ParetoPlan) -> float:
         """Its least gap as far as it counts [m]."""

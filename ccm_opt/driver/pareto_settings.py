@@ -17,7 +17,7 @@ class ParetoSettings:
         enough_of_top: share of the largest wanted gap that its plan must keep; where the scene proves narrower, the gap
             that it kept takes its place, so that the five plans differ.
         most_time: share of the fastest plan's duration by which the recommended one may be slower.
-        same_gap: gaps that differ by less count as equal [m].
+        same_gap: gaps that differ by less than this share of the arm's length count as equal.
         same_time: durations that differ by less than this share count as equal.
     """
 

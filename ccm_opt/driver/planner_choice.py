@@ -7,6 +7,7 @@ from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.baseline import HillClimbingPlanner
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.planners.feed import FeedPlanner
+from ccm_opt.planners.own_units import OwnUnitsPlanner
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Problem
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -23,7 +24,7 @@ def default_planner(
     if problem.planner.method == "hill-climbing":
         if terms is not None:
             raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
-        return HillClimbingPlanner(stages, settings.hill_climbing)
+        return OwnUnitsPlanner(HillClimbingPlanner(stages, settings.hill_climbing))
     if problem.arm.base_axes:
-        return FeedPlanner(stages, settings.feed)
-    return CurvePlanner(stages, terms, refuse_closed, settings.curve)
+        return OwnUnitsPlanner(FeedPlanner(stages, settings.feed))
+    return OwnUnitsPlanner(CurvePlanner(stages, terms, refuse_closed, settings.curve))

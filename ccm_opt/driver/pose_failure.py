@@ -11,6 +11,8 @@ from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import millimetres
+from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.planners.pose_over_routes import PoseTry, pose_search, pose_tries, tried_from
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -72,7 +74,8 @@ def with_constraint_first(
     asked = terms is not None and bool(terms.hard_at_goal) and not problem.arm.base_axes and not problem.stops
     if not asked or isinstance(failure, UnreachableGoal) or not isinstance(problem.goal, TipGoal):
         return failure
-    tries = list(pose_tries(pose_search(problem, terms, settings.curve), settings.curve))
+    search = pose_search(OwnUnits(problem.arm.length).scaled(problem), terms, settings.curve)
+    tries = list(pose_tries(search, settings.curve))
     missed = {} if any(each.best is not None for each in tries) else least_misses(tries, terms, settings)
     if not missed:
         return failure
@@ -162,5 +165,5 @@ def _row_words(name: str, violation: float, each: PoseTry) -> str:
     if "torque" in rest:
         return f"the torque of {what} by {100.0 * violation:.3g} %"
     if "region" in rest:
-        return f"the free region of {what} by {1e3 * length * violation:.3g} mm"
-    return f"its own links by {1e3 * length * violation:.3g} mm ({name})"
+        return f"the free region of {what} by {millimetres(length * violation)}"
+    return f"its own links by {millimetres(length * violation)} ({name})"

@@ -73,6 +73,7 @@ def approaches(
     problem: Problem, motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> Approaches:
     """The nearest approaches of a motion."""
+    settings = settings.for_problem(problem)
     # The clearance is for plans: a lack of it, which would end the search sooner, must not hide a contact.
     bare = replace(problem.workspace, clearance=0.0)
     itself = nearest_links(motion, settings) if problem.arm.self_collision else None

@@ -9,14 +9,16 @@ import numpy as np
 from ccm_opt import retiming, verification
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.errors import Diagnosis, MotionNotFound, VerificationError
+from ccm_opt.errors import Diagnosis, MotionNotFound, RetimingError, VerificationError
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.planners.following.gating import feed_limits
 from ccm_opt.planners.legs import Leg, plan_legs, whole_path
+from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
+from ccm_opt.retiming.timing_settings import TimingSettings
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
 from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -213,15 +215,41 @@ def failed_checks(checks: Sequence[Check]) -> list[str]:
     return [f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed]
 
 
+def _with_hair(settings: TimingSettings, hair: float) -> TimingSettings:
+    """Timing whose samples may leave the path by so much in any case [m]."""
+    return replace(settings, sampling=replace(settings.sampling, hair=hair))
+
+
 def timings_of(
     leg: Leg, inverse_dynamics: InverseDynamics, retimer: Retimer | None, settings: Settings = DEFAULT_SETTINGS
 ) -> Iterator[JointTrajectory]:
     """Timings of a leg, best first: those of the problem's method, or the only one of the user's retimer."""
+    if retimer is not None:
+        yield retimer.retime(leg.problem, leg.path)
+    elif leg.problem.arm.base_axes:
+        yield from _timings_in_units(leg, inverse_dynamics, settings)
+    else:
+        yield from _timings(leg, inverse_dynamics, settings)
+
+
+def _timings_in_units(leg: Leg, inverse_dynamics: InverseDynamics, settings: Settings) -> Iterator[JointTrajectory]:
+    """The same in units of the arm, for arms with coordinates that are lengths: timing weighs them against angles."""
+    arm = leg.problem.arm
+    units = OwnUnits(arm.length)
+    scaled = Leg(units.scaled(leg.problem), units.path_in_units(leg.path, arm))
+    try:
+        dynamics = InverseDynamics(scaled.problem.arm, scaled.problem.simulation.gravity)
+        for trajectory in _timings(scaled, dynamics, settings):
+            yield units.trajectory_in_metres(trajectory, arm)
+    except RetimingError:
+        # It says why in these units; in metres it is said to people.
+        yield from _timings(leg, inverse_dynamics, settings)
+
+
+def _timings(leg: Leg, inverse_dynamics: InverseDynamics, settings: Settings) -> Iterator[JointTrajectory]:
+    """Timings by the problem's method."""
     problem = leg.problem
     arm = problem.arm
-    if retimer is not None:
-        yield retimer.retime(problem, leg.path)
-        return
     yield from retiming.timings(
         leg.path,
         feed_limits(arm, problem.limits, settings.feed.following),
@@ -232,6 +260,6 @@ def timings_of(
         coordinates=arm.coordinates,
         arm=arm,
         share=problem.planner.effort_share,
-        settings=settings.timing,
+        settings=_with_hair(settings.timing, 0.5 * problem.contact_tolerance),
         paul=settings.transitions,
     )

@@ -15,6 +15,7 @@ from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceS
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.angles import heading_of, sweep_on_side, unit_vector, wrap
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import metres
 from ccm_opt.ground.polyline import leg_headings, path_length, without_repeats
 from ccm_opt.ground.rounding import ROUNDING, SHORTEST
 
@@ -47,7 +48,7 @@ class TipPath:
     @property
     def name(self) -> str:
         """For messages."""
-        return f"{'left' if self.side > 0 else 'right'} of the arm, path of {self.length:.2f} m"
+        return f"{'left' if self.side > 0 else 'right'} of the arm, path of {metres(self.length)}"
 
     def from_joint(self, points: FloatArray, joint: int) -> FloatArray:
         """The taut path from a joint of the arm, back along the arm and out along the route, shape (k, 2) [m]."""

@@ -10,7 +10,7 @@ class ConfigurationSettings:
     Lengths marked [L] are in units of the arm's length, as all of the NLP.
 
     Attributes:
-        end_tolerance: a base or goal this near its region counts as inside [m]. Taste.
+        end_tolerance: a base or goal this near its region counts as inside [arm lengths]. Taste.
         segment_totals: segments in all at the attempts after the first. Taste.
         windings: whole turns at the ends that are tried, the fewest first. Taste.
         guess_samples: samples of the guessed heading. Taste.
@@ -40,9 +40,10 @@ class ConfigurationSettings:
         rows_kept: violated rows that a result names. Taste.
         rows_reported: violated rows that a message names. Taste.
         polish_steps: Newton steps that bring the tip onto the goal, at most. Taste; three are usual.
-        tip_tolerance: distance of the tip from the goal that the check allows [m]. Taste.
+        tip_tolerance: distance of the tip from the goal that the check allows [arm lengths]. Taste.
         tip_heading_tolerance: turn of the tip from the goal's heading that the check allows [rad]. Taste.
-        containment_tolerance: distance outside its region at which a point of the curve passes the check [m]. Taste.
+        containment_tolerance: distance outside its region at which a point of the curve passes the check [arm lengths].
+            Taste.
         check_samples: points of each segment that the check looks at. Taste.
     """
 

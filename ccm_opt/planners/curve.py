@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from scipy.interpolate import BSpline
 
+from ccm_opt.collision.collision_settings import CertificateSettings
 from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.ground.arrays import FloatArray
@@ -111,7 +112,7 @@ class CurvePlanner:
             slowness=slowness(problem),
             user_limits=self.user_limits,
             wanted_gap=problem.wanted_gap,
-            settings=settings.motion,
+            settings=replace(settings.motion, certificate=certificate_settings(problem, settings.motion.certificate)),
         )
 
     def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
@@ -122,6 +123,11 @@ class CurvePlanner:
             if found is None:
                 return
             yield found
+
+
+def certificate_settings(problem: Problem, settings: CertificateSettings) -> CertificateSettings:
+    """Of a certificate that keeps to the contact tolerance of a problem."""
+    return replace(settings, contact=settings.contact_share * problem.contact_tolerance)
 
 
 def slowness(problem: Problem) -> JointSlowness:

@@ -84,7 +84,9 @@ def _check_place(first: JointTrajectory, leg: JointTrajectory, number: int) -> N
     # Legs in different coordinates do not fit at all, whatever their numbers.
     gap = np.inf
     if first.coordinates == leg.coordinates:
-        gap = float(np.max(np.abs(leg.positions[0] - first.positions[-1])))
+        # Rounding of a place on a long axis grows with the place.
+        size = np.maximum(np.abs(first.positions[-1]), 1.0)
+        gap = float(np.max(np.abs(leg.positions[0] - first.positions[-1]) / size))
     if gap <= ROUNDING:
         return
     raise RetimingError(

@@ -104,7 +104,8 @@ class SamplingSettings:
         least_samples: steps of a short motion, whatever the time between them. Taste.
         spare_share: share of the gap that a path is certified to spare that chords between samples may use. Derived:
             the other half is the verifier's, whose bounds are not sharp.
-        hair: sag that is allowed anyhow [m]. Derived: half of what the verifier forgives.
+        hair: sag that is allowed anyhow [m]. Derived: half of what the verifier forgives, which the driver puts in its
+            place for the arm and the problem; as it stands here, for an arm of a metre.
         most_pieces: pieces that a step may be cut into so that chords stay near the path. Taste; it bounds the samples.
         cuttings: most rounds of cutting steps. Measured: the first leaves few steps too long.
         jump: change of an acceleration or effort, as a share of its limit, at which a sample is put when it happens at

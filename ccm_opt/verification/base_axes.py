@@ -12,9 +12,6 @@ from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import base_forces
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
-_INSIDE = 1e-8
-"""A joint is held when it is farther than this inside the guide tube [m]."""
-
 
 @dataclass(frozen=True)
 class _AxisMotion:
@@ -77,14 +74,14 @@ def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory, settings: 
     # How far inside the hole each joint stands: positive within the guide tube.
     depth = motion.axis.hole - motion.positions[:, None] - arm.link_length * np.arange(arm.links)
     bends = np.abs(trajectory.bend_angles)
-    bent = np.where(depth > _INSIDE, bends, 0.0) / settings.range_tolerance
+    bent = np.where(depth > settings.inside, bends, 0.0) / settings.held_tolerance
 
     # In a step in which a joint passes the hole it is held up to that moment.
     inside = np.maximum(depth[:-1], depth[1:])
     outside = np.minimum(depth[:-1], depth[1:])
-    passing = (inside > _INSIDE) & (outside < -_INSIDE)
+    passing = (inside > settings.inside) & (outside < -settings.inside)
     # The share of the step that the joint spends inside, by the depths at both ends of the step.
-    share = np.where(passing, inside / np.maximum(inside - outside, _INSIDE), 0.0)
+    share = np.where(passing, inside / np.maximum(inside - outside, settings.inside), 0.0)
     further = np.maximum(bends[:-1], bends[1:])
     bent[:-1] = np.maximum(bent[:-1], share * further / settings.passing_tolerance)
 

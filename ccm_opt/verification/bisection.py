@@ -18,9 +18,6 @@ from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
 from ccm_opt.verification.verification_settings import VerificationSettings
 
-TOUCH = 1e-9
-"""Distance [m] at which two axes of no thickness count as touching."""
-
 
 @dataclass(frozen=True)
 class Pairs:
@@ -82,7 +79,7 @@ def least_allowed_gap(limit: float, thickness: float, settings: VerificationSett
         thickness: distance of the axes at which the surfaces touch [m].
         settings: the contact tolerance.
     """
-    return max(limit - settings.contact_tolerance, TOUCH - thickness)
+    return max(limit - settings.contact_tolerance, settings.touch - thickness)
 
 
 def prove_apart(

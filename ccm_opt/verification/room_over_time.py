@@ -83,6 +83,7 @@ def room_over_time(
     Returns:
         The record; nothing is said in it of what would have been possible, or of the price.
     """
+    verification = verification.for_problem(problem)
     if checks is None:
         motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
         made = [check_walls(motion, problem.workspace, verification)]

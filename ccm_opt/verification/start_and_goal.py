@@ -13,7 +13,7 @@ from ccm_opt.verification.link_motion import advance, chain_points, link_heading
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _ROUNDING = 1e-9
-"""Error beyond a tolerance that counts as rounding [m, rad]."""
+"""Angle beyond a tolerance that counts as rounding [rad]."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def _start(problem: Problem, trajectory: JointTrajectory, settings: Verification
     start = problem.start
     bends = trajectory.bend_angles[0]
     tip_tolerance = settings.curve_tip_tolerance
-    on_base = _base_place("start ", start, trajectory, 0, tip_tolerance)
+    on_base = _base_place("start ", start, trajectory, 0, tip_tolerance, settings)
     if isinstance(start, JointPose):
         return [_same_joints("start joints", bends, start.bends, settings.start_tolerance), *on_base]
     return [*_on_curve("start ", problem.arm, bends, start, tip_tolerance, settings), *on_base]
@@ -90,27 +90,34 @@ def _goal(arm: Arm, trajectory: JointTrajectory, wanted: _WantedGoal, settings: 
     goal = wanted.goal
     tolerances = wanted.tolerances
     if isinstance(goal, TipGoal):
-        return _tip_checks(arm, trajectory, wanted, goal)
+        return _tip_checks(arm, trajectory, wanted, goal, settings)
     bends = trajectory.bend_angles[wanted.sample]
-    on_base = _base_place(name, goal, trajectory, wanted.sample, tolerances.position)
+    on_base = _base_place(name, goal, trajectory, wanted.sample, tolerances.position, settings)
     if isinstance(goal, JointPose):
         return [_same_joints(f"{name}joints", bends, goal.bends, tolerances.heading), *on_base]
     return [*_on_curve(name, arm, bends, goal, tolerances.position, settings), *on_base]
 
 
 def _base_place(
-    name: str, pose: JointPose | CurvePose, trajectory: JointTrajectory, sample: int, tolerance: float
+    name: str,
+    pose: JointPose | CurvePose,
+    trajectory: JointTrajectory,
+    sample: int,
+    tolerance: float,
+    settings: VerificationSettings,
 ) -> list[Check]:
     """Whether the base stands where a whole-arm pose wants it; nothing to check when it is fixed."""
     checks = []
     for axis, place in zip(trajectory.coordinates.base_names, trajectory.base_positions[sample], strict=True):
         error = abs(float(place) - pose.feed)
-        passed = error <= tolerance + _ROUNDING
+        passed = error <= tolerance + settings.goal_rounding
         checks.append(Check(f"{name}{axis}", error, tolerance, "m", "base", passed=passed))
     return checks
 
 
-def _tip_checks(arm: Arm, trajectory: JointTrajectory, wanted: _WantedGoal, goal: TipGoal) -> list[Check]:
+def _tip_checks(
+    arm: Arm, trajectory: JointTrajectory, wanted: _WantedGoal, goal: TipGoal, settings: VerificationSettings
+) -> list[Check]:
     """Place of the tip and, when one is wanted, heading of the last link; whole turns do not count."""
     place = trajectory.positions[wanted.sample]
     headings = link_headings(arm, place)
@@ -119,7 +126,7 @@ def _tip_checks(arm: Arm, trajectory: JointTrajectory, wanted: _WantedGoal, goal
     error = float(np.linalg.norm(tip - goal.position))
     bound = wanted.tolerances.position
     name = f"{wanted.name}position"
-    checks = [Check(name, error, bound, "m", f"tip {when}", passed=error <= bound + _ROUNDING)]
+    checks = [Check(name, error, bound, "m", f"tip {when}", passed=error <= bound + settings.goal_rounding)]
     if goal.heading is not None:
         # The difference is brought into [−π, π), so that whole turns do not count.
         turn = abs(float(np.remainder(headings[-1] - goal.heading + np.pi, 2.0 * np.pi) - np.pi))
@@ -161,5 +168,5 @@ def _on_curve(
     j = int(np.argmax(off))
     return [
         Check(f"{name}on the curve", float(off[j]), allowed, "m", f"joint {j + 1}", passed=bool(off[j] <= allowed)),
-        Check(f"{name}tip", tip, tip_tolerance, "m", "tip", passed=tip <= tip_tolerance + _ROUNDING),
+        Check(f"{name}tip", tip, tip_tolerance, "m", "tip", passed=tip <= tip_tolerance + settings.goal_rounding),
     ]

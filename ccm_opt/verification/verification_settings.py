@@ -1,15 +1,21 @@
 """Tolerances of the verifier, and how hard it looks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from ccm_opt.problem import CONTACT_SHARE_OF_LENGTH, Problem
 
 
 @dataclass(frozen=True)
 class VerificationSettings:
     """Numbers of the independent checks; the planners have their own, which are stricter.
 
+    Lengths are shares of the arm's length, until ``for_problem`` makes metres of them.
+
     Attributes:
-        contact_tolerance: gap that may be missing before a motion is refused [m]. Taste: far below any machining
-            tolerance, and above what the certificate and the chords between samples leave to rounding.
+        contact_tolerance: gap that may be missing before a motion is refused, where the problem does not say.
+            Taste: see ``problem.CONTACT_SHARE_OF_LENGTH``.
+        touch: gap that axes without width keep. Derived: rounding of positions in a room of some arm's lengths.
+        goal_rounding: distance from the goal beyond its tolerance that is rounding. Derived: likewise.
         largest_step: largest time between two samples [s]; the promise of the file format.
         bend_tolerance: bend beyond its limit that counts as rounding [rad].
         limit_tolerance: share by which velocity, acceleration, jerk and effort may pass their limits. Taste.
@@ -20,18 +26,20 @@ class VerificationSettings:
             hardly move. Taste.
         effort_mismatch: share of the peak effort by which reported efforts may differ from the verifier's own. Taste:
             two recursions in other orders of summation agree to some 1e-12.
-        effort_floor: difference of efforts beside that share [N m, N].
-        range_tolerance: position of the base beyond its range [m], and bend of a held joint [rad], that are rounding.
+        effort_floor: difference of efforts beside that share, for an arm of a metre [N m, N]; it grows like torques.
+        range_tolerance: position of the base beyond its range that is rounding. Derived: as ``touch``.
+        inside: a joint is held when it is farther than this inside the guide tube. Derived: ten times as much.
+        held_tolerance: bend of a held joint that is rounding [rad]. Derived.
         passing_tolerance: bend that a joint may have, by linear interpolation between two samples, when it passes the
             hole of a guide tube [rad]. Taste.
         start_tolerance: largest error of a joint at the start [rad]. Taste.
         rest_share: share of the velocity limit that counts as rest. Taste.
-        curve_tip_tolerance: distance of the arm's tip from the tip of the curve that it starts on [m]. Taste.
+        curve_tip_tolerance: distance of the arm's tip from the tip of the curve that it starts on. Taste.
         curve_shape_factor: a joint may be this times κ l² off its curve; the worst error of the paper's own mapping
             (section 5.3).
         curve_shape_slack: share of a link's length that a joint may be off beside that. Taste.
-        resolution: travel below which a stretch of time is not halved again [m].
-        report_resolution: the least gap that is reported is at most this much above the true one [m]. Taste.
+        resolution: travel below which a stretch of time is not halved again.
+        report_resolution: the least gap that is reported is at most this much above the true one. Taste.
         most_report_pairs: pairs at one level of halving beyond which the report is no longer refined; the proof is.
         most_pairs: undecided pairs at one level of halving beyond which the verifier gives up, and refuses. Derived:
             some 200 MB of arrays.
@@ -43,7 +51,9 @@ class VerificationSettings:
             coordinates. Derived: rounding.
     """
 
-    contact_tolerance: float = 1e-6
+    contact_tolerance: float = CONTACT_SHARE_OF_LENGTH
+    touch: float = 1e-9
+    goal_rounding: float = 1e-9
     largest_step: float = 5e-3
     bend_tolerance: float = 1e-9
     limit_tolerance: float = 1e-6
@@ -53,6 +63,8 @@ class VerificationSettings:
     effort_mismatch: float = 1e-6
     effort_floor: float = 1e-9
     range_tolerance: float = 1e-9
+    inside: float = 1e-8
+    held_tolerance: float = 1e-9
     passing_tolerance: float = 1e-6
     start_tolerance: float = 1e-6
     rest_share: float = 1e-6
@@ -69,6 +81,26 @@ class VerificationSettings:
     edges_a_run: int = 16
     run_spare: float = 1e-13
 
+    def for_problem(self, problem: Problem) -> "VerificationSettings":
+        """The same with lengths in metres, for a problem's arm, and with the contact tolerance that it asks for."""
+        length = problem.arm.length
+        lengths = {name: length * getattr(self, name) for name in _LENGTHS}
+        asked = problem.verification.contact_tolerance
+        if asked is not None:
+            lengths["contact_tolerance"] = asked
+        return replace(self, **lengths, effort_floor=self.effort_floor * length**2)
 
+
+_LENGTHS = (
+    "contact_tolerance",
+    "touch",
+    "goal_rounding",
+    "range_tolerance",
+    "inside",
+    "curve_tip_tolerance",
+    "resolution",
+    "report_resolution",
+)
+"""Settings that are lengths."""
 DEFAULT_VERIFICATION = VerificationSettings()
 """What every verification uses unless it is given others."""

@@ -30,7 +30,7 @@ def verify(
     """Check a timed motion against everything its problem asks.
 
     Between samples all coordinates are taken as linear in time; walls, self-collision and bend limits hold for
-    that motion at *all* times, not at samples. A gap may fall short by at most ``settings.contact_tolerance``.
+    that motion at *all* times, not at samples. A gap may fall short by at most the problem's contact tolerance.
 
     Args:
         problem: what was asked.
@@ -41,6 +41,7 @@ def verify(
     Returns:
         One check a promise, each with its worst value and where it was met; malformed data end the list at once.
     """
+    settings = settings.for_problem(problem)
     form = check_form(problem, trajectory, joints, settings)
     names = _check_names(problem, joints)
     # What is malformed would make every further check fail in a way that explains nothing.

@@ -211,7 +211,7 @@ def _check_positions(motion: SavedMotion, positions: FloatArray, arm: Arm, path:
     """The stored positions must be those of the stored bends."""
     expected = arm.joint_positions_at(motion.trajectory.positions)
     error = float(np.abs(positions - expected).max())
-    if not error <= POSITION_TOLERANCE * max(1.0, arm.length):
+    if not error <= POSITION_TOLERANCE * arm.length:
         raise ProblemError(
             f"{path}: joint_positions are up to {error:.3g} m from those of bend_angles; the file was changed"
         )

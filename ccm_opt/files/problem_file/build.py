@@ -22,6 +22,7 @@ from ccm_opt.files.problem_file.schema import (
     SimulationTable,
     StartTable,
     ToleranceTable,
+    VerificationTable,
     WorkspaceTable,
 )
 from ccm_opt.freespace.workspace import Obstacle, Workspace
@@ -41,6 +42,7 @@ from ccm_opt.problem import (
     Stop,
     TipGoal,
     Tolerances,
+    VerificationOptions,
     Weights,
 )
 
@@ -64,6 +66,7 @@ class Tables:
     planner: PlannerTable
     simulation: SimulationTable
     tolerance: ToleranceTable
+    verification: VerificationTable
 
 
 def build_problem(tables: Tables, source: str) -> Problem:
@@ -83,6 +86,7 @@ def build_problem(tables: Tables, source: str) -> Problem:
         planner=build_options(tables.planner),
         simulation=_simulation(tables.simulation),
         joint_error=tables.tolerance.joint_error_deg,
+        verification=VerificationOptions(tables.verification.contact_tolerance),
         source=source,
     )
 

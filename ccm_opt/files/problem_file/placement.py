@@ -26,7 +26,8 @@ def depth_outside(workspace: Workspace, point: Sequence[float]) -> float:
 
 def check_base(workspace: Workspace, base: Sequence[float], units: str, issues: Issues) -> None:
     """The base may touch walls, as the mount does, but not stand inside an obstacle or outside the room."""
-    rounding = READING.depth_rounding
+    xmin, ymin, xmax, ymax = workspace.boundary.bounds
+    rounding = READING.depth_rounding * max(xmax - xmin, ymax - ymin)
     for obstacle in workspace.obstacles:
         if (depth := depth_inside(obstacle, base)) > rounding:
             issues.add(("arm", "base"), f"the base is {_length(depth, units)} inside '{obstacle.name}'; move it out")

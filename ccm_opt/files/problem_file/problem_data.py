@@ -78,6 +78,7 @@ def problem_data(problem: Problem) -> Table:
         "planner": {key: value for key, value in asdict(problem.planner).items() if value is not None},
         "simulation": _simulation(problem.simulation),
         "tolerance": {"joint_error_deg": _degrees(problem.joint_error)},
+        "verification": {key: value for key, value in asdict(problem.verification).items() if value is not None},
     }
 
 
@@ -171,7 +172,7 @@ def _pose(pose: Start, arm: Arm) -> Table:
 
 
 def _curve(curve: Configuration, arm: Arm) -> Table:
-    if not np.allclose(curve.base, arm.base, rtol=0.0, atol=READING.base_tolerance):
+    if not np.allclose(curve.base, arm.base, rtol=0.0, atol=READING.base_tolerance * arm.length):
         raise ProblemError(f"a curve begins at {_list(curve.base)}, expected the arm's base, {_list(arm.base)}")
     segments = [
         {"length": float(s.length), "curvature": _list(s.curvature), "knots": [float(knot) for knot in s.knots]}

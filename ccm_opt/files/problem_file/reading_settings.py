@@ -11,10 +11,10 @@ class ReadingSettings:
         length_tolerance: relative difference allowed between the total length of a pose's segments and the arm's
             length. Taste: lengths are written with six digits or more.
         angle_tolerance: by which bends may pass a limit [rad]. Derived: degrees are rounded when they become radians.
-        depth_rounding: depths and distances below this are rounding [m]. Derived: a thousandth of the contact
+        depth_rounding: depths below this share of the room are rounding. Derived: a thousandth of the contact
             tolerance of the verifier.
-        base_tolerance: by which a curve's base may be off the arm's [m]. Derived: likewise; a problem file has one
-            base for both.
+        base_tolerance: by which a curve's base may be off the arm's, as a share of its length. Derived: likewise; a
+            problem file has one base for both.
     """
 
     length_tolerance: float = 1e-6

@@ -39,6 +39,7 @@ from ccm_opt.problem import (
     RetimingName,
     SimulationOptions,
     Tolerances,
+    VerificationOptions,
     Weights,
 )
 
@@ -281,6 +282,12 @@ class ToleranceTable(Table):
     joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), AfterValidator(math.radians)] = 0.0
 
 
+class VerificationTable(Table):
+    """How strictly plans are judged."""
+
+    contact_tolerance: PositiveLength | None = VerificationOptions.contact_tolerance
+
+
 _FOLDER_NAME = re.compile(r"\w(?:[\w .+-]*[\w+-])?")
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 
@@ -308,3 +315,4 @@ class RootTable(Table):
     planner: dict[str, object] = Field(default_factory=dict)
     simulation: dict[str, object] = Field(default_factory=dict)
     tolerance: dict[str, object] = Field(default_factory=dict)
+    verification: dict[str, object] = Field(default_factory=dict)

@@ -34,6 +34,7 @@ from ccm_opt.files.problem_file.schema import (
     SimulationTable,
     StartTable,
     ToleranceTable,
+    VerificationTable,
     WorkspaceTable,
 )
 from ccm_opt.files.problem_file.typed_quantities import METRES
@@ -56,6 +57,7 @@ class _Draft:
     planner: PlannerTable | None
     simulation: SimulationTable | None
     tolerance: ToleranceTable | None
+    verification: VerificationTable | None
 
 
 def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: Path | None = None) -> Problem | None:
@@ -86,7 +88,7 @@ def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
     scale = METRES.get(str(data.get("units", "m")), 1.0)
 
     def section(model: type[Model], name: str, *, leave_out: str = "") -> Model | None:
-        optional = name in {"planner", "simulation", "tolerance"}
+        optional = name in {"planner", "simulation", "tolerance", "verification"}
         table = data.get(name, {} if optional else None)
         if not isinstance(table, Mapping):
             return None
@@ -104,6 +106,7 @@ def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
         planner=section(PlannerTable, "planner"),
         simulation=section(SimulationTable, "simulation"),
         tolerance=section(ToleranceTable, "tolerance"),
+        verification=section(VerificationTable, "verification"),
     )
 
 

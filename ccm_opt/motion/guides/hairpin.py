@@ -32,6 +32,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import metres, millimetres
 from ccm_opt.ground.polyline import arc_lengths
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
@@ -149,9 +150,9 @@ class Hairpin:
     def describe(self, pose: Pose) -> str:
         """How far the fold has come."""
         return (
-            f"the fold stopped {self.fold_at:.3f} m from the base, "
-            f"the tip {1e3 * self._lag(pose):.0f} mm short of {self.tip_arc:.3f} m "
-            f"on a path of {self.track.length:.3f} m"
+            f"the fold stopped {metres(self.fold_at)} from the base, "
+            f"the tip {millimetres(self._lag(pose))} short of {metres(self.tip_arc)} "
+            f"on a path of {metres(self.track.length)}"
         )
 
     def _lag(self, pose: Pose) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 
 from ccm_opt.ground.angles import vector_headings, wrap
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import metres, millimetres
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
@@ -92,8 +93,8 @@ class TipLed:
 
     def describe(self, pose: Pose) -> str:
         """How far the tip has come."""
-        lag = 1e3 * self._lag(pose)
-        return f"the tip stopped {lag:.0f} mm short of {self.arc:.3f} m on a path of {self.track.length:.3f} m"
+        lag = millimetres(self._lag(pose))
+        return f"the tip stopped {lag} short of {metres(self.arc)} on a path of {metres(self.track.length)}"
 
     def _keeps_up(self, pose: Pose) -> bool:
         """Whether the tip is within its leash of the target."""

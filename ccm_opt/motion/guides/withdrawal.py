@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import metres, millimetres
 from ccm_opt.motion.guides.hairpin import Hairpin
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, WithdrawalSettings
@@ -95,8 +96,8 @@ class Withdrawal:
     def describe(self, pose: Pose) -> str:
         """How far the fold has come."""
         return (
-            f"drawing back, the fold stopped {self.fold.fold_at:.3f} m from where it opened, "
-            f"the arm {1e3 * self._lag(pose):.0f} mm behind"
+            f"drawing back, the fold stopped {metres(self.fold.fold_at)} from where it opened, "
+            f"the arm {millimetres(self._lag(pose))} behind"
         )
 
     def onward(self) -> FloatArray:

@@ -74,8 +74,8 @@ class GoalSettings:
     """Numbers of drawing the tip onto the goal, and of putting it there exactly.
 
     Attributes:
-        polish_tolerance: tip error [m] and heading error [rad] that the polish stops at. Derived: three orders below
-            what the verifier allows.
+        polish_tolerance: tip error [arm lengths] and heading error [rad] that the polish stops at. Derived: three
+            orders below what the verifier allows.
         reached: times that tolerance which still counts as on the goal. Taste.
         polish_steps: most steps of Newton's method. Taste: it converges in four or never.
         heading_step: largest turn onto the goal's heading that a step asks for [rad]. Taste.
@@ -98,7 +98,7 @@ class GoalSettings:
 
     @property
     def on_goal(self) -> float:
-        """Errors up to this count as none [m] and [rad]."""
+        """Errors up to this count as none [arm lengths] and [rad]."""
         return self.reached * self.polish_tolerance
 
 

@@ -10,6 +10,7 @@ from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.length_words import metres, millimetres
 from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Feed
@@ -243,14 +244,14 @@ def _unreachable(query: FeedQuery, shortest: float) -> Diagnosis | None:
     if shortest == float("inf"):
         reason = (
             f"no way from the hole to the goal was found that is wide enough for the arm: diameter "
-            f"{2e3 * arm.radius:.1f} mm, clearance {1e3 * query.problem.workspace.clearance:.1f} mm"
+            f"{millimetres(2.0 * arm.radius)}, clearance {millimetres(query.problem.workspace.clearance)}"
         )
         advice = (*room_advice(arm, query.problem.workspace), "remove an obstacle")
         return Diagnosis(reason, "free space", advice)
     if shortest > most:
         reason = (
-            f"the shortest way found along the feed axis to the goal is {shortest:.3f} m long from arm.base, "
-            f"but the tip comes {most:.3f} m far at most"
+            f"the shortest way found along the feed axis to the goal is {metres(shortest)} long from arm.base, "
+            f"but the tip comes {metres(most)} far at most"
         )
         return Diagnosis(reason, "free space", ("widen arm.feed.range", "use a longer arm"), {"way_length": shortest})
     return None

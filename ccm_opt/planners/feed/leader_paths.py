@@ -18,6 +18,7 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.length_words import metres
 from ccm_opt.ground.polyline import path_length
 from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.jointed.arm import Arm, Feed
@@ -97,7 +98,7 @@ class LeaderPaths:
                 return
             curve = self._curve(free_space, route, begin, end, length)
             if curve is not None:
-                yield self._path(straight, curve, f"curve {k} of {length:.3f} m")
+                yield self._path(straight, curve, f"curve {k} of {metres(length)}")
 
     def _band(self, free_space: FreeSpace, route: Route, straight: float, margin: float, name: str) -> LeaderPath:
         """A band from the feed axis along a route to the goal; with a heading there the last link is straight."""

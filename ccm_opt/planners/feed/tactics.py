@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import metres
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.reshaping import Reshaping
 from ccm_opt.planners.following.leader import LeaderPath
@@ -154,7 +155,9 @@ def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         if changed is not None:
             onward = slide(arm, path, feed, end, query.settings.following)
             keyframes = joined_keyframes(there, changed, onward)
-            yield ProposedMotion(_pinned(query, keyframes), (), f"change shape at a feed of {feed:.3f} m, {path.name}")
+            yield ProposedMotion(
+                _pinned(query, keyframes), (), f"change shape at a feed of {metres(feed)}, {path.name}"
+            )
 
 
 def _feeds_to_reshape_at(query: FeedQuery, end: float) -> list[float]:

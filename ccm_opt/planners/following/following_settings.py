@@ -41,7 +41,7 @@ class ChordSettings:
 
     Attributes:
         most_steps: at most. Taste; from a chord's length ahead it needs four or five.
-        settled: step at which it has arrived [m]. Derived: rounding of a path of a few metres.
+        settled: step at which it has arrived [arm lengths]. Derived: rounding.
         least_slope: slope of distance over arc length that it assumes at least. Taste; a path that bends less than
             a U-turn has more.
     """
