@@ -29,6 +29,20 @@ def smoothing_matrix(keyframes: int) -> FloatArray:
     """
     if keyframes < DEGREE + 1:
         return np.eye(keyframes)
-    spline = clamped_spline(np.eye(keyframes))
-    beside = np.array([spline.t[k + 1 : k + DEGREE + 1].mean() for k in range(keyframes)])
-    return np.asarray(spline(beside), dtype=np.float64)
+    return np.asarray(clamped_spline(np.eye(keyframes))(_beside(keyframes)), dtype=np.float64)
+
+
+def places_along(keyframes: int, samples: int) -> FloatArray:
+    """Parameters of the spline, so many for each leg of its control polygon, shape (samples (keyframes − 1) + 1,).
+
+    Even steps of the parameter would be long ones near the ends, where the legs are followed faster.
+    """
+    legs = keyframes - 1
+    return np.interp(np.arange(samples * legs + 1) / samples, np.arange(keyframes), _beside(keyframes))
+
+
+@lru_cache(maxsize=64)
+def _beside(keyframes: int) -> FloatArray:
+    """The spline's parameter beside each of at least four control points, shape (keyframes,)."""
+    knots = clamped_spline(np.eye(keyframes)).t
+    return np.array([knots[k + 1 : k + DEGREE + 1].mean() for k in range(keyframes)])

@@ -13,8 +13,8 @@ from ccm_opt.motion.continuation import Stalled, follow
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.bottleneck_joints import weighing_bottlenecks
-from ccm_opt.motion.optimisation.more_room import with_more_room
-from ccm_opt.motion.optimisation.optimise import keeps_limits, optimise, path_parameters
+from ccm_opt.motion.optimisation.more_room import lacks_room, room_of, shortened, with_more_room
+from ccm_opt.motion.optimisation.optimise import keeps_limits, optimise, path_parameters, travel
 from ccm_opt.motion.step import Stepper
 
 
@@ -42,11 +42,44 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
             end = replace(task.goal, coordinates=bent.coordinates[-1])
             to_end = replace(weighing_bottlenecks(bent, task), goal=end, goal_headings=wanted)
             ended = optimise(bent, to_end, margin, settings.end_rounds)
-            ended = with_more_room(ended, to_end, margin)
             if keeps_limits(ended, task):
-                return ended
-    weighed = weighing_bottlenecks(free, task)
-    return with_more_room(optimise(free, weighed, margin, settings.end_rounds), weighed, margin)
+                return _with_room(ended, motion, task, margin)
+    ended = optimise(free, weighing_bottlenecks(free, task), margin, settings.end_rounds)
+    return _with_room(ended, motion, task, margin)
+
+
+def _with_room(ended: Motion, found: Motion, task: MotionTask, margin: float | None) -> Motion:
+    """An optimised motion with all the room that its ends and bottlenecks leave of what is wanted.
+
+    Args:
+        ended: the motion.
+        found: what it was optimised from.
+        task: it was found for.
+        margin: that rows of the optimisation ask for.
+    """
+    if not lacks_room(ended, task):
+        return ended
+    weighed = weighing_bottlenecks(ended, task)
+    widened = with_more_room(ended, weighed, margin)
+    if not lacks_room(widened, task):
+        return widened
+    # What a long motion lacks holds it back from becoming shorter. The shortest one, which grazes walls, becomes
+    # longer as it gets room, and mostly stays the shorter of the two.
+    short = optimise(found, replace(task, wanted_gap=0.0), margin)
+    end = ended.headings[-1] if ended.end_pose is None else ended.end_pose
+    bent = bent_to(short, end, task)
+    motions = [widened]
+    if bent is not None:
+        motions.append(with_more_room(replace(bent, end_pose=ended.end_pose), weighed, margin))
+    return shortened(_preferred(motions, task), weighed, margin)
+
+
+def _preferred(motions: list[Motion], task: MotionTask) -> Motion:
+    """Of those with nearly the most room and every limit kept the shortest; the first when none keeps them."""
+    kept = [motion for motion in motions if keeps_limits(motion, task)]
+    most = max((room_of(motion, task) for motion in kept), default=0.0)
+    roomy = [motion for motion in kept if task.settings.optimisation.roomier * room_of(motion, task) >= most]
+    return min(roomy, key=travel, default=motions[0])
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:

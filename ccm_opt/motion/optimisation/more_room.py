@@ -4,17 +4,29 @@ A row keeps both ends of a link, over a whole interval, behind one half-plane. T
 interval, the more room that costs beside what there is; between near keyframes there is more to be had.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.motion.clamped_spline import DEGREE, clamped_spline
+from ccm_opt.motion.clamped_spline import DEGREE, clamped_spline, places_along
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.keyframes import subdivided
 from ccm_opt.motion.optimisation.optimise import motion_program, path_parameters
-from ccm_opt.motion.optimisation.sequential_convex import sequential_convex
+from ccm_opt.motion.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.motion.swept_motion import Sweep
+
+
+def room_of(motion: Motion, task: MotionTask) -> float:
+    """Least gap of the smooth path that will be laid along a motion, as far as the wanted gap sees [m]."""
+    return _room(motion.headings, task)
+
+
+def lacks_room(motion: Motion, task: MotionTask) -> bool:
+    """Whether a motion keeps less than the wanted gap, or than its ends leave of that, where more can be looked for."""
+    # Keyframes that limits have moved stand where the path parameter has them.
+    looked_for = task.wanted_gap > 0.0 and task.optimiser == "sequential-convex" and motion.u is None
+    return looked_for and len(motion.coordinates) > DEGREE and room_of(motion, task) < _enough_room(motion, task)
 
 
 def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
@@ -22,46 +34,85 @@ def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None
 
     Args:
         motion: certified and optimised.
-        task: it was optimised for; its last pose stays.
+        task: it was optimised for.
         margin: that rows of the optimisation ask for, see ``optimise``.
 
     Returns:
         Certified, with the same ends.
     """
     settings = task.settings.optimisation
-    # Keyframes that limits have moved stand where the path parameter has them.
-    if (
-        task.wanted_gap == 0.0
-        or task.optimiser != "sequential-convex"
-        or motion.u is not None
-        or len(motion.coordinates) <= DEGREE
-    ):
+    if not lacks_room(motion, task) or task.deadline.passed():
         return motion
-    wanted = settings.enough_room * _most_room(motion, task)
-    room = _room(motion.headings, task, settings.room_samples)
-    if room >= wanted or task.deadline.passed():
-        return motion
-
-    to_end = replace(
-        task, goal=replace(task.goal, coordinates=motion.coordinates[-1]), goal_headings=motion.headings[-1]
-    )
     finer = _with_finer_keyframes(motion, settings.finer)
-    program = replace(motion_program(finer, to_end, margin), u=path_parameters(finer))
-
-    def enough(sweep: Sweep) -> bool:
-        # Most steps are judged by few samples: a motion that lacks room there needs no more of them.
-        return all(_room(sweep.headings, task, count) >= wanted for count in (1, settings.room_samples))
-
+    program = _program_to_end(finer, task, margin)
     for _ in range(settings.room_passes):
-        coordinates = sequential_convex(program, finer.coordinates, settings.room_rounds, enough)
+        growth = RoomGrowth(task, _enough_room(motion, task))
+        coordinates = sequential_convex(program, finer.coordinates, settings.room_rounds, growth.ended)
         finer = replace(finer, coordinates=coordinates, headings=motion.space.headings(coordinates))
-        before = room
-        room = _room(finer.headings, task, settings.room_samples)
+        before = room_of(motion, task)
+        room = room_of(finer, task)
         if room > before:
             motion = finer
-        if room >= wanted or room < settings.room_worth * before or task.deadline.passed():
+        if not lacks_room(motion, task) or room < settings.room_worth * before or task.deadline.passed():
             break
     return motion
+
+
+@dataclass
+class RoomGrowth:
+    """Watches the room of motions from step to step.
+
+    Attributes:
+        task: they are for.
+        wanted: room that is enough [m].
+        most: the most so far [m].
+        idle: steps since it grew.
+    """
+
+    task: MotionTask
+    wanted: float
+    most: float = 0.0
+    idle: int = 0
+
+    def ended(self, sweep: Sweep) -> bool:
+        """Whether a motion has enough room, or none has had more for long."""
+        settings = self.task.settings.optimisation
+        room = _room(sweep.headings, self.task)
+        grows = room > settings.room_growth * self.most
+        self.idle = 0 if grows else self.idle + 1
+        self.most = max(self.most, room)
+        return room >= self.wanted or self.idle >= settings.room_patience
+
+
+def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
+    """A motion that cannot have all the room that is wanted, made shorter with nearly the room that it has.
+
+    What an interval lacks is so dear that steps serve nothing else; with no more asked than there is, they shorten
+    the motion again.
+
+    Args:
+        motion: certified, in a bottleneck.
+        task: it was optimised for.
+        margin: that rows of the optimisation ask for, see ``optimise``.
+
+    Returns:
+        Certified, with the same ends.
+    """
+    settings = task.settings.optimisation
+    room = room_of(motion, task)
+    if motion.u is not None or room <= 0.0 or task.deadline.passed():
+        return motion
+    kept = replace(task, wanted_gap=room)
+    coordinates = sequential_convex(_program_to_end(motion, kept, margin), motion.coordinates, settings.room_rounds)
+    shorter = replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
+    return shorter if room_of(shorter, task) >= settings.enough_room * room else motion
+
+
+def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> MotionProgram:
+    """The program of a motion that keeps its keyframes' number and its last pose."""
+    end = replace(task.goal, coordinates=motion.coordinates[-1])
+    to_end = replace(task, goal=end, goal_headings=motion.headings[-1])
+    return replace(motion_program(motion, to_end, margin), u=path_parameters(motion))
 
 
 def _with_finer_keyframes(motion: Motion, finer: float) -> Motion:
@@ -71,11 +122,13 @@ def _with_finer_keyframes(motion: Motion, finer: float) -> Motion:
     return replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
 
 
-def _most_room(motion: Motion, task: MotionTask) -> float:
-    """The wanted gap, or what the ends leave of it [m]."""
-    return min(task.wanted_gap, task.least_gap(motion.headings[[0, -1]]))
+def _enough_room(motion: Motion, task: MotionTask) -> float:
+    """Nearly the wanted gap, or what the ends leave of it [m]."""
+    most = min(task.wanted_gap, task.least_gap(motion.headings[[0, -1]]))
+    return task.settings.optimisation.enough_room * most
 
 
-def _room(headings: FloatArray, task: MotionTask, samples: int) -> float:
-    """Least gap of the spline near keyframes, shape (K, links), at so many samples for each of them [m]."""
-    return task.least_gap(clamped_spline(headings)(np.linspace(0.0, 1.0, samples * len(headings))))
+def _room(headings: FloatArray, task: MotionTask) -> float:
+    """Least gap of the spline near keyframes, shape (K, links) [m]."""
+    samples = places_along(len(headings), task.settings.optimisation.room_samples)
+    return task.least_gap(clamped_spline(headings)(samples))

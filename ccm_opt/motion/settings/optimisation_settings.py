@@ -103,7 +103,10 @@ class OptimisationSettings:
         room_passes: times that steps at these keyframes are begun anew, with fresh prices. Taste.
         room_rounds: most steps of each. Taste.
         room_worth: as many times the room have to be gained for one more. Taste.
-        room_samples: places for each keyframe at which the room of a smooth path is measured. Taste.
+        room_growth: as many times the most room so far count as growth. Taste.
+        room_patience: steps without growth after which a pass ends. Taste.
+        roomier: as many times the room of another motion decide between two before their lengths do. Taste.
+        room_samples: places beside each leg between keyframes at which the room of a smooth path is measured. Taste.
         moved_rounds: the same where keyframes have to be moved onto limits. Taste.
         tries: QPs of one round before it is given up. Taste.
         worth: share of the objective that a round has to gain. Taste.
@@ -155,7 +158,10 @@ class OptimisationSettings:
     room_passes: int = 2
     room_rounds: int = 20
     room_worth: float = 1.1
-    room_samples: int = 16
+    room_growth: float = 1.02
+    room_patience: int = 6
+    roomier: float = 1.1
+    room_samples: int = 5
     moved_rounds: int = 24
     tries: int = 5
     worth: float = 3e-3
