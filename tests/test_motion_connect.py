@@ -1,5 +1,6 @@
 """RRT-Connect in the coordinates of the curve: cheap checks refute truly, what is found is certified, seeds decide."""
 
+import shutil
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -206,3 +207,19 @@ def test_a_search_ends_with_its_budget() -> None:
     assert ConnectStrategy(late=False).find(limited, failures, NOMINAL_LINKS) is None
     assert failures[0].candidate == CONNECT
     assert "8 extensions" in failures[0].message
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="the plain sampler is compiled")
+@pytest.mark.parametrize("seed", [6, 9, 20])
+def test_the_plain_sampler_of_the_benchmark_is_sound(seed: int) -> None:
+    """What the other side of the comparison calls a motion is proved free by the certificate, and keeps its ends."""
+    from .benchmarks.plain_connect import plain_connect
+
+    scene = few_link_scene(seed)
+    problem = few_link_problem(seed)
+    goal = scene.arm.bends(scene.goal)
+    way = plain_connect(problem, goal[None], 10.0, seed).way
+    assert way is not None
+    np.testing.assert_allclose(scene.arm.headings(way[0]), scene.start, atol=1e-12)
+    np.testing.assert_allclose(way[-1], goal, atol=1e-12)
+    assert len(Certificate(scene.arm, scene.workspace).failures(scene.arm.headings(way))) == 0
