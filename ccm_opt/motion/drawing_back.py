@@ -41,13 +41,13 @@ def drawn_back(
     laid = partial(_laid_out, stepper, end)
     for length in lengths:
         for name, guide in withdrawals(stepper, start, end, path, length):
-            if not whole_arm:
-                yield GuideCandidate(name, guide.afresh, (laid, led))
-                if guide.free_from > 0.0:
-                    yield GuideCandidate(f"{name}, wholly", replace(guide, free_from=0.0).afresh, (led,))
-            elif guide.turns == 0.0:
-                # Wound otherwise, the arm would come to lie where it should, but for whole turns of its base.
-                yield GuideCandidate(name, guide.afresh, (laid,))
+            if whole_arm and guide.turns != 0.0:
+                # The arm would come to lie where it should, but for whole turns of its base.
+                continue
+            yield GuideCandidate(name, guide.afresh, (laid,) if whole_arm else (laid, led))
+            if guide.free_from > 0.0:
+                wholly = replace(guide, free_from=0.0)
+                yield GuideCandidate(f"{name}, wholly", wholly.afresh, (laid,) if whole_arm else (led,))
 
 
 def withdrawals(stepper: Stepper, start: Pose, end: Pose, path: TipPath, length: float) -> list[tuple[str, Withdrawal]]:
