@@ -110,7 +110,7 @@ class TrialSettings:
     try_share: float = 0.5
     longest_try: float = 2.5
     longest_search: float = 8.0
-    patience: float = 2.0
+    patience: float = 1.5
     enough: int = 4
     most_dropped: int = 3
     room_spare: float = 0.02
