@@ -164,14 +164,14 @@ class SearchRun:
             steppers,
             self.start,
             self.goal,
-            self._goal_poses(),
+            self.goal_poses(),
             task.tip_paths,
             task.certificate,
             task.deadline,
             task.seed,
         )
 
-    def _goal_poses(self) -> Iterator[Pose]:
+    def goal_poses(self) -> Iterator[Pose]:
         """The goal of the whole arm, or poses of it that have the tip at the goal."""
         if self.goal.coordinates is not None:
             yield self.stepper.pose(self.goal.coordinates)

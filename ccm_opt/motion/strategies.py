@@ -85,7 +85,8 @@ class ConnectStrategy:
         if task.arm.links > task.settings.connect.most_links or task.deadline.passed():
             return None
         run = SearchRun.from_task(task, task.settings.search.margins[-1], nominal_links)
-        motion = Connecting(task, run.stepper.space, run.start, run.goal).find(budgets, (task.seed, self.late))
+        search = Connecting(task, run.stepper.space, run.start, run.goal, run.goal_poses)
+        motion = search.find(budgets, (task.seed, self.late))
         if motion is None:
             ended = Stalled(f"{len(budgets)} searches of up to {max(budgets)} extensions did not meet", [run.start])
             failures.append(run.failure(CONNECT, ended))

@@ -1,6 +1,6 @@
 """A motion by RRT-Connect: trees of link headings, joined, shortened, and taken over to the curve's coordinates."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,12 +32,14 @@ class Connecting:
         space: link space of the motion.
         start: pose at the start.
         goal: with the coordinates of a goal for the whole arm.
+        known_goals: makes poses at a goal for the tip that are known otherwise, each when it is asked for.
     """
 
     task: MotionTask
     space: LinkSpace
     start: Pose
     goal: GoalPose
+    known_goals: Callable[[], Iterator[Pose]]
 
     @property
     def settings(self) -> ConnectSettings:
@@ -91,7 +93,13 @@ class Connecting:
         if self.goal.coordinates is not None:
             yield self.space.headings(self.goal.coordinates)[None]
             return
-        yield from GoalDraws(draws, self.goal, check, self.settings.goals).poses(rng)
+        drawn = GoalDraws(draws, self.goal, check, self.settings.goals).poses(rng)
+        yield next(drawn)
+        # Poses drawn at random seldom fit where it is narrow; those of the NLP are costlier.
+        for pose in self.known_goals():
+            yield pose.headings[None]
+            yield next(drawn)
+        yield from drawn
 
     def _dense(self, way: FloatArray) -> FloatArray:
         """The way with so many keyframes that no link turns far between two of them."""
