@@ -101,11 +101,12 @@ def main() -> None:
     plain = [run.plain for run in runs if run.plain is not None]
     both = [run for run in runs if run.plain is not None and run.planner is not None]
     seconds = np.array([run.planner for run in both], dtype=np.float64)
-    print(f"the sampler solves {len(plain)}, its median {1e3 * np.median(plain):.1f} ms")  # noqa: T201 - likewise
-    print(  # noqa: T201 - likewise
-        f"of these the planner solves {len(both)}, {int(np.sum(seconds <= SECONDS))} in {SECONDS:.0f} s of CPU; "
-        f"median {np.median(seconds):.2f} s, 90 % {np.quantile(seconds, 0.9):.2f} s"
-    )
+    print(f"the sampler solves {len(plain)} of {len(runs)}, the planner {len(both)} of these")  # noqa: T201 - likewise
+    if both:
+        print(  # noqa: T201 - likewise
+            f"{int(np.sum(seconds <= SECONDS))} in {SECONDS:.0f} s of CPU; median {np.median(seconds):.2f} s, "
+            f"90 % {np.quantile(seconds, 0.9):.2f} s; the sampler's median {1e3 * np.median(plain):.1f} ms"
+        )
 
 
 if __name__ == "__main__":
