@@ -33,6 +33,7 @@ nitpick_ignore_regex = [
     ("py:class", r"(Path|Mapping|Sequence|Callable|BSpline|ndarray|dtype|float64|Any|Number)"),
     # Classes that no page documents.
     ("py:class", r"ccm_opt\.hill_climbing\.distance\.Precision"),
+    ("py:class", r"ccm_opt\.freespace\.walls\.Walls"),
     # Python's own.
     ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
 ]
