@@ -35,7 +35,7 @@ from ccm_opt.motion.pulling_over import pulled_over
 from ccm_opt.motion.search_run import SearchRun
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
-from ccm_opt.planners.curve_routes import find_routes, route_inflation, tip_paths_along
+from ccm_opt.planners.curve_routes import find_routes, route_room, tip_paths_along
 
 BLOCKS = {
     "block": [(0.24, -0.13), (0.44, -0.07), (0.42, 0.17), (0.25, 0.12)],
@@ -113,8 +113,8 @@ def hairpin_scene() -> HairpinScene:
     """The hairpin of the shared problem *horn-wide*, which begins inside a horn and ends outside."""
     problem = ccm_opt.load_problem(PROBLEMS / "horn-wide.toml")
     ends = resolve_ends(problem)
-    room = FreeSpace(problem.workspace, route_inflation(problem, ends))
-    tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room))
+    room = route_room(problem, ends)
+    tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room), room.inflation)
     deadline = Deadline.after(60.0)
     task = MotionTask(problem.arm, problem.workspace, ends.start, ends.goal, None, (), tip_paths, deadline)
     run = SearchRun.from_task(task, task.settings.search.margins[0], NOMINAL_LINKS)

@@ -26,7 +26,7 @@ from ccm_opt.motion.passage_widths import fitting_margins
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.settings.step_settings import GoalSettings
 from ccm_opt.planners.curve import CurvePlanner
-from ccm_opt.planners.curve_routes import find_routes, route_inflation
+from ccm_opt.planners.curve_routes import find_routes, route_room
 from ccm_opt.problem import JointPose, Problem, TipGoal
 
 from .scenes import (
@@ -288,6 +288,6 @@ def test_a_gap_hardly_wider_than_the_arm_has_a_route() -> None:
     """Where the usual inflation of the walls closes every way, the least one is used."""
     problem = gap_scene(0.0604)
     ends = resolve_ends(problem)
-    margin = route_inflation(problem, ends)
+    margin = route_room(problem, ends).inflation
     assert 0.03 < margin < 0.0302
     assert find_routes(problem, ends, FreeSpace(problem.workspace, margin))

@@ -42,7 +42,9 @@ def _refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
 
 def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
     """The same error with what proves that there is no plan, if anything does; no change of the problem is tried."""
-    findings = error.diagnosis.findings or ranked(failed(problem))
+    if error.diagnosis.findings:
+        return error  # whose reason is the first of them, and says which of several goals it is about
+    findings = ranked(failed(problem))
     reason = findings[0].reason if findings else error.diagnosis.reason
     return type(error)(replace(error.diagnosis, reason=reason, findings=findings))
 

@@ -40,11 +40,6 @@ def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DE
     return FreeSpace(workspace, least + kept)
 
 
-def route_inflation(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> float:
-    """Inflation of the walls for routes [m]."""
-    return route_room(problem, ends, settings).inflation
-
-
 def _connected(problem: Problem, ends: Ends, room: FreeSpace, settings: CurvePlannerSettings) -> bool:
     """Whether the free places nearest to the base and to some member of the goal are in one piece."""
     pieces = shapely.get_parts(room.polygons)
