@@ -23,7 +23,7 @@ from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.curve_guesses import configuration_task
-from ccm_opt.planners.curve_routes import find_routes, route_inflation
+from ccm_opt.planners.curve_routes import find_routes, route_room
 from ccm_opt.problem import TipGoal, Weights
 from tests.scenes import ROOM, Scene, clutter, later, make_arm, motion_task, sweep_gaps, wall_gaps
 
@@ -150,7 +150,7 @@ def over_a_box(weights: Weights) -> tuple[FloatArray, float]:
     problem = scene.problem(TipGoal(np.array([0.955, 0.0])))
     problem = replace(problem, planner=replace(problem.planner, weights=weights))
     ends = resolve_ends(problem)
-    room = FreeSpace(problem.workspace, route_inflation(problem, ends))
+    room = FreeSpace(problem.workspace, route_room(problem, ends).inflation)
     route = find_routes(problem, ends, room)[0]
     curve = find_configuration(configuration_task(problem, ends, room, route))
     s = np.linspace(0.0, scene.arm.length, 400)
