@@ -12,13 +12,12 @@ import numpy as np
 import shapely
 
 from ccm_opt.freespace.corridor import Route
-from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.angles import WHOLE_TURN, wrap
 from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.ground.polyline import arc_lengths, leg_headings, legs_at, without_repeats
 from ccm_opt.motion.ends import Ends
 from ccm_opt.motion.link_space import LinkSpace
-from ccm_opt.planners.curve_routes import find_routes, route_inflation
+from ccm_opt.planners.curve_routes import find_routes, route_room
 from ccm_opt.problem import Problem
 
 ROUTES = 12
@@ -64,7 +63,7 @@ class RandomPoses:
     def routes(self) -> tuple[Route, ...]:
         """Routes from the base to the goal, shortest first."""
         many = replace(self.problem, planner=replace(self.problem.planner, routes=ROUTES))
-        room = FreeSpace(many.workspace, route_inflation(many, self.ends))
+        room = route_room(many, self.ends)
         return find_routes(many, self.ends, room)
 
     @cached_property
