@@ -100,6 +100,16 @@ def test_nearly_straight_curve_maps(method: MappingName) -> None:
     np.testing.assert_allclose(joints[-1], curve.tip[0], atol=1e-8)
 
 
+@given(st.lists(st.floats(-1.0, 1.0), min_size=5, max_size=5), st.floats(-9.0, -2.0), st.sampled_from([2, 9, 24, 96]))
+@settings(max_examples=60, deadline=None)
+def test_least_squares_settles_on_nearly_straight_curves(values: list[float], exponent: float, links: int) -> None:
+    """However little a curve bends, the iteration ends with the tip on it; rounding decides where steps end."""
+    curve = Configuration.chain(np.zeros(2), 2.9, [1.0], [10.0**exponent * np.array(values)])
+    arm = arm_of(links)
+    joints = arm.joint_positions(map_curve(arm, curve, "least-squares"))
+    np.testing.assert_allclose(joints[-1], curve.tip[0], atol=1e-8)
+
+
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=15, deadline=None)
 def test_least_squares_is_smooth(seed: int) -> None:

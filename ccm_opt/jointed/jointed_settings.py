@@ -14,12 +14,14 @@ class MappingSettings:
             zigzagging. Taste.
         most_steps: Newton steps of the least-squares mapping, at most. Taste, ten times what is usual.
         settled: step of the headings below which it has settled [rad]. Derived: a hundred times rounding.
+        rounding: step below which one that is no smaller than the one before is rounding [rad]. Derived: its root.
     """
 
     length_tolerance: float = 1e-6
     regularisation: float = 0.05
     most_steps: int = 60
     settled: float = 1e-11
+    rounding: float = 1e-8
 
 
 @dataclass(frozen=True)

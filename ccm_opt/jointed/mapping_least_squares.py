@@ -29,11 +29,16 @@ def least_squares_headings(
     """
     headings = mean.copy()
     epsilon = settings.regularisation * link_length**2
+    before = np.inf
     for _ in range(settings.most_steps):
         step, miss = _newton_step(points, headings, mean, link_length, epsilon)
         headings = headings + step
-        if np.abs(step).max() < settings.settled:
+        length = float(np.abs(step).max())
+        # The tip of an arm that is nearly straight hardly moves along itself, and rounding there is many times as much
+        # in the headings: what small steps no longer lessen is that.
+        if length < settings.settled or settings.rounding > length >= before:
             return headings
+        before = length
     raise ProblemError(
         f"the least-squares mapping did not settle in {settings.most_steps} steps, the tip is still {miss:.3g} m off; "
         "use more links or a curve that bends less per link"

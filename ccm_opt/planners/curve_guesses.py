@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from ccm_opt.errors import ConfigurationNotFound
+from ccm_opt.errors import ConfigurationNotFound, ProblemError
 from ccm_opt.freespace.corridor import Corridor, Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
@@ -61,16 +61,16 @@ def guess_along(
     share: float,
     settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> FloatArray | None:
-    """Link headings of a configuration at the goal along a route; None when the NLP finds none.
+    """Link headings of a configuration at the goal along a route; None when the NLP finds none that links can follow.
 
     That is no failure: the motion search can lead the tip to the goal by itself.
     """
     try:
         task = configuration_task(problem, ends, room, route, share, settings)
         configuration = find_configuration(task, attempts)
-    except ConfigurationNotFound:
+        return map_curve(problem.arm, configuration, problem.planner.mapping)
+    except (ConfigurationNotFound, ProblemError):
         return None
-    return map_curve(problem.arm, configuration, problem.planner.mapping)
 
 
 def configuration_task(

@@ -6,7 +6,7 @@ from itertools import islice
 
 import numpy as np
 
-from ccm_opt.errors import ConfigurationNotFound
+from ccm_opt.errors import ConfigurationNotFound, ProblemError
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
@@ -145,7 +145,10 @@ def _configurations(
         if isinstance(outcome, FailedAttempt):
             failures.append(outcome)
             continue
-        headings = map_curve(problem.arm, outcome, problem.planner.mapping)
+        try:
+            headings = map_curve(problem.arm, outcome, problem.planner.mapping)
+        except ProblemError:
+            continue  # the links cannot follow this curve
         # The surplus length may swing to either side of the route: two poses of one class, and neither the better.
         if all(np.max(np.abs(headings - other)) > settings.different for other in found):
             found.append(headings)
