@@ -39,8 +39,7 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
     for wanted in offered:
         bent = bent_to(free, wanted, task)
         if bent is not None:
-            end = replace(task.goal, coordinates=bent.coordinates[-1])
-            to_end = replace(weighing_bottlenecks(bent, task), goal=end, goal_headings=wanted)
+            to_end = weighing_bottlenecks(bent, task).ending_at(bent.coordinates[-1], wanted)
             ended = optimise(bent, to_end, margin, settings.end_rounds)
             if keeps_limits(ended, task):
                 return _with_room(ended, motion, task, margin)

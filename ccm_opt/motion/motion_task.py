@@ -154,6 +154,10 @@ class MotionTask:
         """Whether all bends of poses, shape (K, links) [rad], are within the joints' limits."""
         return bool(np.all(np.abs(self.arm.bends(headings)) <= self.arm.bend_limits))
 
+    def ending_at(self, coordinates: FloatArray, headings: FloatArray) -> "MotionTask":
+        """The same task for motions that end in one pose: its coordinates, shape (p,), and link headings [rad]."""
+        return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_headings=headings)
+
     @property
     def parametric(self) -> bool:
         """Whether a limit depends on the path parameter, so that a motion has to be tracked under it."""

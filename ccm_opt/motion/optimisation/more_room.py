@@ -43,17 +43,20 @@ def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None
     settings = task.settings.optimisation
     if not lacks_room(motion, task) or task.deadline.passed():
         return motion
+    wanted = _enough_room(motion, task)
+    most = room_of(motion, task)
     finer = _with_finer_keyframes(motion, settings.finer)
     program = _program_to_end(finer, task, margin)
     for _ in range(settings.room_passes):
-        growth = RoomGrowth(task, _enough_room(motion, task))
+        growth = RoomGrowth(task, wanted)
         coordinates = sequential_convex(program, finer.coordinates, settings.room_rounds, growth.ended)
         finer = replace(finer, coordinates=coordinates, headings=motion.space.headings(coordinates))
-        before = room_of(motion, task)
         room = room_of(finer, task)
-        if room > before:
+        worthwhile = room >= settings.room_worth * most
+        if room > most:
             motion = finer
-        if not lacks_room(motion, task) or room < settings.room_worth * before or task.deadline.passed():
+            most = room
+        if most >= wanted or not worthwhile or task.deadline.passed():
             break
     return motion
 
@@ -110,8 +113,7 @@ def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> 
 
 def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> MotionProgram:
     """The program of a motion that keeps its keyframes' number and its last pose."""
-    end = replace(task.goal, coordinates=motion.coordinates[-1])
-    to_end = replace(task, goal=end, goal_headings=motion.headings[-1])
+    to_end = task.ending_at(motion.coordinates[-1], motion.headings[-1])
     return replace(motion_program(motion, to_end, margin), u=path_parameters(motion))
 
 
