@@ -29,6 +29,7 @@ from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.planners.curve_routes import find_routes, route_room
 from ccm_opt.problem import JointPose, Problem, TipGoal
 
+from . import ompl_scenes
 from .scenes import (
     ROOM,
     Scene,
@@ -228,6 +229,14 @@ def test_a_slot_that_is_too_narrow_is_no_way() -> None:
     scene = boxed_goal(0.12)
     motion = find_motion(motion_task(scene.problem(goal)))
     assert least_gap(scene.arm, scene.workspace, motion.headings) > 0.0
+
+
+@pytest.mark.parametrize("links", [12, 24])
+def test_a_guide_that_finds_no_way_on_stalls_and_the_search_goes_on(links: int) -> None:
+    """Drawn back, the tip of 24 links stops in the margin of a wall whose nearest free place lies inside the block."""
+    path = CurvePlanner().plan(ompl_scenes.corridor(links))
+
+    assert path.candidate
 
 
 def test_a_search_without_candidates_says_so() -> None:

@@ -1,11 +1,13 @@
 """One pass of the search: a link space, a planning margin, and the candidates that are run with them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, islice
 
 import numpy as np
 
+from ccm_opt.errors import UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.backward import pose_at_goal
 from ccm_opt.motion.continuation import Guide, Stalled, follow, settle, without_pauses
@@ -121,7 +123,7 @@ class SearchRun:
 
     def _led(self, candidate: GuideCandidate) -> list[Pose]:
         """Follow the candidate's guide, then those that resume where it ends or stalls, until one of them arrives."""
-        guide = candidate.make_guide()
+        guide = _made(candidate.make_guide, self.start)
         try:
             poses = self._followed(guide, self.start)
         except Stalled as stalled:
@@ -133,7 +135,7 @@ class SearchRun:
             if self.goal.is_set and self.goal.met(poses[-1]):
                 return poses
             try:
-                return poses + self._followed(resume(guide, poses[-1]), poses[-1])[1:]
+                return poses + self._followed(_made(partial(resume, guide, poses[-1]), poses[-1]), poses[-1])[1:]
             except Stalled as stalled:
                 if resume is candidate.resume[-1]:
                     raise
@@ -220,6 +222,19 @@ class SearchRun:
             return self.goal.errors(pose)[0]
         apart = self.stepper.space.positions(self.goal.coordinates) - pose.points
         return float(np.linalg.norm(apart, axis=1).max())
+
+
+def _made(make: Callable[[], Guide], pose: Pose) -> Guide:
+    """A guide that leads on from a pose.
+
+    Raises:
+        Stalled: when no way leads on from there. That says nothing of the problem: a tip in a wall's margin may
+            have its nearest free place in a pocket.
+    """
+    try:
+        return make()
+    except UnreachableGoal as apart:
+        raise Stalled(apart.diagnosis.reason, [pose]) from apart
 
 
 def pose_headings(poses: list[Pose]) -> FloatArray:

@@ -1,10 +1,10 @@
-"""The chains of OMPL: this planner, and OMPL's own from its Python wheel, side by side; run with ``python -m``.
+"""The chains of OMPL: this planner, and OMPL's own in C++ with swept checks, side by side; run with ``python -m``.
 
     python -m tests.benchmarks.bench_ompl --links 12 24 36 48 96 --peer-links 12 24 --limit 20
     python -m tests.benchmarks.bench_ompl --links 24 --perturbed 20
 
-CPU times. Ours: a certified C² path, and the same optimised; every plan is timed, passed by the package's verifier and,
-as OMPL's paths are, re-checked densely by ``CrossingCheck``.
+CPU times. Ours: a certified C² path, and the same optimised; every plan is timed, passed by the package's verifier and
+re-checked densely by ``CrossingCheck``. OMPL needs ``libompl-dev``; without it give ``--peer-links`` no number.
 """
 
 # ruff: noqa: T201 - a script that prints a table
@@ -25,7 +25,7 @@ from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.solution import JointPath, JointStates
 from ccm_opt.verification.newton_euler import joint_torques
-from tests.benchmarks.ompl_peer import PLANNERS, run_peer
+from tests.benchmarks.ompl_planners import PLANNERS, run_peer
 from tests.crossings import CrossingCheck
 from tests.ompl_scenes import LARGEST_CORRIDOR, SCENES
 
@@ -127,7 +127,7 @@ def compare(options: argparse.Namespace) -> None:
         optimised = run_ours(problem, optimise=True)
         peers = ["" for _ in PLANNERS]
         if n in options.peer_links and ours.goal is not None:
-            peers = [_peer(scene, n, ours.goal, planner, options) for planner in PLANNERS]
+            peers = [_peer(problem, ours.goal, planner, options) for planner in PLANNERS]
         seconds = float(np.median([run.seconds for run in runs]))
         cells = [scene, str(n), f"{seconds:.2f}", _told(ours), f"{optimised.seconds:.2f}", _told(optimised), *peers]
         print(f"| {' | '.join(cells)} |", flush=True)
@@ -137,8 +137,8 @@ def _told(run: OurRun) -> str:
     return f"{run.outcome}, {run.travel:.0f} rad, {run.candidate}" if run.goal is not None else run.outcome
 
 
-def _peer(scene: str, links: int, goal: FloatArray, planner: str, options: argparse.Namespace) -> str:
-    runs = [run_peer(scene, links, goal, planner, options.limit, seed) for seed in range(options.seeds)]
+def _peer(problem: Problem, goal: FloatArray, planner: str, options: argparse.Namespace) -> str:
+    runs = [run_peer(problem, goal[None], planner, options.limit, seed) for seed in range(options.seeds)]
     return ", ".join(
         f"{run.seconds:.2f}" if run.outcome == "solved" else f"{run.outcome} ({run.seconds:.1f})" for run in runs
     )

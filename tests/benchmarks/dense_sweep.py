@@ -40,8 +40,7 @@ def sweep(problem: Problem, trajectory: JointTrajectory) -> Sweep:
     arm = problem.arm
     bends = densely(problem, trajectory.bend_angles)
     headings = arm.headings(bends)
-    gaps = [sweep_gaps(arm, problem.workspace, headings[k : k + CHUNK]) for k in range(0, len(headings), CHUNK)]
-    walls, own = (float(min(values)) for values in zip(*gaps, strict=True))
+    walls, own = least_gaps(problem, bends)
     points = arm.joint_positions(headings)
     broken = {
         f"{-1e3 * walls:.3f} mm into a wall": walls < -ROUNDING,
@@ -51,6 +50,15 @@ def sweep(problem: Problem, trajectory: JointTrajectory) -> Sweep:
         "misses the goal": not reaches(problem, bends[-1]),
     }
     return Sweep(len(bends), walls, own, tuple(name for name, is_broken in broken.items() if is_broken))
+
+
+def least_gaps(problem: Problem, bends: FloatArray) -> tuple[float, float]:
+    """Least gap to a wall and between distant links at poses (T, links), neither told apart beyond 0.1 m [m]."""
+    arm = problem.arm
+    headings = arm.headings(bends)
+    gaps = [sweep_gaps(arm, problem.workspace, headings[k : k + CHUNK]) for k in range(0, len(headings), CHUNK)]
+    walls, own = (float(min(values)) for values in zip(*gaps, strict=True))
+    return walls, own
 
 
 def densely(problem: Problem, bends: FloatArray) -> FloatArray:
