@@ -15,6 +15,7 @@ from ccm_opt.collision.contacts import Contacts
 from ccm_opt.collision.neighbour_pairs import NeighbourPairs
 from ccm_opt.collision.pair_search import PairQuestion
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground import compiled_source
 from ccm_opt.ground.box_tree import BoxTree
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
 
@@ -81,7 +82,7 @@ def test_without_a_compiler_numpy_finds_contacts(
     points = arm.joint_positions(np.zeros(12))
     expected = ContactFinder(arm, workspace.flat_walls, 0.0, 0.0, 0.1).find(points)
     monkeypatch.setenv(COMPILER_VARIABLE, "")
-    compiled_pairs._log_uncompiled.cache_clear()
+    compiled_source._log_uncompiled.cache_clear()
     with caplog.at_level(logging.WARNING):
         got = ContactFinder(arm, workspace.flat_walls, 0.0, 0.0, 0.1).find(points)
     assert_same(got, expected)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.dynamics.simulation.reference import step_reference
 from ccm_opt.errors import RetimingError
+from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
 from ccm_opt.jointed.coordinates import planar_coordinates
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics
@@ -16,9 +17,9 @@ from ccm_opt.retiming.grid import path_grid
 from ccm_opt.retiming.motion_limits import limits_along
 from ccm_opt.retiming.path_rows import path_rows
 from ccm_opt.retiming.profile import SpeedProfile
-from ccm_opt.retiming.reachability import reachable_profile
+from ccm_opt.retiming.reachability import compiled_profile, reachable_profile
 from ccm_opt.retiming.sampling import with_jumps
-from ccm_opt.retiming.speed_optimizer import fastest_profile
+from ccm_opt.retiming.speed_optimizer import toppra_profile
 from ccm_opt.retiming.timed_path import TimedPath
 from ccm_opt.retiming.timing_settings import GridSettings
 from tests.phase_plane import fastest_duration
@@ -71,7 +72,7 @@ def test_paths_that_turn_back_where_linear_programs_fail_are_timed(seed: int, li
 @example(1022, 4)
 @example(372, 1)
 def test_two_ways_of_the_same_sweeps_agree(seed: int, links: int) -> None:
-    """The sweeps that cannot fail find the squared speeds that the linear programs find."""
+    """The sweeps that cannot fail find the squared speeds that the linear programs find, in C as in NumPy."""
     path, limits = make_path(random_control(seed, links)), even_limits(links, 2.0, 10.0, 40.0)
     columns = planar_coordinates(links)
     limited = limits_along(TimedPath(path.spline, limits, pendulums, to_revolutes, columns))
@@ -81,8 +82,23 @@ def test_two_ways_of_the_same_sweeps_agree(seed: int, links: int) -> None:
     assert np.all(ours.squared[1:-1] > 0.0)
     moving = rows.a[:-1] * ours.acceleration[:, None] + rows.b[:-1] * ours.squared[:-1, None] + rows.c[:-1]
     assert np.all(np.abs(moving) <= slack[:-1] + 1e-6)
-    theirs = SpeedProfile(rows.s, fastest_profile(rows, slack, cap))
-    assert ours.duration == pytest.approx(theirs.duration, rel=5e-3)
+    theirs = toppra_profile(rows, slack, cap)
+    if theirs is not None:
+        assert ours.duration == pytest.approx(SpeedProfile(rows.s, theirs).duration, rel=5e-3)
+    compiled = compiled_profile(rows, slack, cap)
+    if compiled is not None:
+        np.testing.assert_allclose(compiled, ours.squared, rtol=1e-6, atol=1e-9 * np.max(ours.squared))
+
+
+def test_without_a_compiler_motions_are_timed_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where nothing compiles toppra or NumPy sweeps, on paths that stop too, and motions last as long."""
+    winding = make_path(random_control(5, 3))
+    corner = np.array([[0.0, 0.0]] * 3 + [[0.3, 0.1]] * 3 + [[0.1, 0.4]] * 3)
+    limits = {2: even_limits(2, 2.0, 10.0), 3: even_limits(3, 2.0, 10.0)}
+    paths = [(make_path(corner), limits[2]), (winding, limits[3])]
+    expected = [run(path, each).duration for path, each in paths]
+    monkeypatch.setenv(COMPILER_VARIABLE, "")
+    assert [run(path, each).duration for path, each in paths] == pytest.approx(expected, rel=1e-3)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -1,8 +1,6 @@
 """Near pairs by compiled C, called from Python: pointers are set once, so that a call passes one address."""
 
 import ctypes
-import logging
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +9,8 @@ from ccm_opt.collision.contacts import Contacts
 from ccm_opt.collision.pair_search import PairQuestion
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.box_tree import BoxTree
-from ccm_opt.ground.c_compiler import find_compiler, machine_code_key
-from ccm_opt.ground.library_cache import (
-    LOADING_ERRORS,
-    cache_folder_of,
-    compile_into,
-    first_line,
-    library_name,
-    open_with_symbols,
-    opened_or_made,
-    pointer_to,
-)
+from ccm_opt.ground.compiled_source import compiled_source
+from ccm_opt.ground.library_cache import pointer_to
 
 SYMBOLS = ("near_pairs",)
 _POINTER = ctypes.c_void_p
@@ -29,7 +18,6 @@ _LONG = ctypes.c_int64
 _DOUBLE = ctypes.c_double
 _RUN = 8
 """``RUN`` of near_pairs.c."""
-logger = logging.getLogger(__name__)
 
 
 class _TreeStruct(ctypes.Structure):
@@ -65,7 +53,7 @@ class CompiledPairs:
         question: arm, walls, and which pairs are wanted.
     """
 
-    def __init__(self, library: ctypes.CDLL, question: PairQuestion) -> None:
+    def __init__(self, library: ctypes.PyDLL, question: PairQuestion) -> None:
         arm = question.arm
         walls = question.walls
         self._function = library.near_pairs
@@ -147,31 +135,6 @@ class CompiledPairs:
 
 def compiled_pairs(question: PairQuestion) -> CompiledPairs | None:
     """A compiled search; None where there is no compiling."""
-    compiler = find_compiler()
-    if compiler is None:
-        _log_uncompiled("no C compiler was found")
-        return None
-    library = _library(compiler, str(cache_folder_of("collision")))
+    source = Path(__file__).with_name("near_pairs.c")
+    library = compiled_source(source, SYMBOLS, "collision", "near pairs are looked for by numpy, several times slower")
     return None if library is None else CompiledPairs(library, question)
-
-
-@cache
-def _library(compiler: str, folder: str) -> ctypes.PyDLL | None:
-    """The library, from the cache or compiled first; looked for once for a compiler and a cache."""
-    text = Path(__file__).with_name("near_pairs.c").read_text(encoding="utf-8")
-    path = Path(folder) / library_name((machine_code_key(compiler), text))
-    try:
-        return opened_or_made(path, _opened, lambda path: compile_into(path, text, compiler))
-    except LOADING_ERRORS as error:
-        _log_uncompiled(first_line(error))
-        return None
-
-
-def _opened(path: Path) -> ctypes.PyDLL:
-    return open_with_symbols(path, SYMBOLS)
-
-
-@cache
-def _log_uncompiled(reason: str) -> None:
-    """One line for one reason, however many searches are made."""
-    logger.warning("near pairs are looked for by numpy, several times slower than compiled: %s", reason)

@@ -1,7 +1,8 @@
-"""The fastest speed profile within the rows: TOPP-RA by the toppra package (Pham and Pham 2018).
+"""The fastest speed profile within the rows, by TOPP-RA (Pham and Pham 2018).
 
-Its linear programs have absolute tolerances and fail on rare crooked paths, at points where the path turns back; the
-same two sweeps are then made in a form that cannot fail. toppra loads matplotlib when imported, so it is imported when
+Its two sweeps are compiled. Where there is no compiler the toppra package makes them. Its linear programs have absolute
+tolerances and fail on paths that stop and on rare crooked ones, where the path turns back; the sweeps are then made in
+NumPy, in the form that is compiled, which cannot fail. toppra loads matplotlib when imported, so it is imported when
 first used.
 """
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.retiming.path_rows import PathRows
-from ccm_opt.retiming.reachability import reachable_profile
+from ccm_opt.retiming.reachability import compiled_profile, reachable_profile
 from ccm_opt.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 
 
@@ -31,13 +32,22 @@ def fastest_profile(
     Returns:
         ṡ² at the grid points, shape (N + 1,) [1/s²]; positive inside.
     """
+    capped = np.minimum(cap, settings.speed_cap / _time_unit(rows) ** 2)
+    compiled = compiled_profile(rows, slack, capped, settings)
+    if compiled is not None:
+        return compiled
+    squared = toppra_profile(rows, slack, capped)
+    return reachable_profile(rows, slack, capped, settings) if squared is None else squared
+
+
+def toppra_profile(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatArray | None:
+    """The same by toppra's linear programs; None where they fail."""
     unit = _time_unit(rows)
-    capped = np.minimum(cap, settings.speed_cap / unit**2)
-    solver = _build(rows, slack, capped * unit**2, unit)
+    solver = _build(rows, slack, cap * unit**2, unit)
     _, speeds, _, _ = solver.compute_parameterization(0.0, 0.0, return_data=True)
     # Two neighbouring speeds of zero would mean a stop for ever, so they count as a failure, like NaN.
     if speeds is None or np.any(np.isnan(speeds)) or np.any(speeds[1:] + speeds[:-1] <= 0.0):
-        return reachable_profile(rows, slack, capped, settings)
+        return None
     return np.asarray((speeds / unit) ** 2)
 
 
