@@ -1,0 +1,131 @@
+"""What is wrong with the data of a problem, whoever made it, in sentences."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING, TypeAlias, get_args
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import Axes, MappingName
+from ccm_opt.problem.options import ControllerName, MethodName, OptimiserName, RetimingName, Weights
+from ccm_opt.problem.poses import JointPose, TipGoal
+
+if TYPE_CHECKING:
+    from ccm_opt.problem.definition import Problem
+
+_Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shape
+
+
+def defects(problem: "Problem") -> Iterator[str]:
+    """What is wrong with the data of a problem, whoever made it; files are checked more closely by ``problem_file``."""
+    arm = problem.arm
+    if arm.links < 2 or arm.links % 2:
+        yield f"arm.links must be even and at least 2, got {arm.links}"
+    if not (arm.link_length > 0.0 and arm.radius >= 0.0):
+        yield f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}"
+    for name, value, shape in _positive_arrays(problem):
+        yield from _array_defects(name, value, shape, positive=True)
+    for name, value, shape in _plain_arrays(problem):
+        yield from _array_defects(name, value, shape, positive=False)
+    yield from _name_defects(problem)
+    if not 0.0 <= problem.joint_error < np.pi:
+        yield f"joint_error must be from 0 to below π rad, got {problem.joint_error}"
+    if not 0.0 < problem.contact_tolerance < np.inf:
+        yield f"verification.contact_tolerance must be positive and finite, got {problem.contact_tolerance}"
+    yield from _weight_defects(problem.planner.weights)
+    yield from _feed_defects(problem)
+    yield from _point_defects(problem)
+    if not 0.0 < problem.planner.effort_share <= 1.0:
+        yield f"planner.effort_share must be above 0 and at most 1, got {problem.planner.effort_share}"
+    if problem.planner.retiming == "paul" and (problem.limits.jerk is not None or problem.limits.feed_jerk is not None):
+        yield 'limits.jerk and limits.feed_jerk need planner.retiming = "toppra", got "paul"'
+
+
+def _weight_defects(weights: Weights) -> Iterator[str]:
+    for name, value in asdict(weights).items():
+        if not 0.0 <= value < np.inf:
+            yield f"planner.weights.{name} must be finite and not negative, got {value}"
+
+
+def _point_defects(problem: "Problem") -> Iterator[str]:
+    """Limits on points: on the arm, positive, and one for each."""
+    points = problem.limits.points
+    length = problem.arm.length
+    for k, point in enumerate(points):
+        name = f"limits.points[{k}]"
+        if point.at is not None and not 0.0 <= point.at <= length * (1.0 + 1e-9):
+            yield f"{name}.at must be from 0 to the arm's length, {length:g} m, got {point.at}"
+        for key in ("velocity", "acceleration"):
+            if not getattr(point, key) > 0.0:
+                yield f"{name}.{key} must be positive, or left out when it is not limited, got {getattr(point, key)}"
+        if np.isinf(point.velocity) and np.isinf(point.acceleration):
+            yield f"{name} limits neither velocity nor acceleration"
+        if point.at in [other.at for other in points[:k]]:
+            yield f"{name} limits the {point.name} a second time"
+
+
+def _feed_defects(problem: "Problem") -> Iterator[str]:
+    limits = problem.limits
+    poses = [("start", problem.start), ("goal", problem.goal)]
+    poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
+    placed = [(name, pose.feed) for name, pose in poses if not isinstance(pose, TipGoal)]
+    if not problem.arm.base_axes:
+        yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
+    for axis in problem.arm.base_axes:
+        if not axis.low < axis.high:
+            yield f"arm.feed must have low < high, got {axis.low} and {axis.high}"
+        for key in ("feed_velocity", "feed_acceleration"):
+            if getattr(limits, key) is None or not getattr(limits, key) > 0.0:
+                yield f"limits.{key} must be positive when the arm has a feed axis, got {getattr(limits, key)}"
+        for key in ("feed_force", "feed_jerk"):
+            if getattr(limits, key) is not None and not getattr(limits, key) > 0.0:
+                yield f"limits.{key} must be positive, or left out when it is not limited, got {getattr(limits, key)}"
+        for name, value in placed:
+            if not axis.low <= value <= axis.high:
+                yield f"{name}.feed must be within the range of the axis, {axis.low} to {axis.high} m, got {value}"
+
+
+def _positive_arrays(problem: "Problem") -> Iterator[_Array]:
+    arm = problem.arm
+    limits = problem.limits
+    for name in ("masses", "inertia_axial", "inertia_transverse"):
+        yield f"arm.{name}", getattr(arm, name), (arm.links,)
+    for name in ("velocity", "acceleration", "torque", "jerk"):
+        if getattr(limits, name) is not None:
+            yield f"limits.{name}", getattr(limits, name), (3 * arm.links,)
+
+
+def _plain_arrays(problem: "Problem") -> Iterator[_Array]:
+    yield "arm.base", problem.arm.base, (2,)
+    yield "simulation.gravity", problem.simulation.gravity, (3,)
+    for end, pose in (("start", problem.start), ("goal", problem.goal)):
+        if isinstance(pose, JointPose):
+            yield f"{end}.bends", pose.bends, (problem.arm.links,)
+        elif isinstance(pose, TipGoal):
+            yield f"{end}.position", pose.position, (2,)
+
+
+def _array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:
+    if not hasattr(value, "shape"):
+        yield f"{name} must be an array of shape {shape}, got a {type(value).__name__}"
+    elif value.shape != shape:
+        yield f"{name} must have shape {shape}, got {value.shape}"
+    elif not np.all(np.isfinite(value)):
+        yield f"{name} must be finite, got {value[~np.isfinite(value)][0]}"
+    elif positive and not np.all(value > 0.0):
+        yield f"{name} must be positive, got {value[value <= 0.0][0]}"
+
+
+def _name_defects(problem: "Problem") -> Iterator[str]:
+    planner = problem.planner
+    for key, value, names in (
+        ("arm.axes", problem.arm.axes, get_args(Axes)),
+        ("planner.method", planner.method, get_args(MethodName)),
+        ("planner.mapping", planner.mapping, get_args(MappingName)),
+        ("planner.optimiser", planner.optimiser, get_args(OptimiserName)),
+        ("planner.retiming", planner.retiming, get_args(RetimingName)),
+        ("simulation.controller", problem.simulation.controller, get_args(ControllerName)),
+    ):
+        if value not in names:
+            yield f"{key} must be one of {', '.join(names)}, got {value!r}"

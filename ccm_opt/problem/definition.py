@@ -1,0 +1,87 @@
+"""One planning problem: what is known before a motion is sought."""
+
+from dataclasses import dataclass, field
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.drive_limits import Limits
+from ccm_opt.problem.defects import defects
+from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions
+from ccm_opt.problem.poses import Goal, Start, Stop, Tolerances
+
+CONTACT_SHARE_OF_LENGTH = 1e-6
+"""Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made
+to, and above what the certificate and the chords between samples leave to rounding."""
+WANTED_SHARE_OF_LENGTH = 0.015
+"""Room that plans keep unless the problem says otherwise, as a share of the arm's length."""
+WANTED_SHARE_OF_RADIUS = 0.5
+"""The same as a share of its radius; the lesser room counts."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One planning problem.
+
+    Attributes:
+        name: also names the output folder.
+        description: one line for people.
+        workspace: room, obstacles, clearance.
+        arm: the jointed arm.
+        limits: bounds on joint speed, acceleration and torque.
+        start: where the motion begins.
+        goal: where it ends.
+        tolerances: how near the goal counts.
+        stops: goals on the way to the last, in order.
+        planner: planner options.
+        simulation: simulation options.
+        joint_error: of every joint at any time, with which the motion has to touch nothing [rad]; 0 asks for none.
+        verification: how strictly plans are judged.
+        source: the text of the problem file, kept for the record; empty when built in Python.
+    """
+
+    name: str
+    workspace: Workspace
+    arm: Arm
+    limits: Limits
+    start: Start
+    goal: Goal
+    description: str = ""
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    stops: tuple[Stop, ...] = ()
+    planner: PlannerOptions = field(default_factory=PlannerOptions)
+    simulation: SimulationOptions = field(default_factory=SimulationOptions)
+    joint_error: float = 0.0
+    verification: VerificationOptions = field(default_factory=VerificationOptions)
+    source: str = ""
+
+    @property
+    def contact_tolerance(self) -> float:
+        """Gap that may be missing before a motion is refused, rounding as a rule [m]."""
+        asked = self.verification.contact_tolerance
+        return CONTACT_SHARE_OF_LENGTH * self.arm.length if asked is None else asked
+
+    @property
+    def wanted_gap(self) -> float:
+        """Room beyond radius and clearance that planning keeps where there is so much [m].
+
+        The planner of a feed axis and the paper's planner know no wanted gap, and so keep none.
+        """
+        if self.arm.base_axes or self.planner.method != "nlp":
+            return 0.0
+        return self.default_gap if self.planner.wanted_gap is None else self.planner.wanted_gap
+
+    @property
+    def default_gap(self) -> float:
+        """The wanted gap where the options name none, 1.5 % of the arm's length or half its radius [m].
+
+        The lesser of the two, as much as one would leave beside a hose of that size. An arm without a radius gets the
+        former.
+        """
+        share = WANTED_SHARE_OF_LENGTH * self.arm.length
+        return share if self.arm.radius == 0.0 else min(share, WANTED_SHARE_OF_RADIUS * self.arm.radius)
+
+    def __post_init__(self) -> None:
+        found = tuple(defects(self))
+        if found:
+            raise ProblemError(f"problem '{self.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in found))

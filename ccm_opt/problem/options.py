@@ -1,0 +1,126 @@
+"""What a problem says of planning, simulating and judging: which method, how long, how strictly."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import MappingName
+
+MethodName = Literal["nlp", "hill-climbing"]
+OptimiserName = Literal["sequential-convex", "interior-point", "none"]
+RetimingName = Literal["toppra", "paul"]
+ControllerName = Literal["computed-torque", "pd"]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How much each thing counts that planning makes small: 1 as usual, 0 not at all, 10 ten times as much.
+
+    They weigh the optimisation of motions; bending and clearance weigh the goal configuration too.
+
+    Attributes:
+        path_length: turns of the joints along the motion.
+        smoothness: changes of these turns.
+        bending: the arm's curvature.
+        clearance: nearness to walls; by default only the clearance of the workspace is kept, and no more is asked for.
+        duration: a stand-in for the duration: turns, and changes of turns, of every joint against its own limits.
+    """
+
+    path_length: float = 1.0
+    smoothness: float = 1.0
+    bending: float = 1.0
+    clearance: float = 0.0
+    duration: float = 0.0
+
+
+@dataclass(frozen=True)
+class PlannerOptions:
+    """Which planner, how long, and with what.
+
+    Attributes:
+        method: planner's name.
+        mapping: how a curve becomes joints.
+        time_limit: CPU time of this process after which the search stops [s]; three times as much wall time ends it
+            too.
+        routes: corridors tried, shortest first.
+        seed: of the order in which candidates are tried and of every random choice; 0 tries the most promising first.
+        tries: plans that are made, with this seed and those after it; the best is taken.
+        optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.
+        retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
+        weights: what counts how much when configurations and motions are optimised.
+        wanted_gap: room beyond radius and clearance that the goal pose and the motion keep where there is so much [m];
+            0 asks for none, None for ``Problem.default_gap``.
+        effort_share: share of every drive's limits on velocity, acceleration, jerk and effort that plans use, above 0
+            and at most 1, so that feedback has something left; where gravity alone takes nearly so much, more.
+    """
+
+    method: MethodName = "nlp"
+    mapping: MappingName = "least-squares"
+    time_limit: float = 60.0
+    routes: int = 5
+    seed: int = 0
+    tries: int = 1
+    optimiser: OptimiserName = "sequential-convex"
+    retiming: RetimingName = "toppra"
+    weights: Weights = field(default_factory=Weights)
+    wanted_gap: float | None = None
+    effort_share: float = 0.9
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """What the simulated arm does otherwise than its controller believes.
+
+    Attributes:
+        mass_error: share by which the links are heavier, above -1.
+        payload: mass of a point at the tip that the controller does not know of [kg].
+        friction: viscous friction of every revolute that it does not know of [N m s/rad].
+        angle_noise: standard deviation of measured angles [rad]; of the bends alone while the arm stays in its plane.
+        velocity_noise: the same of measured joint speeds [rad/s].
+        start_delay: time for which brakes still hold the arm when the motion begins [s].
+        seed: of the noise.
+    """
+
+    mass_error: float = 0.0
+    payload: float = 0.0
+    friction: float = 0.0
+    angle_noise: float = 0.0
+    velocity_noise: float = 0.0
+    start_delay: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """How the timed motion is simulated.
+
+    Attributes:
+        gravity: shape (3,) [m/s²]; the plane of motion is x-z.
+        step: integration step [s].
+        controller: the tracking law.
+        bandwidth: natural frequency ωn of the computed-torque error dynamics [1/s].
+        proportional_gain: of the PD law [N m/rad].
+        derivative_gain: of the PD law [N m s/rad].
+        disturbances: what the controller does not know of.
+    """
+
+    gravity: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    step: float = 1e-3
+    controller: ControllerName = "computed-torque"
+    bandwidth: float = 50.0
+    proportional_gain: float = 2.0
+    derivative_gain: float = 0.002
+    disturbances: Disturbances = field(default_factory=Disturbances)
+
+
+@dataclass(frozen=True)
+class VerificationOptions:
+    """How strictly plans are judged.
+
+    Attributes:
+        contact_tolerance: gap that may be missing before a motion is refused [m]; None for a millionth of the arm.
+    """
+
+    contact_tolerance: float | None = None

@@ -1,0 +1,86 @@
+"""Where a motion begins, ends and stops on the way, and how near its goals count."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.coordinates import Coordinates
+
+
+@dataclass(frozen=True)
+class JointPose:
+    """A whole-arm pose given by its joints.
+
+    Attributes:
+        bends: shape (links,) [rad].
+        feed: position of the base on its feed axis [m]; 0 without one.
+    """
+
+    bends: FloatArray
+    feed: float = 0.0
+
+    @classmethod
+    def from_configuration(cls, q: FloatArray, coordinates: Coordinates) -> "JointPose":
+        """The pose of a configuration, shape (c,) [rad, m]."""
+        return cls(q[coordinates.bends], float(coordinates.advance(q)))
+
+    def configuration(self, arm: Arm) -> FloatArray:
+        """The pose as a configuration of an arm, shape (c,) [rad, m]."""
+        return arm.configuration(self.bends, self.feed)
+
+
+@dataclass(frozen=True)
+class CurvePose:
+    """A whole-arm pose given as a curve; the arm takes its mapping.
+
+    Attributes:
+        configuration: the curve as it lies when the feed axis is at 0.
+        feed: position of the base on its feed axis [m]; 0 without one.
+    """
+
+    configuration: Configuration
+    feed: float = 0.0
+
+
+@dataclass(frozen=True)
+class TipGoal:
+    """A goal for the tip alone.
+
+    Attributes:
+        position: shape (2,) [m].
+        heading: [rad], or None when any heading will do.
+    """
+
+    position: FloatArray
+    heading: float | None = None
+
+
+Start: TypeAlias = JointPose | CurvePose
+Goal: TypeAlias = TipGoal | JointPose | CurvePose
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How near the goal the motion must end: position [m] and heading [rad]."""
+
+    position: float = 1e-3
+    heading: float = float(np.deg2rad(1.0))
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A goal on the way, at which the motion comes to rest.
+
+    Attributes:
+        goal: where the arm stops.
+        tolerances: how near the goal counts.
+        pause: how long it rests there [s].
+    """
+
+    goal: Goal
+    tolerances: Tolerances
+    pause: float = 0.0
