@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
-from ccm_opt.driver.pipeline import compiled_terms
+from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, ProblemError

@@ -8,7 +8,8 @@ from scipy.interpolate import make_interp_spline
 
 from ccm_opt import retiming
 from ccm_opt.driver.kept_plan import described
-from ccm_opt.driver.pipeline import compiled_terms, solve
+from ccm_opt.driver.pipeline import solve
+from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states

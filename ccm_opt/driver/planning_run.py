@@ -1,0 +1,113 @@
+"""Plans of one problem, made and made again: in several tries, for lowered costs, for changed problems."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from ccm_opt.diagnosis.explain import explained
+from ccm_opt.diagnosis.recording_planner import RecordingPlanner
+from ccm_opt.diagnosis.relaxation import Trials
+from ccm_opt.driver.planned_for_errors import planned_for_errors
+from ccm_opt.driver.planner_choice import default_planner
+from ccm_opt.driver.pose_failure import with_constraint_first
+from ccm_opt.driver.several_tries import best_of_tries
+from ccm_opt.driver.solve_settings import Settings
+from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verified_plan
+from ccm_opt.errors import NoPlanFound
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.stages import Stages
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.planners.legs import plan_legs
+from ccm_opt.planners.protocols import Planner, Retimer
+from ccm_opt.problem import Problem
+from ccm_opt.solution import JointPath
+from ccm_opt.user_terms.compiled_terms import UserTerms, compile_terms
+from ccm_opt.user_terms.terms import Constraint, Cost
+
+
+@dataclass(frozen=True)
+class PlanningRun:
+    """What stays the same however often a problem is planned.
+
+    Attributes:
+        problem: as it was asked.
+        planner: given by the caller, or None for the one that suits the problem.
+        retimer: given by the caller, or None for the one that the problem names.
+        constraints: of the user.
+        costs: of the user.
+        terms: both of them, compiled; None when there are none.
+        stages: names and times the stages.
+        settings: of all stages.
+        recorded: the paths that the last plan found, with their problems, for those who ask what change would help.
+    """
+
+    problem: Problem
+    planner: Planner | None
+    retimer: Retimer | None
+    constraints: Sequence[Constraint]
+    costs: Sequence[Cost]
+    terms: UserTerms | None
+    stages: Stages
+    settings: Settings
+    recorded: list[tuple[Problem, JointPath]] = field(default_factory=list)
+
+    def attempt(self, hurried: Problem, lowered: UserTerms | None) -> VerifiedPlan:
+        """The best of all tries, each of which survives the errors that the problem names.
+
+        Args:
+            hurried: the problem with the time that is left.
+            lowered: the user's terms with the share of the costs that is tried.
+
+        Raises:
+            NoPlanFound: when no try finds a plan.
+        """
+
+        def surviving(tried: Problem) -> VerifiedPlan:
+            return planned_for_errors(tried, lambda roomy: self._planned(roomy, lowered), self.settings)
+
+        return best_of_tries(hurried, surviving, self.stages, self.settings)
+
+    def _planned(self, roomy: Problem, lowered: UserTerms | None) -> VerifiedPlan:
+        """Legs, one to each goal, then their timing and verification: each by itself, then all as one motion."""
+        chosen = RecordingPlanner(self.planner or default_planner(roomy, self.stages, lowered, self.settings))
+        asked = replace(self.problem, joint_error=roomy.joint_error)
+        try:
+            legs = plan_legs(roomy, chosen)
+            return timed_and_verified(asked, legs, self.stages, self.retimer, self.terms, self.settings)
+        finally:
+            self.recorded[:] = chosen.paths
+
+    def explained(self, failure: NoPlanFound, deadline: Deadline) -> NoPlanFound:
+        """A failure of the same kind, with its causes and the changes that would help.
+
+        Args:
+            failure: why there is no plan.
+            deadline: until which changes are tried.
+        """
+        named = with_constraint_first(failure, self.problem, self.terms, self.settings)
+        droppable = named_terms(str(named), self.constraints, self.costs)
+        settings = self.settings.diagnosis.trials
+        trials = Trials(self._solve_changed, deadline, droppable, self._solve_changed, settings=settings)
+        return explained(self.problem, named, trials)
+
+    def _solve_changed(self, changed: Problem, dropped: str = "") -> object:
+        """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
+        # Trials report no progress of their own.
+        quiet = Stages()
+        kept = [each for each in self.constraints if each.name != dropped]
+        its_terms = compiled_terms(changed.arm, kept, [each for each in self.costs if each.name != dropped])
+        its_planner = self.planner or default_planner(changed, quiet, its_terms, self.settings)
+        recording = RecordingPlanner(its_planner, self.recorded)
+        return verified_plan(changed, recording, quiet, self.retimer, its_terms, self.settings)
+
+
+def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
+    """Kind and name of every constraint and cost that binds a plan, those first that a reason names."""
+    hard = [("constraint", each.name) for each in constraints if not each.soft]
+    soft = [("constraint", each.name) for each in constraints if each.soft]
+    every = [*hard, *soft, *(("cost", each.name) for each in costs)]
+    return tuple(sorted(every, key=lambda term: f"'{term[1]}'" not in reason))
+
+
+def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms | None:
+    """The user's constraints and costs for an arm; None when there are none."""
+    return compile_terms(arm, constraints, costs) if constraints or costs else None
