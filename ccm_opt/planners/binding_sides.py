@@ -1,7 +1,6 @@
 """The sides of links' regions that a goal pose leans on, read from the names of rows with a multiplier."""
 
 import re
-from dataclasses import replace
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
@@ -24,8 +23,7 @@ def binding_sides(search: GoalPoseSearch, pose: ArmPose, start: FloatArray) -> t
     """
     arm = search.problem.arm
     points = arm.joint_positions(pose.headings)
-    both = (search.settings, replace(search.settings, reach=search.settings.far_reach))
-    drawn = [link_regions(arm, search.problem.workspace, start, settings) for settings in both]
+    drawn = [link_regions(arm, search.problem.workspace, start, settings) for settings in search.settings.widening]
     sides = []
     for name, multiplier in pose.multipliers.items():
         row = _ROW.fullmatch(name)

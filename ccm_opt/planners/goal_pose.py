@@ -109,6 +109,8 @@ class GoalPoseSearch:
         tried: list[FloatArray] = []
         found: list[ArmPose] = []
         for start in drawn:
+            if self.gap(start) == -np.inf:
+                continue  # no regions lie about links that cross something
             late = deadline is not None and deadline.passed()
             if len(tried) == settings.drawn_solutions or known <= enough or late:
                 break
@@ -215,10 +217,25 @@ class GoalPoseSearch:
         Args:
             start: link headings of the pose to start from, shape (links,) [rad].
         """
-        pose = self._solved_within(start, self.settings)
-        if pose.violation <= self.settings.feasible and not self.feasible(pose):
-            # A link has strayed beyond what its region was drawn for, and met a wall there.
-            pose = self._solved_within(start, replace(self.settings, reach=self.settings.far_reach))
+        # Searches that follow one another begin from the same poses.
+        key = start.tobytes()
+        if key not in self._known:
+            self._known[key] = self._solved_anew(start)
+        return self._known[key]
+
+    @cached_property
+    def _known(self) -> dict[bytes, ArmPose]:
+        """Solutions by the headings that they begin from."""
+        return {}
+
+    def _solved_anew(self, start: FloatArray) -> ArmPose:
+        """One solution, in regions that know of everything near it."""
+        allowed = self.settings.feasible * self.problem.arm.length
+        for settings in self.settings.widening:
+            pose = self._solved_within(start, settings)
+            # Else a link has strayed beyond what its region was drawn for, and met something there.
+            if pose.violation > settings.feasible or self.gap(pose.headings) >= pose.gap - allowed:
+                break
         return pose
 
     def _solved_within(self, start: FloatArray, region_settings: PoseSettings) -> ArmPose:

@@ -29,7 +29,8 @@ def link_regions(
 
     Between a link and a wall the side touches the wall; between two links it lies half-way, and both get one. A pose
     whose links all keep to their regions touches nothing. Sides that others imply are left out: most of those between
-    links, and every row that is left makes every iteration dearer.
+    links, and every row that is left makes every iteration dearer. Of what is left a link gets the nearest sides, as
+    many as the settings say.
 
     Args:
         arm: the arm.
@@ -43,7 +44,8 @@ def link_regions(
     parts = [_wall_sides(arm, walls, workspace.clearance, headings, reach)]
     if arm.self_collision:
         parts.append(_link_sides(arm, headings, reach))
-    sides = _needed(arm, headings, _joined(parts), reach)
+    sides = _needed(arm, headings, _beyond_mount(arm, _joined(parts)), reach)
+    sides = _nearest(arm, headings, sides, settings.most_sides)
     return _padded(arm, *sides, settings.region_sizes)
 
 
@@ -82,6 +84,13 @@ def _joined(parts: list[Sides]) -> Sides:
     return link, normal, offset
 
 
+def _beyond_mount(arm: Arm, sides: Sides) -> Sides:
+    """The sides of links that do not belong to the mount altogether, which may lie anywhere."""
+    link, normal, offset = sides
+    free = (link + 1) * arm.link_length > arm.mount_length
+    return link[free], normal[free], offset[free]
+
+
 def _needed(arm: Arm, headings: FloatArray, sides: Sides, reach: float) -> Sides:
     """The sides without which a region would be larger, as far as it lies within reach of its link.
 
@@ -104,6 +113,25 @@ def _needed(arm: Arm, headings: FloatArray, sides: Sides, reach: float) -> Sides
     return link[needed], normal[needed], offset[needed]
 
 
+def _nearest(arm: Arm, headings: FloatArray, sides: Sides, most: int) -> Sides:
+    """The sides that every link is nearest to with one of its ends, at most so many for a link."""
+    link, normal, offset = sides
+    points = arm.joint_positions(headings)
+    ends = np.stack((points[link], points[link + 1]), axis=1)
+    inside = offset - np.max(np.einsum("med,md->me", ends, normal), axis=1)
+    order = np.lexsort((inside, link))
+    place = np.empty(len(link), dtype=np.intp)
+    place[order] = _places(link[order])
+    kept = place < most
+    return link[kept], normal[kept], offset[kept]
+
+
+def _places(link: IntArray) -> IntArray:
+    """The number of each entry among those of its link, which stand together, shape (m,)."""
+    count = np.bincount(link)
+    return np.arange(len(link)) - np.repeat(np.cumsum(count) - count, count)
+
+
 def _padded(arm: Arm, link: IntArray, normal: FloatArray, offset: FloatArray, sizes: tuple[int, ...]) -> LinkRegions:
     """The sides in one array for each link, filled up with sides that say nothing."""
     count = np.bincount(link, minlength=arm.links)
@@ -112,7 +140,7 @@ def _padded(arm: Arm, link: IntArray, normal: FloatArray, offset: FloatArray, si
     normals = np.zeros((arm.links, sides, 2))
     offsets = np.full((arm.links, sides), 2.0 * arm.length)
     order = np.argsort(link, kind="stable")
-    place = np.arange(len(link)) - np.repeat(np.cumsum(count) - count, count)
+    place = _places(link[order])
     normals[link[order], place] = normal[order]
     offsets[link[order], place] = offset[order]
     return LinkRegions(normals, offsets)

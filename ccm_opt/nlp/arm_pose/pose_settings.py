@@ -1,6 +1,7 @@
 """The numbers of the goal-pose NLP: the size of the curve, weights of the objective, and the solver's limits."""
 
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,9 @@ class PoseSettings:
         feasible: largest violation of a row that counts as kept; one millionth of the arm (derived: below the
             certificate's own spare).
         binding: a multiplier above this, beside an objective of order one, marks a row that shapes the pose (taste).
+        most_sides: of a link's region, the nearest (measured: in narrow passages half of the links need four, but some
+            need 16 to 128, which every iteration would pay for at every link).
+        more_sides: the same where a pose has less room than its rows say, for a side that was left out (taste).
         region_sizes: numbers of sides that programs are built for, so that poses share solvers (measured: of 42 clutter
             scenes all need eight or fewer).
         leaning: by how much the room to a side may differ from the gap of a pose that leans on it (taste).
@@ -70,7 +74,16 @@ class PoseSettings:
     far_reach: float = 2.0
     feasible: float = 1e-6
     binding: float = 1e-4
+    most_sides: int = 8
+    more_sides: int = 16
     region_sizes: tuple[int, ...] = (8, 16, 32, 64, 128)
     leaning: float = 1e-4
     room_enough: float = 0.9
     enough: float = 0.999
+
+    @property
+    def widening(self) -> tuple["PoseSettings", ...]:
+        """These settings, then with more sides, then with all of them, those to walls far away too."""
+        more = replace(self, most_sides=self.more_sides)
+        everything = replace(self, most_sides=sys.maxsize, reach=self.far_reach)
+        return self, more, everything
