@@ -117,4 +117,4 @@ def _draw_motion(axes: Axes, solution: Solution) -> None:
     draw_body(axes, points[0], radius, style.START, style.START_EDGE, label="", zorder=3)
     draw_body(axes, points[-1], radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="", zorder=6)
     draw_tip_path(axes, points[:, -1])
-    draw_goal(axes, solution.problem.goal, points[-1], label="")
+    draw_goal(axes, solution.problem.goal, solution.problem.tolerances, points[-1], "")

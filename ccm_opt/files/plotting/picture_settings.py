@@ -22,6 +22,8 @@ class PictureSettings:
         least_error: smaller tracking errors are drawn at this one, on their logarithmic scale [rad] or [m].
         scale_room: room for a scale of colours at the right [inch].
         curve_places: points by which a curve is drawn.
+        least_disc: tolerances of a goal's place are drawn when wider than this share of the picture.
+        least_wedge: tolerances of a goal's heading are drawn when wider than this [rad].
         bar_share: half the length of the bar at a side that a pose leans on, as a share of the arm's length.
     """
 
@@ -39,6 +41,8 @@ class PictureSettings:
     least_error: float = 1e-7
     scale_room: float = 0.9
     curve_places: int = 401
+    least_disc: float = 0.012
+    least_wedge: float = 0.05
     bar_share: float = 0.02
 
 

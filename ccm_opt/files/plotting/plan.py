@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Wedge
 
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.arm_drawing import draw_body, draw_poses, draw_tip_path
@@ -13,7 +14,7 @@ from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.problem import Goal, TipGoal
+from ccm_opt.problem import Goal, TipGoal, Tolerances
 from ccm_opt.solution import Solution
 
 
@@ -41,8 +42,9 @@ def plan_figure(solution: Solution, settings: PictureSettings = PICTURES) -> Fig
     _draw_motion(axes, points, problem.arm.radius, settings.poses_on_the_way)
     for stop, k in zip(problem.stops, solution.trajectory.stops, strict=True):
         draw_body(axes, points[k], 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
-        draw_goal(axes, stop.goal, points[k], label="")
-    draw_goal(axes, problem.goal, points[-1], label="goals" if problem.stops else "goal")
+        draw_goal(axes, stop.goal, stop.tolerances, points[k], "", settings)
+    label = "goals" if problem.stops else "goal"
+    draw_goal(axes, problem.goal, problem.tolerances, points[-1], label, settings)
     dress(figure, axes, f"{problem.name}: {solution.trajectory.duration:.2f} s")
     return figure
 
@@ -83,15 +85,33 @@ def _even_steps(points: FloatArray, count: int) -> IntArray:
     return np.unique(np.searchsorted(travelled, wanted))
 
 
-def draw_goal(axes: Axes, goal: Goal, end: FloatArray, label: str) -> None:
-    """An arrow at the goal, along its heading; only a ring where any heading will do, or for a whole pose."""
+def draw_goal(
+    axes: Axes, goal: Goal, tolerances: Tolerances, end: FloatArray, label: str, settings: PictureSettings = PICTURES
+) -> None:
+    """An arrow at the goal, along its heading; only a ring where any heading will do, or for a whole pose.
+
+    Tolerances that are wide enough to be seen are drawn too: the disc that the tip may end in, and the headings that it
+    may have there.
+    """
     wanted = goal.position if isinstance(goal, TipGoal) else end[-1]
     axes.plot(
         *wanted, marker="o", markersize=9, markerfacecolor="none", markeredgewidth=1.6, color=style.GOAL_MARK,
         zorder=9, linestyle="none", label=label,
     )  # fmt: skip
-    if isinstance(goal, TipGoal) and goal.heading is not None:
-        reach = 0.09 * float(np.ptp(axes.get_xlim()))
+    if not isinstance(goal, TipGoal):
+        return
+    width = float(np.ptp(axes.get_xlim()))
+    if tolerances.position > settings.least_disc * width:
+        look = {"facecolor": style.GOAL_TINT, "edgecolor": style.GOAL_MARK, "linewidth": 0.8, "linestyle": "--"}
+        axes.add_patch(Circle(tuple(goal.position), tolerances.position, zorder=1.5, **look))
+    if goal.heading is None:
+        return
+    reach = 0.09 * width
+    if settings.least_wedge < tolerances.heading < np.pi:
+        ends = np.rad2deg(goal.heading + tolerances.heading * np.array([-1.0, 1.0]))
+        wedge = Wedge(tuple(goal.position), reach, *ends, color=style.GOAL_MARK, alpha=0.25, linewidth=0.0, zorder=8.5)
+        axes.add_patch(wedge)
+    if tolerances.heading < np.pi:
         ahead = goal.position + reach * unit_vector(goal.heading)
         arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.8, "shrinkA": 0.0, "shrinkB": 0.0}
         axes.annotate(

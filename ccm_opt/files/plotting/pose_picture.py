@@ -40,7 +40,7 @@ def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figu
     _draw_curve(axes, found.pose.curve, settings)
     _draw_binding(axes, found, settings)
     axes.plot(*points[0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
-    draw_goal(axes, problem.goal, points, label="goal")
+    draw_goal(axes, problem.goal, problem.tolerances, points, "goal", settings)
     gap = f"{1e3 * found.pose.gap:.1f} of {1e3 * found.pose.wanted_gap:.1f} mm wanted"
     dress(figure, axes, f"{problem.name}: best pose at the goal, gap {gap}")
     return figure

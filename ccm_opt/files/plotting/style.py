@@ -9,6 +9,8 @@ GOAL_ARM = "#2a6f97"
 GOAL_ARM_EDGE = "#12415e"
 TIP_PATH = "#c1440e"
 GOAL_MARK = "#1b7f3b"
+GOAL_TINT = "#dcefe2"
+"""The disc that the tip may end in."""
 POSE_COLOURS = "plasma"
 """Colour map of the poses on the way, early to late."""
 
