@@ -10,6 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.collision.certificate import Certificate
+from ccm_opt.collision.compiled_proofs import compiled_proofs
+from ccm_opt.collision.pair_proofs import InterpretedProofs
+from ccm_opt.collision.stretches import Stretches
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
@@ -242,3 +245,27 @@ def test_a_spare_gap_is_kept() -> None:
     for spare, expected in ((apart + 1e-3, False), (apart - 1e-3, True)):
         certificate = Certificate(arm, Workspace(ROOM), spare)
         assert (len(certificate.failures(np.array([hook, hook]))) == 0) == expected
+
+
+@given(seed=seeds, links=st.sampled_from((2, 6, 24, 60)), turn=st.sampled_from((0.02, 0.2, 1.0)))
+@settings(max_examples=60, deadline=None)
+def test_compiled_proofs_are_those_of_numpy(seed: int, links: int, turn: float) -> None:
+    """Whatever the motion, C and numpy leave the same pairs of links unproved, at once and when asked again."""
+    rng = np.random.default_rng(seed)
+    arm = make_arm(links, 0.012)
+    least = 2.0 * arm.radius + arm.room_for_errors(np.arange(links))
+    compiled = compiled_proofs(arm.first_self_pair, least)
+    if compiled is None:
+        pytest.skip("no C compiler")
+    start = np.array([random_headings(rng, arm, 6.0) for _ in range(3)])
+    motion = Stretches(arm, start, start + turn * rng.standard_normal(start.shape), np.arange(3))
+    interpreted = InterpretedProofs(arm.first_self_pair, least)
+    expected, touching = interpreted.unproved(motion, None)
+    found, touched = compiled.unproved(motion, None)
+    assert Counter(zip(*expected, strict=True)) == Counter(zip(*found, strict=True))
+    assert Counter(touching) == Counter(touched)
+
+    again, touching = interpreted.unproved(motion, expected)
+    found, touched = compiled.unproved(motion, expected)
+    np.testing.assert_array_equal(again, found)
+    np.testing.assert_array_equal(touching, touched)

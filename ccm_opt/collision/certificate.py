@@ -15,41 +15,14 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE, CertificateSettings
-from ccm_opt.collision.neighbour_pairs import closest_on_segments
+from ccm_opt.collision.compiled_proofs import compiled_proofs
+from ccm_opt.collision.pair_proofs import InterpretedProofs, PairProofs, Pairs
+from ccm_opt.collision.stretches import Stretches
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 
 _Links: TypeAlias = tuple[IntArray, IntArray]  # stretch and link
-_Pairs: TypeAlias = tuple[IntArray, IntArray, IntArray]  # stretch and two links
-
-
-@dataclass(frozen=True)
-class _Spans:
-    """Stretches of a motion under test, with positions and sag bounds.
-
-    Attributes:
-        start: link headings at the start, shape (m, links) [rad].
-        end: at the end.
-        owner: interval of the motion that each stretch belongs to, shape (m,).
-        a: joint positions at the start, shape (m, links + 1, 2) [m].
-        b: at the end.
-        sag: how far the joint at the end of each link may leave its chord, shape (m, links) [m].
-    """
-
-    start: FloatArray
-    end: FloatArray
-    owner: IntArray
-    a: FloatArray
-    b: FloatArray
-    sag: FloatArray
-
-    @classmethod
-    def between(cls, arm: Arm, start: FloatArray, end: FloatArray, owner: IntArray) -> "_Spans":
-        # The base runs straight, so only the turning of the links adds to the sag.
-        turned = end[:, : arm.links] - start[:, : arm.links]
-        sag = np.cumsum(arm.link_length * turned**2, axis=1) / 8.0
-        return cls(start, end, owner, arm.points(start), arm.points(end), sag)
 
 
 @dataclass(frozen=True)
@@ -110,14 +83,14 @@ class Certificate:
         start = headings[:-1]
         end = headings[1:]
         owner = np.arange(len(headings) - 1)
-        spans = _Spans.between(self.arm, start, end, owner)
+        spans = Stretches(self.arm, start, end, owner)
 
         links = self._all_links(spans)
-        pairs = self._all_pairs(spans)
+        pairs: Pairs | None = None
         failed: list[IntArray] = []
         for level in range(depth + 1):
             links, touching_links = self._unsafe_links(spans, *links)
-            pairs, touching_pairs = self._unsafe_pairs(spans, *pairs)
+            pairs, touching_pairs = self._unproved_pairs(spans, pairs)
             # What touches half-way is lost at once; what is merely unproved is lost after the last bisection.
             last = level == depth
             bad = np.concatenate((touching_links, touching_pairs, links[0] if last else [], pairs[0] if last else []))
@@ -127,7 +100,9 @@ class Certificate:
             spans, links, pairs = self._halved(spans, links, pairs, failed[-1])
         return np.unique(np.concatenate(failed))
 
-    def _halved(self, spans: _Spans, links: _Links, pairs: _Pairs, failed: IntArray) -> tuple[_Spans, _Links, _Pairs]:
+    def _halved(
+        self, spans: Stretches, links: _Links, pairs: Pairs, failed: IntArray
+    ) -> tuple[Stretches, _Links, Pairs]:
         """Both halves of every stretch with something unsafe, and what is to be tested on them again."""
         # An interval that has failed need not be looked at further: the caller only learns that it failed.
         alive = ~np.isin(spans.owner, failed)
@@ -141,7 +116,7 @@ class Certificate:
         start = spans.start[kept]
         end = spans.end[kept]
         middle = 0.5 * (start + end)
-        halves = _Spans.between(
+        halves = Stretches(
             self.arm, np.concatenate((start, middle)), np.concatenate((middle, end)), np.tile(spans.owner[kept], 2)
         )
 
@@ -152,35 +127,12 @@ class Certificate:
         twice_pairs = (np.concatenate((on_pair, on_pair + len(kept))), np.tile(pairs[1], 2), np.tile(pairs[2], 2))
         return halves, twice_links, twice_pairs
 
-    def _all_links(self, spans: _Spans) -> _Links:
+    def _all_links(self, spans: Stretches) -> _Links:
         """Every stretch with every link beyond the mount."""
         span, link = np.meshgrid(np.arange(len(spans.owner)), np.arange(self._mount[0], self.arm.links), indexing="ij")
         return span.ravel(), link.ravel()
 
-    def _all_pairs(self, spans: _Spans) -> _Pairs:
-        """Every stretch with every pair of distant links that come anywhere near each other."""
-        if not self.arm.self_collision:
-            return (np.zeros(0, int),) * 3
-        middle = 0.25 * (spans.a[:, :-1] + spans.a[:, 1:] + spans.b[:, :-1] + spans.b[:, 1:])
-        x = np.ascontiguousarray(middle[..., 0])
-        y = np.ascontiguousarray(middle[..., 1])
-
-        # A bound for the broad phase: a link's middle strays from its mean place by at most half of the chord and the
-        # sag, and any point of the link lies within half a link of it.
-        moved = 0.5 * np.linalg.norm(spans.b - spans.a, axis=2).max(axis=1) + spans.sag[:, -1]
-        reach = 2.0 * self.arm.radius + self.spare + self.arm.link_length + 2.0 * moved + self.settings.touch
-        found = [(np.zeros(0, int),) * 3]
-        # Diagonal by diagonal: all pairs (i, i + apart) at once without an index array of links².
-        for apart in range(self.arm.first_self_pair, self.arm.links):
-            dx = x[:, apart:] - x[:, :-apart]
-            dy = y[:, apart:] - y[:, :-apart]
-            limit = reach + self.arm.room_for_errors(np.array([apart]))
-            span, i = np.nonzero(dx * dx + dy * dy < (limit**2)[:, None])
-            found.append((span, i, i + apart))
-        span, i, j = (np.concatenate(column) for column in zip(*found, strict=True))
-        return span, i, j
-
-    def _unsafe_links(self, spans: _Spans, span: IntArray, link: IntArray) -> tuple[_Links, IntArray]:
+    def _unsafe_links(self, spans: Stretches, span: IntArray, link: IntArray) -> tuple[_Links, IntArray]:
         """Of (stretch, link): those whose grown hull meets a wall, and the stretches that touch one half-way."""
         need = self._apart(link) + spans.sag[span, link]
 
@@ -194,13 +146,10 @@ class Certificate:
         hit = near[np.unique(self._near(hulls, need[near])[0])]
         return (span[hit], link[hit]), self._touching(spans, span[hit], link[hit])
 
-    def _touching(self, spans: _Spans, span: IntArray, link: IntArray) -> IntArray:
+    def _touching(self, spans: Stretches, span: IntArray, link: IntArray) -> IntArray:
         """Stretches whose links truly touch a wall half-way, so that no bisection can help."""
         # Half-way the arm really stands so: what touches there touches whatever is proved elsewhere.
-        headings = 0.5 * (spans.start + spans.end)
-        places = self.arm.points(headings)
-        held = _Spans(headings, headings, spans.owner, places, places, spans.sag)
-        lines = _lines(self._corners(held, span, link)[:, :2])
+        lines = _lines(self._ends(spans.middle, span, link))
         return span[np.unique(self._near(lines, self._apart(link))[0])]
 
     def _apart(self, link: IntArray) -> FloatArray:
@@ -208,16 +157,30 @@ class Certificate:
         room = self.arm.room_for_errors(link + 1)
         return self.arm.radius + self.workspace.clearance + self.spare + room
 
-    def _corners(self, spans: _Spans, span: IntArray, link: IntArray) -> FloatArray:
+    def _corners(self, spans: Stretches, span: IntArray, link: IntArray) -> FloatArray:
         """End positions of links at both ends of stretches, the mount cut off, shape (k, 4, 2) [m]."""
-        corners = np.stack(
-            (spans.a[span, link], spans.a[span, link + 1], spans.b[span, link], spans.b[span, link + 1]), axis=1
-        )
+        return np.concatenate((self._ends(spans.a, span, link), self._ends(spans.b, span, link)), axis=1)
+
+    def _ends(self, joints: FloatArray, span: IntArray, link: IntArray) -> FloatArray:
+        """End positions of links, the mount cut off, of joints (m, links + 1, 2), shape (k, 2, 2) [m]."""
+        ends = np.stack((joints[span, link], joints[span, link + 1]), axis=1)
         mount, share = self._mount
         cut = link == mount
-        # Corners 0 and 2 are the near end of the link at both times, 1 and 3 its far end.
-        corners[cut, 0::2] += share * (corners[cut, 1::2] - corners[cut, 0::2])
-        return corners
+        ends[cut, 0] += share * (ends[cut, 1] - ends[cut, 0])
+        return ends
+
+    def _unproved_pairs(self, spans: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
+        """Pairs of links not proved apart, of those given or of all, and the stretches in which a pair touches."""
+        if not self.arm.self_collision:
+            none = np.zeros(0, dtype=np.intp)
+            return (none, none, none), none
+        return self._pair_proofs.unproved(spans, pairs)
+
+    @cached_property
+    def _pair_proofs(self) -> PairProofs:
+        arm = self.arm
+        apart = 2.0 * arm.radius + self.spare + self.settings.touch + arm.room_for_errors(np.arange(arm.links))
+        return compiled_proofs(arm.first_self_pair, apart) or InterpretedProofs(arm.first_self_pair, apart)
 
     def _near(self, shapes: npt.NDArray[np.object_], distance: FloatArray) -> tuple[IntArray, IntArray]:
         """Pairs (shape, wall) no farther apart than given distances, shape (k,) [m]."""
@@ -231,38 +194,6 @@ class Certificate:
             shape = shape[close]
             wall = wall[close]
         return shape, wall
-
-    def _unsafe_pairs(self, spans: _Spans, span: IntArray, i: IntArray, j: IntArray) -> tuple[_Pairs, IntArray]:
-        """Of (stretch, link, link): those not proved apart, and the stretches in which a pair touches half-way.
-
-        A pair is apart when all eight corner differences keep their distance along the direction that is closest
-        half-way; only the links between the two add to the sag of their difference.
-        """
-        if len(span) == 0:
-            return (span, i, j), span
-        middle = self.arm.points(0.5 * (spans.start + spans.end))
-        _, _, apart = closest_on_segments(middle[span, i], middle[span, i + 1], middle[span, j], middle[span, j + 1])
-        distance = np.hypot(apart[:, 0], apart[:, 1])
-        direction = apart / np.maximum(distance, 1e-12)[:, None]
-
-        # A difference of two points, one on each link, is a mean of corner differences at each end of the stretch, and
-        # along the stretch leaves its chord by the sag of the links between.
-        corners = np.min(
-            [
-                np.einsum("md,md->m", p[span, i + s] - p[span, j + t], direction)
-                for p in (spans.a, spans.b)
-                for s in (0, 1)
-                for t in (0, 1)
-            ],
-            axis=0,
-        )
-
-        # sag[j] is that of the far end of link j; what the links before i turn moves both alike and cancels.
-        before = np.where(i > 0, spans.sag[span, np.maximum(i - 1, 0)], 0.0)
-        least = 2.0 * self.arm.radius + self.spare + self.settings.touch + self.arm.room_for_errors(j - i)
-        unsafe: BoolArray = corners <= least + spans.sag[span, j] - before
-        touching = unsafe & (distance <= least)
-        return (span[unsafe], i[unsafe], j[unsafe]), span[touching]
 
 
 def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
