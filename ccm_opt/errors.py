@@ -65,8 +65,8 @@ class Finding:
     """One thing that stands in the way of a plan.
 
     Attributes:
-        kind: "constraint", "contact", "joint limit", "too short", "too thick", "blocked", "too stiff", "torque" or
-            "curve".
+        kind: "constraint", "contact", "joint limit", "too short", "too thick", "blocked", "hemmed in", "too stiff",
+            "torque" or "curve".
         reason: one sentence in the user's terms: what, where, and by how much.
         proved: whether no planner could find a plan as long as this holds; else it is only likely to stand in the way.
         key: the key of the problem file that it is about, or empty.

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips
+from ccm_opt.diagnosis.first_links import three_links_turn, two_links_turn
 from ccm_opt.diagnosis.holding_torque import strong_enough
 from ccm_opt.diagnosis.passages import wide_and_short_enough
 from ccm_opt.diagnosis.reach import supple_enough, within_joint_limits, within_reach
@@ -12,7 +13,14 @@ from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.problem import Problem
 
 Check = Callable[[Problem], Iterator[Finding]]
-AT_ONCE: tuple[Check, ...] = (contact_at_tips, within_joint_limits, within_reach, supple_enough, strong_enough)
+AT_ONCE: tuple[Check, ...] = (
+    contact_at_tips,
+    within_joint_limits,
+    within_reach,
+    supple_enough,
+    strong_enough,
+    two_links_turn,
+)
 """Checks that cost next to nothing; the planner makes those of the others itself before it searches."""
 NECESSARY: tuple[Check, ...] = (
     contact_at_poses,
@@ -22,10 +30,13 @@ NECESSARY: tuple[Check, ...] = (
     wide_and_short_enough,
     supple_enough,
     strong_enough,
+    three_links_turn,
 )
 """All necessary checks, the most elementary first."""
 
-FIXED_BASE: frozenset[Check] = frozenset((contact_at_poses, wide_and_short_enough, supple_enough, strong_enough))
+FIXED_BASE: frozenset[Check] = frozenset(
+    (contact_at_poses, wide_and_short_enough, supple_enough, strong_enough, two_links_turn, three_links_turn)
+)
 """Checks whose proofs hold for a base that stands still."""
 
 

@@ -3,11 +3,22 @@
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.errors import Finding, Relaxation
 
-KINDS = ("constraint", "contact", "joint limit", "too short", "blocked", "too thick", "too stiff", "torque", "curve")
+KINDS = (
+    "constraint",
+    "contact",
+    "joint limit",
+    "too short",
+    "blocked",
+    "too thick",
+    "hemmed in",
+    "too stiff",
+    "torque",
+    "curve",
+)
 """Kinds of findings, the most elementary first: what comes later may follow from what comes first."""
 MENDS = {
-    "arm.radius": ("too thick", "contact"),
-    "workspace.clearance": ("too thick", "contact"),
+    "arm.radius": ("too thick", "hemmed in", "contact"),
+    "workspace.clearance": ("too thick", "hemmed in", "contact"),
     "arm.link_length": ("too short",),
     "arm.joint_limit_deg": ("too stiff", "joint limit"),
     "arm.base_limit_deg": ("too stiff", "joint limit"),

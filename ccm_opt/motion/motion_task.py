@@ -75,6 +75,7 @@ class MotionTask:
         end_poses: link headings of better poses at the goal than one in which a motion of an arm ends, the best first,
             all of shape (links,) [rad].
         wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
+        refuse: raises where it is proved that there is no motion; asked once, before what takes long.
         settings: numbers of every stage of the search.
     """
 
@@ -95,6 +96,7 @@ class MotionTask:
     user_limits: tuple[Limit, ...] = ()
     end_poses: EndPosesOffered = field(default=lambda _arm, _end: ())
     wanted_gap: float = 0.0
+    refuse: Callable[[], None] = field(default=lambda: None)
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @cached_property

@@ -24,14 +24,19 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
     Raises:
         MotionNotFound: every candidate failed; the diagnosis lists why.
         TimeLimitReached: the deadline passed first.
+        UnreachableGoal: it is proved that there is none.
     """
     failures: list[Failure] = []
     in_vain: list[StrategyInVain] = []
     nominal_links = nominal_links_asked(task)
     coarse = coarsened(task, task.settings.search.design_links) if _planned_coarsely(task, nominal_links) else None
+    asked = False
     for strategy in strategies:
         if not strategy.applies(task):
             continue
+        if strategy.costly and not asked:
+            task.refuse()
+            asked = True
         before = len(failures)
         if coarse is not None:
             # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.

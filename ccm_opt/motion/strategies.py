@@ -22,6 +22,11 @@ class SearchStrategy(Protocol):
         """For the record of a search in vain."""
         ...
 
+    @property
+    def costly(self) -> bool:
+        """Whether it may take so long that a proof that there is no motion is worth some tenths of a second first."""
+        ...
+
     def applies(self, task: MotionTask) -> bool:
         """Whether the strategy can find motions for a task."""
         ...
@@ -42,6 +47,7 @@ class DirectStrategy:
     """Straight to a goal of the whole arm, or straight back from it, bent round obstacles by the step."""
 
     name: str = "interpolation"
+    costly: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of the whole arm alone say where straight is."""
@@ -69,10 +75,12 @@ class ConnectStrategy:
     Attributes:
         late: whether this is its turn after the candidates, when it applies to arms of many links too.
         name: for the record of a search in vain.
+        costly: the later turn follows strategies that are.
     """
 
     late: bool
     name: str = CONNECT
+    costly: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """Limits that move keyframes, or depend on how far along the motion they are, refuse all straight motions."""
@@ -111,6 +119,7 @@ class PortfolioStrategy:
     """The candidates of the portfolio with one planning margin after another."""
 
     name: str = "candidates"
+    costly: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """Candidates do not know how far along the motion they are."""
@@ -135,6 +144,7 @@ class TrackingStrategy:
     """
 
     name: str = "tracking"
+    costly: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """There must be something to track under."""
@@ -162,6 +172,7 @@ class TreeStrategy:
     """Trees of poses from both ends, until the deadline or until they reach nothing new."""
 
     name: str = TREES
+    costly: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of a tree do not know how far along the motion they are."""

@@ -6,6 +6,7 @@ the certified motion on the links, and a smooth path through joint space.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from scipy.interpolate import BSpline
 
@@ -39,7 +40,8 @@ class CurvePlanner:
     Attributes:
         stages: names and times the stages.
         terms: the user's constraints and costs, or None.
-        refuse: raises where it is proved that no way leads to the goal; asked where no route is found.
+        refuse: raises where it is proved that no way leads to the goal; asked where no route is found, and for goals of
+            the whole arm that are not reached at once.
         settings: numbers of every stage.
     """
 
@@ -93,6 +95,8 @@ class CurvePlanner:
             if not routes and ends.goal_headings is None:
                 self.refuse(problem if asked is None else asked)
             tip_paths = tip_paths_along(problem, ends, routes, room.inflation, settings)
+        # Without a goal for the whole arm all that there is to prove has been tried by now.
+        refuse = partial(self.refuse, asked or problem) if ends.goal_headings is not None else _nothing_proved
         guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes, settings)))
         further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes, settings)))
         return MotionTask(
@@ -112,6 +116,7 @@ class CurvePlanner:
             slowness=slowness(problem),
             user_limits=self.user_limits,
             wanted_gap=problem.wanted_gap,
+            refuse=refuse,
             settings=replace(settings.motion, certificate=certificate_settings(problem, settings.motion.certificate)),
         )
 
@@ -123,6 +128,10 @@ class CurvePlanner:
             if found is None:
                 return
             yield found
+
+
+def _nothing_proved() -> None:
+    """Refuses nothing."""
 
 
 def certificate_settings(problem: Problem, settings: CertificateSettings) -> CertificateSettings:
