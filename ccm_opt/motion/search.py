@@ -4,10 +4,11 @@ Arms of many links are planned with few links in the same coordinates and lifted
 links, they are planned on their own links.
 """
 
+from math import ceil
+
 from ccm_opt.motion.ending import optimised_to_end_pose
 from ccm_opt.motion.failures import Failure, StrategyInVain, nothing_found
 from ccm_opt.motion.lifting import lift
-from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.passage_widths import nominal_links_asked
@@ -29,7 +30,7 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
     failures: list[Failure] = []
     in_vain: list[StrategyInVain] = []
     nominal_links = nominal_links_asked(task)
-    coarse = coarsened(task, task.settings.search.design_links) if _planned_coarsely(task, nominal_links) else None
+    coarse = _coarse_task(task, nominal_links)
     asked = False
     for strategy in strategies:
         if not strategy.applies(task):
@@ -40,7 +41,7 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         before = len(failures)
         if coarse is not None:
             # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.
-            found = strategy.find(coarse, failures, NOMINAL_LINKS)
+            found = strategy.find(coarse, failures, nominal_links)
             lifted = _lifted(found, coarse, task) if found is not None else None
             if lifted is not None:
                 return lifted
@@ -51,13 +52,15 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
     raise nothing_found(task, failures, in_vain)
 
 
-def _planned_coarsely(task: MotionTask, nominal_links: float) -> bool:
-    """Whether planning with few links first pays, and is possible."""
+def _coarse_task(task: MotionTask, nominal_links: float) -> MotionTask | None:
+    """The task with as few links as its passages let through; None where that does not pay, or is not possible."""
     settings = task.settings.search
-    many = task.arm.links > settings.many_links * settings.design_links
-    wide = nominal_links <= NOMINAL_LINKS  # narrow passages need short links
+    # Narrow passages need short links.
+    links = max(settings.design_links, 2 * ceil(0.5 * nominal_links))
     resamples = all(limit.resamples for limit in task.user_limits)
-    return many and wide and resamples and not task.clamped
+    if task.arm.links <= settings.many_links * links or not resamples or task.clamped:
+        return None
+    return coarsened(task, links)
 
 
 def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:

@@ -14,8 +14,8 @@ class SearchSettings:
             narrow one gets through. Taste.
         reach: contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less.
         reach_margins: the same in planning margins, where that is more. Taste.
-        design_links: arms with more links are planned with this many and lifted, where passages are wide. Measured:
-            of 38 motions found in clutter with this many, 34 held on finer arms as they were.
+        design_links: arms with more links are planned with this many, or as many as narrow passages ask for, and
+            lifted. Measured: of 38 motions found in clutter with this many, 34 held on finer arms as they were.
         many_links: times that number of links from which lifting pays. Taste.
         lift_margin: gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length.
             Taste: about what an arm of 24 links leaves the curve by.
