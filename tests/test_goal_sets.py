@@ -62,6 +62,14 @@ def test_a_larger_tolerance_is_not_harder(family: str, seed: int) -> None:
     assert max(missed(wide, found(wide))) <= 0.0
 
 
+@pytest.mark.parametrize("width", [0.5, 5.0])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_base_may_lie_in_the_goal(width: float, seed: int) -> None:
+    """A disc wider than the arm is long, as where metres and millimetres are mixed up, is a goal like any other."""
+    wide = replace(clutter(seed, 10).problem(), tolerances=Tolerances(position=width))
+    assert max(missed(wide, found(wide))) <= 0.0
+
+
 @settings(deadline=None, max_examples=40)
 @given(seed=seeds, width=st.floats(0.0, 0.4), turn=st.floats(0.0, np.pi), heading=st.booleans())
 def test_nothing_is_proved_against_a_set_with_a_free_pose(

@@ -191,9 +191,11 @@ def round_base(
 
 
 def _beyond(path: FloatArray, radius: float) -> FloatArray:
-    """The part of a path after it last leaves a disc about its first point, from the disc's edge on."""
+    """The part of a path after it last leaves a disc about its first point, from the disc's edge on; at least its end."""
     distance = np.linalg.norm(path - path[0], axis=1)
     inside = int(np.nonzero(distance <= radius)[0][-1])
+    if inside == len(path) - 1:
+        return path[-1:]
     # On the leg a + t b, the larger root of |a + t b|² = r².
     a = path[inside] - path[0]
     b = path[inside + 1] - path[inside]
