@@ -191,7 +191,7 @@ def round_base(
 
 
 def _beyond(path: FloatArray, radius: float) -> FloatArray:
-    """The part of a path after it last leaves a disc about its first point, from the disc's edge on; at least its end."""
+    """What is left of a path once it last leaves a disc about its first point, from the edge on; at least its end."""
     distance = np.linalg.norm(path - path[0], axis=1)
     inside = int(np.nonzero(distance <= radius)[0][-1])
     if inside == len(path) - 1:
