@@ -161,7 +161,8 @@ def test_objective_is_a_quadratic_form_of_its_blocks(seed: int) -> None:
     sweep = random_sweep(seed, 4)
     objective = Objective(sweep.space, 4)
     v = sweep.coordinates
-    blocks = np.array([[objective.block(k, m) for m in range(5)] for k in range(5)])
+    k, m = np.indices((5, 5)).reshape(2, -1)
+    blocks = objective.blocks(k, m).reshape(5, 5, *objective.shape.shape)
     gradient = np.einsum("kmpq,mq->kp", blocks, v)
     assert np.allclose(objective.gradient(v), gradient)
     assert objective.value(v) == pytest.approx(0.5 * float(np.vdot(v, gradient)))

@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import version
 
 from ccm_opt.driver.metrics import metrics
@@ -43,13 +44,14 @@ def assembled(
         checks=(*plan.checks, *plan.of_terms.checks),
         metrics={**figures, **of_simulation, **plan.of_terms.figures},
         timings=dict(timings),
-        versions=versions(),
+        versions=dict(versions()),
         room=room,
         tolerance=tolerance,
         tries=plan.tries,
     )
 
 
+@cache
 def versions() -> Mapping[str, str]:
     """Versions of Python and of the packages a result depends on."""
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}

@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.link_space import KNOTS, NOMINAL_LINKS, LinkSpace
 from ccm_opt.motion.motion_task import JointSlowness
 from ccm_opt.motion.settings.optimisation_settings import ObjectiveSettings
@@ -112,12 +112,12 @@ class Objective:
             gradient += _differences(self.intervals, order).T @ np.diff(coordinates, order, axis=0) @ metric
         return gradient
 
-    def block(self, k: int, m: int) -> FloatArray:
-        """Second derivative by the coordinates of keyframes k and m, shape (p, p); zero where |k − m| > 2."""
-        block = (k == m) * self.shape
+    def blocks(self, k: IntArray, m: IntArray) -> FloatArray:
+        """Second derivatives by the coordinates of keyframes k and m, shape (b, p, p); zero where |k − m| > 2."""
+        blocks: FloatArray = (k == m)[:, None, None] * self.shape
         for order, metric in ((1, self.first), (2, self.second)):
-            block = block + _normal(self.intervals, order)[k, m] * metric
-        return block
+            blocks = blocks + _normal(self.intervals, order)[k, m][:, None, None] * metric
+        return blocks
 
 
 @lru_cache(maxsize=8)

@@ -6,7 +6,7 @@ sag are diagonal in headings, so that dropping negative entries is the exact pro
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -134,42 +134,31 @@ class KeyframeProgram:
         """Hessian, block-banded, shape (K width, K width)."""
         intervals = len(self.sweep.turns)
         p = self.width - 1
-        blocks = []
-        columns = []
-        starts = [0]
+        k, m = _block_places(intervals)
+        blocks = np.zeros((len(k), self.width, self.width))
+        blocks[:, :p, :p] = self.objective.blocks(k, m)
+
         diagonal, beside = self._row_blocks()
-        for k in range(1, intervals + 1):
-            # Second differences tie a keyframe to the next but one: five blocks to a block row.
-            for m in range(max(1, k - 2), min(intervals, k + 2) + 1):
-                block = np.zeros((self.width, self.width))
-                block[:p, :p] = self.objective.block(k, m)
-                if m == k:
-                    block[:p, :p] += diagonal[k]
-                    block[p, p] = self.settings.slack_curvature
-                # ½ c (δ_{k+1} − δ_k)²: +c on both diagonal blocks, −c between them.
-                elif abs(m - k) == 1:
-                    block[:p, :p] -= beside[min(k, m)]
-                    block[:p, :p] += self._between(k, m)
-                blocks.append(block)
-                columns.append(m - 1)
-            starts.append(len(blocks))
+        own = k == m
+        blocks[own, :p, :p] += diagonal[1:]
+        blocks[own, p, p] = self.settings.slack_curvature
+        # ½ c (δ_{k+1} − δ_k)²: +c on both diagonal blocks, −c between them.
+        neighbours = np.abs(m - k) == 1
+        blocks[neighbours, :p, :p] -= beside[np.minimum(k, m)[neighbours]]
+        for model in self._cost_models:
+            blocks[m == k + 1, :p, :p] += model.above[1:]
+            blocks[m == k - 1, :p, :p] += model.above[1:].transpose(0, 2, 1)
 
         size = intervals * self.width
-        return sp.bsr_matrix((np.array(blocks), columns, starts), shape=(size, size)).tocsc()
-
-    def _between(self, k: int, m: int) -> FloatArray:
-        """Block that costs add between neighbouring keyframes."""
-        block = np.zeros((self.width - 1, self.width - 1))
-        for model in self._cost_models:
-            block += model.above[k] if m > k else model.above[m].T
-        return block
+        starts = np.concatenate(([0], np.cumsum(np.bincount(k - 1, minlength=intervals))))
+        return sp.bsr_matrix((blocks, m - 1, starts), shape=(size, size)).tocsc()
 
     def _row_blocks(self) -> tuple[FloatArray, FloatArray]:
         """Curvature of the rows and damping: blocks on the diagonal, and of turns between neighbours."""
         # Headings are affine in v, so a curvature that is diagonal in headings becomes Aᵀ diag(c) A.
         matrix = self.sweep.space.matrix
-        beside = np.einsum("np,kn,nq->kpq", matrix, np.maximum(self.curvature.turns, 0.0), matrix)
-        diagonal = np.einsum("np,kn,nq->kpq", matrix, np.maximum(self.curvature.headings, 0.0), matrix)
+        beside = matrix.T @ (np.maximum(self.curvature.turns, 0.0)[:, :, None] * matrix)
+        diagonal = matrix.T @ (np.maximum(self.curvature.headings, 0.0)[:, :, None] * matrix)
 
         # Levenberg–Marquardt damping, measured in turns of the links: it holds back what moves the arm, not whatever
         # has a large coordinate.
@@ -255,6 +244,14 @@ class KeyframeProgram:
 
         row, place = np.nonzero(data)
         return data[row, place], row, columns[row, place]
+
+
+@lru_cache(maxsize=8)
+def _block_places(intervals: int) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the blocks, counted from 1: second differences tie a keyframe to the next but one."""
+    row, column = np.indices((intervals, intervals)).reshape(2, -1) + 1
+    near = np.abs(row - column) <= 2
+    return row[near], column[near]
 
 
 def _solve(
