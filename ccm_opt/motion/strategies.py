@@ -111,7 +111,15 @@ class ConnectStrategy:
             return settings.late_budgets
         if few:
             return settings.few_budgets
-        return settings.whole_arm_budgets if task.goal_headings is not None else ()
+        if task.goal_headings is None or self._thin(task):
+            return ()
+        return settings.whole_arm_budgets
+
+    def _thin(self, task: MotionTask) -> bool:
+        """Whether poses have to be looked at nearer to each other than the arm is wide, which takes long."""
+        gap = task.arm.radius + task.workspace.clearance
+        sampling = task.settings.connect.sampling
+        return sampling.pose_spacing * gap < sampling.least_spacing * task.arm.length
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,8 @@ class ConnectSettings:
         most_goals: poses at the goal that the tree may begin with. Taste.
         few_budgets: extensions that searches one after the other may take before all else, for arms of few links.
             Measured: most scenes take some thousand; what takes long is mostly found sooner from the beginning.
-        whole_arm_budgets: the same for other arms with a goal for the whole arm. Taste: less than a second.
+        whole_arm_budgets: the same for other arms with a goal for the whole arm, but for arms so thin that poses lie
+            nearer to each other than these are wide. Taste: less than a second.
         late_budgets: the same for all, before the trees of poses. Taste: some seconds.
         most_links: arms with more links are not planned so. Taste: a pose costs by the links.
         shortcuts: rounds of shortening what is found, before it is optimised. Taste.
