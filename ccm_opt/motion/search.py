@@ -12,6 +12,7 @@ from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise
 from ccm_opt.motion.passage_widths import nominal_links_asked
+from ccm_opt.motion.straightening import straightened
 from ccm_opt.motion.strategies import STRATEGIES, SearchStrategy
 
 
@@ -47,7 +48,7 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
                 return lifted
         motion = strategy.find(task, failures, nominal_links)
         if motion is not None:
-            return optimised_to_end_pose(motion, task)
+            return optimised_to_end_pose(straightened(motion, task), task)
         in_vain.append(StrategyInVain(strategy.name, len(failures) - before, not task.deadline.passed()))
     raise nothing_found(task, failures, in_vain)
 
@@ -67,7 +68,7 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
     """A coarse motion on the task's links: optimised and lifted, or else lifted as it was found and then optimised."""
     # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where it
     # still cannot be lifted, the motion as it was found has more room.
-    lifted = lift(optimised_to_end_pose(found, coarse, task.settings.search.lift_margin), task)
+    lifted = lift(optimised_to_end_pose(straightened(found, coarse), coarse, task.settings.search.lift_margin), task)
     if lifted is not None:
         return lifted
     lifted = lift(found, task)

@@ -11,7 +11,7 @@ from ccm_opt.motion.connect.connect_search import ConnectSearch
 from ccm_opt.motion.connect.goal_draws import GoalDraws
 from ccm_opt.motion.connect.heading_tree import HeadingTree
 from ccm_opt.motion.connect.sampled_check import SampledCheck
-from ccm_opt.motion.connect.shortcuts import Shortcuts
+from ccm_opt.motion.connect.shortcuts import Shortcuts, dense
 from ccm_opt.motion.connect.target_draws import TargetDraws
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.link_space import KNOTS, LinkSpace, fit_coordinates
@@ -60,14 +60,15 @@ class Connecting:
             rng = np.random.default_rng((*seed, number))
             way = self._search(check, rng).run(budget)
             if way is not None:
-                return self._motion(Shortcuts(check, task.certificate.failures, self.settings).shortened(way, rng))
+                shortcuts = Shortcuts(check, task.certificate.failures, self.settings.shortcuts)
+                return self._motion(shortcuts.shortened(way, rng))
             if task.deadline.passed():
                 break
         return None
 
     def _motion(self, way: FloatArray) -> Motion | None:
         """A way in the coordinates of the curve, certified once more; None when that fails."""
-        coordinates = self._coordinates(self._dense(way))
+        coordinates = self._coordinates(dense(way, self.settings.turn))
         headings = self.space.headings(coordinates)
         # The same motion but for rounding, and for the last bit of the way onto the goal.
         if not self._on_goal(coordinates[-1]) or len(self.task.certificate.failures(headings)):
@@ -100,16 +101,6 @@ class Connecting:
             yield pose.headings[None]
             yield next(drawn)
         yield from drawn
-
-    def _dense(self, way: FloatArray) -> FloatArray:
-        """The way with so many keyframes that no link turns far between two of them."""
-        turns = np.abs(np.diff(way, axis=0)).max(axis=1)
-        counts = np.maximum(1, np.ceil(turns / self.settings.turn)).astype(int)
-        pieces = [
-            start + np.arange(count)[:, None] / count * (end - start)
-            for start, end, count in zip(way[:-1], way[1:], counts, strict=True)
-        ]
-        return np.vstack((*pieces, way[-1:]))
 
     def _coordinates(self, way: FloatArray) -> FloatArray:
         """Coordinates of link headings of the space, the ends exact, shape (K, links) to (K, p)."""

@@ -8,7 +8,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.polyline import arc_lengths
 from ccm_opt.motion.connect.sampled_check import SampledCheck
-from ccm_opt.motion.settings.connect_settings import ConnectSettings
+from ccm_opt.motion.settings.connect_settings import ShortcutSettings
 
 
 @dataclass(frozen=True)
@@ -23,14 +23,14 @@ class Shortcuts:
 
     check: SampledCheck
     unproved: Callable[[FloatArray], IntArray]
-    settings: ConnectSettings
+    settings: ShortcutSettings
 
     def shortened(self, way: FloatArray, rng: np.random.Generator) -> FloatArray:
         """A certified way made shorter, link headings of shape (K, links) [rad]; the ends stay."""
-        for _ in range(self.settings.shortcuts):
+        for _ in range(self.settings.rounds):
             arcs = arc_lengths(way)
             # The whole way first: in plain scenes it was there all the time.
-            at = np.sort(rng.uniform(0.0, arcs[-1], (self.settings.shortcut_tries, 2)), axis=1)
+            at = np.sort(rng.uniform(0.0, arcs[-1], (self.settings.tries, 2)), axis=1)
             at[0] = (0.0, arcs[-1])
             way = self._cut_once(way, arcs, at)
             if len(way) == 2:
@@ -57,3 +57,14 @@ class Shortcuts:
 def _at(way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
     """Poses of a way at some of its arc lengths, shape (m, links)."""
     return np.column_stack([np.interp(at, arcs, column) for column in way.T])
+
+
+def dense(way: FloatArray, turn: float) -> FloatArray:
+    """A way with so many keyframes that no link turns by more between two of them, shape (K, links) [rad]."""
+    turns = np.abs(np.diff(way, axis=0)).max(axis=1)
+    counts = np.maximum(1, np.ceil(turns / turn)).astype(int)
+    pieces = [
+        start + np.arange(count)[:, None] / count * (end - start)
+        for start, end, count in zip(way[:-1], way[1:], counts, strict=True)
+    ]
+    return np.vstack((*pieces, way[-1:]))

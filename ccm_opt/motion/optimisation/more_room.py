@@ -6,14 +6,12 @@ interval, the more room that costs beside what there is; between near keyframes 
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.clamped_spline import DEGREE, clamped_spline, places_along
 from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.optimisation.keyframes import subdivided
-from ccm_opt.motion.optimisation.optimise import motion_program, path_parameters
+from ccm_opt.motion.optimisation.optimise import finer, motion_program, path_parameters
 from ccm_opt.motion.optimisation.sequential_convex import MotionProgram, sequential_convex
+from ccm_opt.motion.settings.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.swept_motion import Sweep
 
 
@@ -45,18 +43,19 @@ def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None
         return motion
     wanted = _enough_room(motion, task)
     most = room_of(motion, task)
-    finer = _with_finer_keyframes(motion, settings.finer)
-    program = _program_to_end(finer, task, margin)
+    roomier = _with_finer_keyframes(motion, settings)
+    program = _program_to_end(roomier, task, margin)
     for _ in range(settings.room_passes):
         growth = RoomGrowth(task, wanted)
-        coordinates = sequential_convex(program, finer.coordinates, settings.room_rounds, growth.ended)
-        finer = replace(finer, coordinates=coordinates, headings=motion.space.headings(coordinates))
-        room = room_of(finer, task)
+        coordinates = sequential_convex(program, roomier.coordinates, settings.room_rounds, growth.ended)
+        roomier = replace(roomier, coordinates=coordinates, headings=motion.space.headings(coordinates))
+        room = room_of(roomier, task)
         worthwhile = room >= settings.room_worth * most
         if room > most:
-            motion = finer
+            motion = roomier
             most = room
-        if most >= wanted or not worthwhile or task.deadline.passed():
+        dear = len(roomier.coordinates) > settings.most_intervals
+        if most >= wanted or not worthwhile or dear or task.deadline.passed():
             break
     return motion
 
@@ -117,10 +116,10 @@ def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> M
     return replace(motion_program(motion, to_end, margin), u=path_parameters(motion))
 
 
-def _with_finer_keyframes(motion: Motion, finer: float) -> Motion:
-    """The same motion with as many times the intervals, as even as may be."""
-    turns = np.linalg.norm(np.diff(motion.space.bends(motion.headings), axis=0), axis=1)
-    coordinates = subdivided(motion.coordinates, turns, int(np.ceil(finer * len(turns))))
+def _with_finer_keyframes(motion: Motion, settings: OptimisationSettings) -> Motion:
+    """The same motion with as many times the intervals, as even as may be; not beyond what is affordable."""
+    now = len(motion.coordinates) - 1
+    coordinates, _ = finer(motion, min(settings.finer, max(1.0, settings.finest / now)))
     return replace(motion, coordinates=coordinates, headings=motion.space.headings(coordinates))
 
 

@@ -67,23 +67,43 @@ def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: i
     """The motion optimised at few keyframes.
 
     A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after some rounds
-    it is thinned again.
+    it is thinned again, if it can be.
     """
     settings = task.settings.optimisation
     left = settings.rounds if rounds is None else rounds
-    spare = 0.0
+    keyframes, u = _few_keyframes(motion, task, 0.0)
     while left > 0:
-        keyframes, u = _few_keyframes(motion, task, spare)
         program = replace(whole, u=u)
         if task.optimiser == "interior-point":
             return _with_keyframes(motion, interior_point(program, keyframes), motion.u)
         many = len(keyframes) - 1 > settings.many * settings.intervals
         taken = min(left, settings.first_rounds) if many else left
+        before = keyframes
+        length = travel(motion)
         motion = _with_keyframes(motion, sequential_convex(program, keyframes, taken), motion.u)
         left -= settings.counted_rounds if many else taken
+        if not many:
+            continue
+        stuck = np.array_equal(motion.coordinates, before)
         # A motion that keeps room already is not thinned into the walls again.
-        spare = settings.kept_share * task.least_gap(motion.headings) if many else 0.0
+        keyframes, u = _few_keyframes(motion, task, settings.kept_share * task.least_gap(motion.headings))
+        if len(keyframes) - 1 <= settings.many * settings.intervals:
+            continue
+        # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
+        # become few stays as it is, or is cut finer where nothing moves.
+        slow = travel(motion) > (1.0 - settings.worth_many) * length
+        if slow and len(before) > (settings.most_intervals if stuck else 0):
+            break
+        keyframes, u = finer(motion, settings.finer if stuck else 1.0)
     return motion
+
+
+def finer(motion: Motion, times: float) -> tuple[FloatArray, FloatArray]:
+    """The coordinates of the same motion at as many times the intervals, as even as may be, and their parameters."""
+    turns = np.linalg.norm(np.diff(motion.space.bends(motion.headings), axis=0), axis=1)
+    labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
+    keyframes = subdivided(labelled, turns, int(np.ceil(times * len(turns))))
+    return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
 
 def _few_keyframes(motion: Motion, task: MotionTask, spare: float) -> tuple[FloatArray, FloatArray]:

@@ -88,6 +88,12 @@ class MotionProgram:
         group = -(-self.space.arm.links // settings.groups)  # rounded up
         return near_rows.take(representatives(near_rows, values[near], group, settings.sectors))
 
+    def seen_by_steps(self, sweep: Sweep) -> float:
+        """How near to their bound rows enter the QP [m]; many keyframes are steps as short as the rows are many."""
+        settings = self.settings.optimisation
+        many = len(sweep.turns) > settings.many * settings.intervals
+        return self.active * (settings.active_at_many if many else 1.0)
+
     def restored(self, coordinates: FloatArray) -> FloatArray:
         """The keyframes brought back onto the limits, shape (K + 1, p); the same array where no limit moves them."""
         for limit in self.limits:
@@ -189,7 +195,7 @@ def _round(program: MotionProgram, objective: Objective, iterate: _Iterate) -> _
     settings = program.settings.optimisation
     sweep = iterate.sweep
     rows = program.rows(sweep)
-    active = program.active_rows(rows, sweep, program.active)
+    active = program.active_rows(rows, sweep, program.seen_by_steps(sweep))
     costs = program.costs(rows, sweep)
     keyframe_rows = tuple(each for limit in program.limits for each in limit.keyframe_rows(sweep, program.u))
     equations = tuple(each for limit in program.limits for each in limit.keyframe_equations(sweep, program.u))

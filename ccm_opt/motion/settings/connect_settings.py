@@ -50,6 +50,21 @@ class GoalDrawSettings:
 
 
 @dataclass(frozen=True)
+class ShortcutSettings:
+    """Numbers of replacing stretches of a way by straight motions.
+
+    Attributes:
+        rounds: in each of which one stretch may be replaced. Taste.
+        tries: stretches that are tried in each round. Taste.
+        saved: least share of the way that a shortcut saves. Taste.
+    """
+
+    rounds: int = 12
+    tries: int = 16
+    saved: float = 0.01
+
+
+@dataclass(frozen=True)
 class ConnectSettings:
     """Numbers of RRT-Connect.
 
@@ -78,9 +93,7 @@ class ConnectSettings:
             nearer to each other than these are wide. Taste: less than a second.
         late_budgets: the same for all, before the trees of poses. Taste: some seconds.
         most_links: arms with more links are not planned so. Taste: a pose costs by the links.
-        shortcuts: rounds of shortening what is found, before it is optimised. Taste.
-        shortcut_tries: shortcuts that are tried in each round. Taste.
-        saved: least share of the way that a shortcut saves. Taste.
+        shortcuts: of shortening what is found, before it is optimised.
         turn: most that a link turns between two keyframes [rad]. Derived: that of a step of the continuation.
         sampling: of the sampled check.
         goals: of poses at a goal for the tip.
@@ -103,9 +116,7 @@ class ConnectSettings:
     whole_arm_budgets: tuple[int, ...] = (4000,)
     late_budgets: tuple[int, ...] = (8000,)
     most_links: int = 48
-    shortcuts: int = 12
-    shortcut_tries: int = 16
-    saved: float = 0.01
+    shortcuts: ShortcutSettings = field(default_factory=ShortcutSettings)
     turn: float = 0.15
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     goals: GoalDrawSettings = field(default_factory=GoalDrawSettings)

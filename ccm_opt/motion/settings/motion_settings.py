@@ -15,6 +15,7 @@ from ccm_opt.motion.settings.optimisation_settings import (
 )
 from ccm_opt.motion.settings.search_settings import SearchSettings, SmoothPathSettings
 from ccm_opt.motion.settings.step_settings import ContinuationSettings, GoalSettings, StepSettings, TrackingSettings
+from ccm_opt.motion.settings.straightening_settings import StraighteningSettings
 from ccm_opt.motion.settings.tree_settings import TreeSettings
 from ccm_opt.motion.settings.user_limit_settings import UserLimitSettings
 
@@ -37,6 +38,7 @@ class MotionSettings:
         tree: of the trees of poses.
         connect: of RRT-Connect.
         lifting: of taking a motion over to an arm of many links.
+        straightening: of cutting a long motion short before it is optimised.
         optimisation: of the optimisation of a motion.
         objective: weights inside its objective.
         bottleneck: how much more the busiest joints count at last.
@@ -57,6 +59,7 @@ class MotionSettings:
     tree: TreeSettings = field(default_factory=TreeSettings)
     connect: ConnectSettings = field(default_factory=ConnectSettings)
     lifting: LiftingSettings = field(default_factory=LiftingSettings)
+    straightening: StraighteningSettings = field(default_factory=StraighteningSettings)
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     bottleneck: BottleneckSettings = field(default_factory=BottleneckSettings)

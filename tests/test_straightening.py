@@ -1,0 +1,43 @@
+"""Long motions are cut short before they are optimised, and short ones are left alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.optimisation.optimise import thinned, travel
+from ccm_opt.motion.search import find_motion
+from ccm_opt.motion.straightening import straightened
+from tests.scenes import clutter, motion_task, sweep_gaps, swept
+
+
+def to_and_fro(seed: int, times: int) -> tuple[MotionTask, Motion]:
+    """A found motion that goes there and back several times before it goes there."""
+    task = motion_task(clutter(seed, 20).problem(), guessing=True)
+    found = find_motion(replace(task, optimiser="none"))
+    back = np.vstack((found.coordinates, found.coordinates[-2::-1]))
+    coordinates = np.vstack((*(back[:-1] for _ in range(times)), found.coordinates))
+    return task, replace(found, coordinates=coordinates, headings=found.space.headings(coordinates))
+
+
+@pytest.mark.parametrize("seed", [50_001, 50_004])
+def test_a_motion_to_and_fro_is_cut_short(seed: int) -> None:
+    """What is left has the same ends, is certified, touches nothing in a dense sweep, and is much shorter."""
+    task, long = to_and_fro(seed, 8)
+    assert len(thinned(long, task.certificate)[0]) - 1 > task.settings.straightening.many
+    short = straightened(long, task)
+    assert travel(short) < 0.5 * travel(long)
+    assert np.array_equal(short.coordinates[[0, -1]], long.coordinates[[0, -1]])
+    assert short.space.headings(short.coordinates) == pytest.approx(short.headings)
+    assert len(task.certificate.failures(short.headings)) == 0
+    frames = [swept(a, b, 10) for a, b in zip(short.headings[:-1], short.headings[1:], strict=True)]
+    assert min(sweep_gaps(task.arm, task.workspace, np.vstack(frames))) > 0.0
+
+
+def test_a_short_motion_stays_as_it_is() -> None:
+    """Few keyframes are cheap to optimise, and no motion is touched where none is to be optimised."""
+    task, short = to_and_fro(50_004, 0)
+    assert straightened(short, task) is short
+    task, long = to_and_fro(50_004, 8)
+    assert straightened(long, replace(task, optimiser="none")) is long
