@@ -114,7 +114,7 @@ def hairpin_scene() -> HairpinScene:
     problem = ccm_opt.load_problem(PROBLEMS / "horn-wide.toml")
     ends = resolve_ends(problem)
     room = route_room(problem, ends)
-    tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room), room.inflation)
+    tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room), room)
     deadline = Deadline.after(60.0)
     task = MotionTask(problem.arm, problem.workspace, ends.start, ends.goal, None, (), tip_paths, deadline)
     run = SearchRun.from_task(task, task.settings.search.margins[0], NOMINAL_LINKS)

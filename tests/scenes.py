@@ -136,7 +136,7 @@ def motion_task(problem: Problem, seconds: float = 60.0, *, guessing: bool = Fal
         goal=ends.goal,
         goal_headings=ends.goal_headings,
         guesses=tuple(find_guesses(problem, ends, room, routes)) if guessing else (),
-        tip_paths=tip_paths_along(problem, ends, routes, room.inflation),
+        tip_paths=tip_paths_along(problem, ends, routes, room),
         deadline=later(seconds),
     )
 

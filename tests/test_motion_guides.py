@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from ccm_opt.collision.certificate import Certificate
+from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
@@ -130,7 +131,7 @@ def test_a_route_leaves_the_base_straight() -> None:
     for turn in np.linspace(0.5, 5.5, 6):
         goal = 0.9 * np.array([np.cos(turn), np.sin(turn)])
         route = np.stack((points[0], goal))
-        for path in find_tip_paths(Workspace(ROOM), points, (route,), 0.016, 0.016):
+        for path in find_tip_paths(FreeSpace(Workspace(ROOM), 0.016), points, (route,), 0.016):
             np.testing.assert_allclose(path.from_joint(points, 0), route, atol=1e-9)
 
 
@@ -338,7 +339,7 @@ def test_tip_paths_are_free_and_lead_from_tip_to_goal(seed: int) -> None:
     scene = clutter(seed, 20)
     points = scene.arm.joint_positions(scene.start)
     route = scene.arm.joint_positions(scene.goal)
-    paths = find_tip_paths(scene.workspace, points, (route,), scene.arm.radius + 1e-3, 0.0)
+    paths = find_tip_paths(FreeSpace(scene.workspace, scene.arm.radius + 1e-3), points, (route,), 0.0)
     assert {path.side for path in paths} == {1, -1}
     assert [path.length for path in paths] == sorted(path.length for path in paths)
     for path in paths:

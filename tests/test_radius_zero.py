@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import UnreachableGoal
+from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.passage_widths import passage_widths
@@ -101,7 +102,7 @@ def test_only_tip_paths_that_turn_the_base_as_the_goal_does_remain() -> None:
     assert isinstance(problem.start, JointPose)
     assert isinstance(problem.goal, JointPose)
     points, route = (arm.joint_positions(arm.headings(pose.bends)) for pose in (problem.start, problem.goal))
-    paths = find_tip_paths(problem.workspace, points, (route,), 1e-3, 0.016)
+    paths = find_tip_paths(FreeSpace(problem.workspace, 1e-3), points, (route,), 0.016)
     assert {path.side for path in paths} == {1, -1}
     assert [path.side for path in turning_by(paths, np.pi - 1e-3)] == [1]
     assert [path.side for path in turning_by(paths, -np.pi - 1e-3)] == [-1]

@@ -14,6 +14,7 @@ from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceS
 from ccm_opt.freespace.funnel import taut_string
 from ccm_opt.freespace.inflation import free_set
 from ccm_opt.freespace.junctions import EdgeMetric
+from ccm_opt.freespace.narrow_gates import GateRuns, straight_through_gates
 from ccm_opt.freespace.routes import shortest_routes
 from ccm_opt.freespace.triangulation import Triangulation, triangulate
 from ccm_opt.freespace.workspace import Workspace
@@ -32,6 +33,7 @@ class FreeSpace:
         workspace: the room and its obstacles.
         inflation: the arm's radius plus clearance [m], positive; a tiny number, as 1e-6, for an arm of no width.
         settings: numbers of the method.
+        gate_runs: taut paths run straight through gates that are so narrow; None for paths that are taut throughout.
 
     Raises:
         ValueError: when the inflation is not positive.
@@ -40,6 +42,7 @@ class FreeSpace:
     workspace: Workspace
     inflation: float
     settings: FreeSpaceSettings = field(default=DEFAULT_FREE_SPACE, kw_only=True)
+    gate_runs: GateRuns | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         if not self.inflation > 0.0:
@@ -95,7 +98,7 @@ class FreeSpace:
         return self.sleeve_of(one) == self.sleeve_of(other)
 
     def taut_path(self, polyline: FloatArray, shrink: float = 0.0) -> FloatArray:
-        """The shortest path with the ends and of the homotopy class of a polyline.
+        """The shortest path with the ends and of the homotopy class of a polyline, straight through narrow gates.
 
         Args:
             polyline: shape (m, 2) [m]; may leave free space a little and run back over itself.
@@ -107,8 +110,16 @@ class FreeSpace:
         Raises:
             UnreachableGoal: when its ends lie in different components.
         """
+
+        def taut(line: FloatArray) -> FloatArray:
+            return self.path_of_sleeve(self.sleeve_of(line), line[0], line[-1], shrink)
+
         polyline = np.asarray(polyline, dtype=np.float64)
-        return self.path_of_sleeve(self.sleeve_of(polyline), polyline[0], polyline[-1], shrink)
+        sleeve = self.sleeve_of(polyline)
+        path = self.path_of_sleeve(sleeve, polyline[0], polyline[-1], shrink)
+        if self.gate_runs is None:
+            return path
+        return straight_through_gates(path, self.triangulation.portals(sleeve), self.gate_runs, taut, self.contains)
 
     def path_of_sleeve(
         self, sleeve: tuple[int, ...], start: FloatArray, goal: FloatArray, shrink: float = 0.0

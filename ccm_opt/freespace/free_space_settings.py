@@ -12,6 +12,8 @@ class FreeSpaceSettings:
             below 22° need one vertex only, and nothing is given away but 2 % of the inflation.
         circle_quad_segs: sides of the polygon around a quarter of a circle; with 3, a circle becomes a 12-gon, 3.5 %
             wider at its vertices. Taste.
+        corner_quad_segs: sides of the polygon round a quarter of a turn at corners, in place of tangents; 0 for
+            tangents and circles of few vertices. Taste: with 24, only 0.06 % of the inflation is given away.
         dent: depth up to which dents of free space are filled, as a share of the inflation. Taste.
         edge_samples: points on each edge of the triangulation, ends included, between which paths are measured before
             any is drawn taut. Taste; a walk costs its square.
@@ -43,6 +45,7 @@ class FreeSpaceSettings:
 
     mitre_limit: float = 1.02
     circle_quad_segs: int = 3
+    corner_quad_segs: int = 0
     dent: float = 0.02
     edge_samples: int = 7
     route_surplus: int = 6
@@ -67,3 +70,5 @@ class FreeSpaceSettings:
 
 DEFAULT_FREE_SPACE = FreeSpaceSettings()
 """The numbers that are used unless others are passed."""
+FINE_FREE_SPACE = FreeSpaceSettings(corner_quad_segs=24, dent=0.0)
+"""For passages that hardly let the arm through: many vertices, but next to nothing given away."""

@@ -49,6 +49,8 @@ def grown_outline(
     obstacle: Obstacle, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 ) -> shapely.Geometry:
     """A polygon of few vertices that contains all points within ``inflation`` [m] of the obstacle."""
+    if settings.corner_quad_segs > 0:
+        return obstacle.outline(inflation, settings.corner_quad_segs)
     radius = obstacle.rounding + inflation
     core = obstacle.core
     if isinstance(core, shapely.Point):

@@ -7,6 +7,7 @@ from itertools import count
 from typing import TypeAlias
 
 import numpy as np
+import shapely
 
 from ccm_opt.collision.certificate import Certificate, allowed_contact
 from ccm_opt.collision.contact_finder import ContactFinder
@@ -111,9 +112,28 @@ class MotionTask:
         contact = allowed_contact(self.arm, self.workspace, self.settings.certificate)
         most = settings.spare * self.arm.length
         # No certificate can ask for more than an end has; an end in contact gets a small depth below it, or its first
-        # interval would always fail.
+        # interval would always fail. Nor for more than a gate leaves beside the arm.
         spare = np.clip(settings.spare_at_ends * min(gaps) - contact, -contact, most)
+        in_gates = min((self.gap_about(path.gate_places) for path in self.tip_paths), default=np.inf)
+        spare = min(spare, max(settings.spare_in_gates * in_gates, 0.0))
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
+
+    def at_full_limits(self) -> "MotionTask":
+        """The same, but that steps use nearly all of the joint limits."""
+        step = self.settings.step
+        return replace(self, settings=replace(self.settings, step=replace(step, limit_share=step.full_limit_share)))
+
+    def bends_all_it_may(self, headings: FloatArray) -> bool:
+        """Whether a pose, link headings (links,) [rad], bends a joint as far as planning does, or farther."""
+        share = self.settings.step.limit_share
+        hair = self.settings.certificate.rounding + 1e-3 * (1.0 - share)
+        return bool(np.any(np.abs(self.arm.bends(headings)) > (share - hair) * self.arm.bend_limits))
+
+    def gap_about(self, places: FloatArray) -> float:
+        """Gap that the arm would have to walls at the nearest of some places of its axis, shape (m, 2) [m]."""
+        spots = shapely.multipoints(places)
+        nearest = min(float(shapely.distance(spots, wall.core)) - wall.rounding for wall in self.workspace.walls)
+        return nearest - self.arm.radius - self.workspace.clearance if len(places) else np.inf
 
     @cached_property
     def certificate(self) -> MotionCertificate:
@@ -138,7 +158,13 @@ class MotionTask:
 
     def limits(self, finder: ContactFinder, wanted_gap: float = 0.0) -> tuple[Limit, ...]:
         """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
-        return assembled_limits(finder, self.contact_certificate, self.settings.step, self.user_limits, wanted_gap)
+        certificate = self.contact_certificate
+        return assembled_limits(finder, certificate, self.settings.step, self.user_limits, wanted_gap, self._rails)
+
+    @cached_property
+    def _rails(self) -> tuple[FloatArray, ...]:
+        """Middle lines of the narrow gates on the tip's paths, each of shape (k, 2) [m]."""
+        return tuple(rail for path in self.tip_paths for rail in path.rails)
 
     def certificate_with(self, spare: float) -> MotionCertificate:
         """The certificate of all limits, with more gap beyond contact than motions must have [m]."""

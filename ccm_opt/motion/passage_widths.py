@@ -1,7 +1,6 @@
 """How wide the passages are that a tip path leads through: the walls' distance across it, on both sides together."""
 
 import numpy as np
-import shapely
 
 from ccm_opt.freespace.walls import Walls
 from ccm_opt.ground.arrays import FloatArray
@@ -37,8 +36,8 @@ def fitting_margins(task: MotionTask, margins: tuple[float, ...], nominal_links:
     gap = gap_beside_arm(task) * nominal_links / task.arm.length
     if gap <= 0.0:
         return margins
-    # A margin wider than the gap closes the passage: the step would never get through.
-    fitting = tuple(margin for margin in margins if margin <= gap)
+    # A margin nearly as wide as the gap closes the passage: the step would never get through.
+    fitting = tuple(margin for margin in margins if margin <= settings.fitting_share * gap)
     if fitting:
         return fitting
     return max(settings.least_margin, settings.margin_share * gap), margins[-1]
@@ -57,14 +56,15 @@ def gap_beside_arm(task: MotionTask) -> float:
         if path.length > 0.0:
             half_width = 0.5 * float(passage_widths(walls, path.taut, arm.length, samples).min())
             # With a wider margin than it has at the goal the tip would never arrive.
-            rooms.append(min(half_width, _room_about(task, path.route[-1])))
+            rooms.append(
+                min(half_width, *(_room_about(task, places) for places in (path.gate_places, path.route[-1:])))
+            )
     return max(rooms) - (arm.radius + task.workspace.clearance) if rooms else 0.0
 
 
-def _room_about(task: MotionTask, place: FloatArray) -> float:
-    """Distance from a place (2,) to the nearest wall [m]."""
-    tip = shapely.Point(place)
-    return min(float(shapely.distance(tip, wall.core)) - wall.rounding for wall in task.workspace.walls)
+def _room_about(task: MotionTask, places: FloatArray) -> float:
+    """Distance from places (m, 2) to the nearest wall [m]; inf for no places."""
+    return task.gap_about(places) + task.arm.radius + task.workspace.clearance
 
 
 def passage_widths(

@@ -15,6 +15,7 @@ from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.pose import Pose
 from ccm_opt.motion.pulling_over import fitting_folds, heading_window, pulled_over
 from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, GuideSettings
+from ccm_opt.motion.sliding import slid_out
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath
 
@@ -36,6 +37,9 @@ def first_candidates(
         tip_paths: shortest first.
         whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
     """
+    # In a gate with hardly any play nothing else moves an arm.
+    yield from slid_out(stepper, start, whole_arm, tip_paths)
+
     interpolated = _interpolations(stepper, start, goal_coordinates)
     if whole_arm is not None or goes_straight(tip_paths, stepper.settings.guides):
         yield from interpolated

@@ -28,6 +28,9 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
         TimeLimitReached: the deadline passed first.
         UnreachableGoal: it is proved that there is none.
     """
+    ends = [task.start] if task.goal_headings is None else [task.start, task.goal_headings]
+    if any(task.bends_all_it_may(end) for end in ends):
+        task = task.at_full_limits()
     failures: list[Failure] = []
     in_vain: list[StrategyInVain] = []
     nominal_links = nominal_links_asked(task)

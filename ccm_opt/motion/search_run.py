@@ -21,6 +21,7 @@ from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import CachedItems, Motion, MotionTask
 from ccm_opt.motion.portfolio import first_candidates, further_candidates
 from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.sliding import mouth_of_gates
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tracking import ReferenceMotion, follow_reference
 from ccm_opt.motion.tree.tree_search import TreeTask
@@ -53,6 +54,9 @@ class SearchRun:
             margin_links: planning margin, in nominal links.
             nominal_links: nominal links to the arm's length.
         """
+        narrowed = task.settings.step.narrowed(margin_links)
+        if narrowed is not task.settings.step:
+            task = replace(task, settings=replace(task.settings, step=narrowed))
         space, start = LinkSpace.through(task.arm, task.start, nominal_links, clamped=task.clamped)
         goal = task.limited_goal
         guesses: Iterable[FloatArray] = CachedItems(_nearest_coordinates(space, guess) for guess in task.guesses)
@@ -85,6 +89,10 @@ class SearchRun:
         """The candidates that solve most problems."""
         whole_arm = self.goal.coordinates
         return self._drawn(first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
+
+    def lies_in_gates(self) -> bool:
+        """Whether the arm lies in narrow gates at the start."""
+        return any(mouth_of_gates(self.stepper, self.start, path) is not None for path in self.task.tip_paths)
 
     def further(self) -> Iterator[GuideCandidate]:
         """All other candidates."""

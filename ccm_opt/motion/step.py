@@ -65,6 +65,10 @@ class Stepper:
 
         most = settings.iterations_a_row * len(upper)
         delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, sense, iter_limit=most)
+        if flag < 1 and np.any(lower[sense == 0] > 0.0):
+            # What rows ask to be mended cannot be at once: then it may stay as it is.
+            staying = np.where(sense == 0, np.minimum(lower, 0.0), lower)
+            delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, staying, sense.copy(), iter_limit=most)
         # Negative flags: infeasible, jammed, or out of iterations. The pose itself as the answer tells the caller that
         # there is no step.
         if flag < 1:

@@ -8,6 +8,7 @@ from ccm_opt.motion.backward import backward_tasks, reversed_motion
 from ccm_opt.motion.connect.connecting import CONNECT, Connecting
 from ccm_opt.motion.continuation import Stalled
 from ccm_opt.motion.failures import Failure
+from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.passage_widths import fitting_margins
 from ccm_opt.motion.search_run import SearchRun
@@ -92,8 +93,8 @@ class ConnectStrategy:
         budgets = self._budgets(task)
         if task.arm.links > task.settings.connect.most_links or task.deadline.passed():
             return None
-        run = SearchRun.from_task(task, task.settings.search.margins[-1], nominal_links)
-        search = Connecting(task, run.stepper.space, run.start, run.goal, run.goal_poses)
+        run = SearchRun.from_task(task.at_full_limits(), task.settings.search.margins[-1], nominal_links)
+        search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
         motion = search.find(budgets, (task.seed, self.late))
         if motion is None:
             ended = Stalled(f"{len(budgets)} searches of up to {max(budgets)} extensions did not meet", [run.start])
@@ -190,7 +191,8 @@ class TreeStrategy:
         """The motion that joins the trees."""
         if not task.tip_paths or task.deadline.passed():
             return None
-        runs = [SearchRun.from_task(task, margin, nominal_links) for margin in task.settings.search.tree_margins]
+        full = task.at_full_limits()
+        runs = [SearchRun.from_task(full, margin, nominal_links) for margin in task.settings.search.tree_margins]
         narrowest = runs[-1]
         steppers = tuple(run.stepper for run in runs)
         try:
@@ -204,15 +206,32 @@ class TreeStrategy:
 def candidate_motions(
     task: MotionTask, margin: float, nominal_links: float, failures: list[Failure]
 ) -> Iterator[Motion | None]:
-    """Forwards, then backwards from every pose at the goal, then forwards with all that is left; None for failures."""
+    """Forwards, then backwards from every pose at the goal, then forwards with all that is left; None for failures.
+
+    Backwards first where the way leads into narrow gates: an arm can be slid out of them.
+    """
     forward = SearchRun.from_task(task, margin, nominal_links)
-    yield forward.run(forward.first(), failures)
+    into_gates = any(path.rails for path in task.tip_paths) and not forward.lies_in_gates()
+    if not into_gates:
+        before = len(failures)
+        yield forward.run(forward.first(), failures)
+        if any(_kept_off_by_limits(task, failure) for failure in failures[before:]):
+            task = task.at_full_limits()
+            forward = SearchRun.from_task(task, margin, nominal_links)
+            yield forward.run(forward.first(), failures)
     for turned in backward_tasks(task, forward.stepper):
         if turned is not None:
             backward = SearchRun.from_task(turned, margin, nominal_links)
             motion = backward.run(backward.first(), failures)
             yield reversed_motion(motion) if motion is not None else None
+    if into_gates:
+        yield forward.run(forward.first(), failures)
     yield forward.run(forward.further(), failures)
+
+
+def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
+    """Whether a candidate ended near its goal with a joint bent as far as planning does."""
+    return failure.remaining < task.arm.length / NOMINAL_LINKS and task.bends_all_it_may(failure.headings)
 
 
 STRATEGIES: tuple[SearchStrategy, ...] = (

@@ -5,6 +5,7 @@ The arm cannot be crossed and its base cannot be moved, so what matters of a pat
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -12,7 +13,8 @@ import shapely
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.narrow_gates import gate_rails
+from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.ground.angles import heading_of, sweep_on_side, unit_vector, wrap
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import metres
@@ -50,26 +52,43 @@ class TipPath:
         """For messages."""
         return f"{'left' if self.side > 0 else 'right'} of the arm, path of {metres(self.length)}"
 
+    @cached_property
+    def gate_places(self) -> FloatArray:
+        """Places in the middle of the narrow gates that the taut path leads through, shape (m, 2) [m]."""
+        room = self.free_space
+        if room.gate_runs is None:
+            return np.zeros((0, 2))
+        # Places evenly along the path may all miss a gate: every edge that it crosses in free space is looked at.
+        return room.gate_runs.places(room.triangulation.portals(room.sleeve_of(self.taut)))
+
+    @cached_property
+    def rails(self) -> tuple[FloatArray, ...]:
+        """Middle lines of the narrow gates on the taut path, with straight runs, each of shape (k, 2) [m]."""
+        room = self.free_space
+        if room.gate_runs is None:
+            return ()
+        portals = room.triangulation.portals(room.sleeve_of(self.taut))
+        return gate_rails(self.taut, portals, room.gate_runs, room.contains)
+
     def from_joint(self, points: FloatArray, joint: int) -> FloatArray:
         """The taut path from a joint of the arm, back along the arm and out along the route, shape (k, 2) [m]."""
         return taut_round_base(self.free_space, points[: joint + 1], self.route, self.side, self.shrink)
 
 
 def find_tip_paths(
-    workspace: Workspace, points: FloatArray, routes: tuple[FloatArray, ...], inflation: float, shrink: float
+    room: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
     """Both sides of every route, shortest tip path first.
 
     Args:
-        workspace: walls and boundary.
+        room: free space, without the puncture at the base.
         points: joints and tip at the start, shape (links + 1, 2) [m].
         routes: from the base to the goal, each of shape (k, 2) [m].
-        inflation: inflation of the walls [m].
         shrink: distance kept from corners where there is room [m].
     """
     puncture = Obstacle("base", shapely.Point(points[0]))
-    punctured = replace(workspace, obstacles=(*workspace.obstacles, puncture))
-    return tip_paths_in(FreeSpace(punctured, inflation), points, routes, shrink)
+    punctured = replace(room.workspace, obstacles=(*room.workspace.obstacles, puncture))
+    return tip_paths_in(replace(room, workspace=punctured), points, routes, shrink)
 
 
 def tip_paths_in(

@@ -92,9 +92,9 @@ class CurvePlanner:
         with self.stages("free space"):
             room = route_room(problem, ends, settings)
             routes = find_routes(problem, ends, room, settings) if ends.goal_headings is None else ()
-            if not routes and ends.goal_headings is None:
+            tip_paths = tip_paths_along(problem, ends, routes, room, settings)
+            if not tip_paths:
                 self.refuse(problem if asked is None else asked)
-            tip_paths = tip_paths_along(problem, ends, routes, room.inflation, settings)
         # Without a goal for the whole arm all that there is to prove has been tried by now.
         refuse = partial(self.refuse, asked or problem) if ends.goal_headings is not None else _nothing_proved
         guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes, settings)))

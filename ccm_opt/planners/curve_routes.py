@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
+from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
+from ccm_opt.freespace.free_space_settings import FINE_FREE_SPACE
+from ccm_opt.freespace.narrow_gates import GateRuns
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.polyline import path_length
@@ -23,7 +26,8 @@ def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DE
     """Free space for routes, walls that no pose at the goal comes near to left out.
 
     Walls are inflated by a little more than the arm needs, but by no more than the goal has. Where that closes every
-    way from the base to the goal, by hardly more than the arm needs.
+    way from the base to the goal, or from where the arm lies, by hardly more than the arm needs; where that does too,
+    their corners are drawn finely.
     """
     least = problem.arm.radius + problem.workspace.clearance
     inflation = settings.route_inflation * problem.arm.length
@@ -35,20 +39,27 @@ def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DE
         room = min(shapely.distance(goal, wall.core) - wall.rounding for wall in workspace.walls)
         wide = least + float(np.clip(room - least - kept, kept, inflation))
     free = FreeSpace(workspace, wide)
-    if ends.goal_headings is not None or _connected(problem, ends, free, settings):
+    if _connected(problem, ends, free, settings):
         return free
-    return FreeSpace(workspace, least + kept)
+    narrow = FreeSpace(workspace, least + kept)
+    if _connected(problem, ends, narrow, settings):
+        return narrow
+    return FreeSpace(workspace, least + kept, settings=FINE_FREE_SPACE)
 
 
 def _connected(problem: Problem, ends: Ends, room: FreeSpace, settings: CurvePlannerSettings) -> bool:
-    """Whether the free places nearest to the base and to some member of the goal are in one piece."""
+    """Whether the free places nearest to the base, the tip as it is, and a member of the goal are in one piece."""
     pieces = shapely.get_parts(room.polygons)
+    places = [problem.arm.base, problem.arm.joint_positions(ends.start)[-1]]
     if ends.goal.is_set:
-        return len(pieces) > 0 and bool(goal_members(problem.arm, ends.goal, room, settings.members))
+        if len(pieces) == 0 or not goal_members(problem.arm, ends.goal, room, settings.members):
+            return False
+    else:
+        places.append(ends.goal.position)
     if len(pieces) < 2:
         return len(pieces) == 1
-    nearest = [np.argmin(shapely.distance(pieces, shapely.Point(p))) for p in (problem.arm.base, ends.goal.position)]
-    return bool(nearest[0] == nearest[1])
+    nearest = {int(np.argmin(shapely.distance(pieces, shapely.Point(place)))) for place in places}
+    return len(nearest) == 1
 
 
 def find_routes(
@@ -132,16 +143,18 @@ def tip_paths_along(
     problem: Problem,
     ends: Ends,
     routes: tuple[Route, ...],
-    inflation: float,
+    room: FreeSpace,
     settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> tuple[TipPath, ...]:
     """Classes of tip motions: along every route, or along the goal pose itself when that is given.
+
+    None where free space, which gives a little away at corners, is closed to the tip; that proves nothing.
 
     Args:
         problem: what is asked.
         ends: of the motion.
         routes: from the base to the goal.
-        inflation: of the walls [m].
+        room: free space that the routes were found in; the tip's is drawn alike.
         settings: numbers.
     """
     arm = problem.arm
@@ -150,7 +163,13 @@ def tip_paths_along(
         ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_headings),)
     else:
         ways = tuple(route.taut for route in routes)
-    paths = find_tip_paths(problem.workspace, points, ways, inflation, settings.corner_distance * arm.length)
+    link = max(arm.link_length, arm.length / NOMINAL_LINKS)
+    gate_runs = GateRuns(settings.gate_width * arm.length, settings.gate_run * link, arm.base, 1.1 * room.inflation)
+    drawn = FreeSpace(problem.workspace, room.inflation, settings=room.settings, gate_runs=gate_runs)
+    try:
+        paths = find_tip_paths(drawn, points, ways, settings.corner_distance * arm.length)
+    except UnreachableGoal:
+        return ()
     if ends.goal_headings is None:
         return turning_least(paths, float(arm.bends(ends.start)[0]), arm.base_limit)
     return turning_by(paths, float(ends.goal_headings[0] - ends.start[0]))

@@ -18,6 +18,10 @@ class CurvePlannerSettings:
         least_margin: share of that inflation that is always kept, so that free space is never empty of width. Taste.
         corner_distance: distance that taut paths keep from corners where there is room, as a share of the arm's
             length. Taste.
+        gate_width: width of free space, as a share of the arm's length, below which the tip is led straight through a
+            gate. Taste: a link with more play than that passes askew.
+        gate_run: straight run before and behind such a gate, in links, or in nominal links where these are longer.
+            Derived: the link that follows has to lie straight too.
         run_in: straight run onto the goal along its heading, in nominal links; the longest that is free. Taste.
         run_in_samples: places of the run that have to be free. Taste.
         longest_route: routes longer than this share of the arm's length are not looked at. Taste: the arm needs some
@@ -53,6 +57,8 @@ class CurvePlannerSettings:
     route_inflation: float = 1e-3
     least_margin: float = 1e-3
     corner_distance: float = 0.016
+    gate_width: float = 4e-3
+    gate_run: float = 1.2
     run_in: tuple[float, ...] = (2.0, 1.0, 0.5, 0.0)
     run_in_samples: int = 9
     longest_route: float = 0.985
@@ -61,7 +67,7 @@ class CurvePlannerSettings:
     attempts: int = 2
     further_attempts: int = 4
     curvature_share: float = 0.9
-    full_curvature_share: float = 0.995
+    full_curvature_share: float = 1.0
     planning_share: float = 0.9
     cost_shares: tuple[float, ...] = (1.0, 0.1, 0.0)
     beginnings: int = 2

@@ -49,9 +49,10 @@ class ContactLimit(Limit):
         settings = self.settings
         contacts = finder.find(pose.points)
         rows = contact_rows(contacts, jacobians)
-        # n·J δ ≥ −share · (gap − margin), never above 0: a pair inside its margin may stay, and the push mends it
-        # softly, since a hard row could leave no step at all.
-        lower = np.minimum(-settings.closing_share * (contacts.gap - contacts.margin), 0.0)
+        # n·J δ ≥ −share · (gap − margin): a pair inside its margin may stay, and the push mends it softly. Where
+        # margins are narrow the row asks for some of it: a gap that only may not shrink is taken by the second order.
+        beyond = contacts.gap - contacts.margin
+        lower = np.where(beyond >= 0.0, -settings.closing_share * beyond, -settings.firm_share * beyond)
         # A start that stands nearer than the margin is legal; what it lacks is granted to every pose of the step.
         allowed = allowed_shortfall(contacts, settings.keep_share)
 

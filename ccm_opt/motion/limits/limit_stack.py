@@ -5,7 +5,9 @@ A new limit that always holds is one more line here; its rows, checks and words 
 
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.collision.contact_finder import ContactFinder
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.limits.contact_limit import ContactLimit
+from ccm_opt.motion.limits.gate_rails import GateRails
 from ccm_opt.motion.limits.joint_limit import JointLimit
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.turn_limit import TurnLimit
@@ -18,6 +20,7 @@ def assembled_limits(
     settings: StepSettings,
     user_limits: tuple[Limit, ...] = (),
     wanted_gap: float = 0.0,
+    rails: tuple[FloatArray, ...] = (),
 ) -> tuple[Limit, ...]:
     """All limits of a motion, in the order of their rows; true checks run backwards, the costly one of contact last.
 
@@ -27,10 +30,13 @@ def assembled_limits(
         settings: of the step.
         user_limits: what the user asks for; usually none.
         wanted_gap: room that the optimisation of a motion asks for where there is so much [m].
+        rails: middle lines of narrow gates, each of shape (k, 2) [m].
     """
+    drawn = (GateRails(rails, settings.rails.play * finder.margin, settings.rails),) if rails else ()
     return (
         ContactLimit(finder, certificate, settings, wanted_gap),
         TurnLimit(),
         JointLimit(settings),
+        *drawn,
         *user_limits,
     )

@@ -123,6 +123,37 @@ class WithdrawalSettings:
 
 
 @dataclass(frozen=True)
+class SlidingSettings:
+    """Numbers of sliding out of narrow gates.
+
+    Attributes:
+        advance: by which the arm is drawn back in one step, in nominal links. Taste.
+        leash: how far a joint may lag before the arm is drawn on, in nominal links. Taste.
+        longest_error: error of a joint that is asked to be mended in one step, in nominal links. Taste.
+        strand_weight: of the joints that are drawn back, per nominal link, against their distance in nominal links.
+            Taste.
+        bending: weight of the curvature, in nominal links. Taste: far more than elsewhere, so that the arm bows out in
+            one bow and does not crumple.
+        evenness: weight of its differences from knot to knot. Taste.
+        turn_weight: of every link's turn, per nominal link. Taste.
+        bowing: way over which the arm is bent to a side at first, in nominal links. Taste.
+        bow: curvature to which it is then drawn, in nominal links. Taste.
+        beside: a gate lies about the arm if its middle is nearer to it than this, in nominal links. Taste.
+    """
+
+    advance: float = 0.2
+    leash: float = 0.6
+    longest_error: float = 1.0
+    strand_weight: float = 1.0
+    bending: float = 0.03
+    evenness: float = 0.03
+    turn_weight: float = 0.002
+    bowing: float = 3.0
+    bow: float = 0.1
+    beside: float = 0.5
+
+
+@dataclass(frozen=True)
 class PassageWidthSettings:
     """Numbers of how passages are measured, and what follows from their width.
 
@@ -131,6 +162,8 @@ class PassageWidthSettings:
         narrow: passages less wide than this many nominal links ask for shorter nominal links. Taste: a fold in
             a passage is about a third of its width high, and should not be shorter than a nominal link.
         roomy: width that such passages then have, in nominal links. Taste.
+        fitting_share: share of the gap beside the arm that a planning margin may be. Taste: with all of it taken, a
+            step could move nowhere.
         margin_share: where no planning margin fits, this share of the gap that there is serves as one. Taste.
         least_margin: least planning margin, in nominal links. Taste.
     """
@@ -138,8 +171,9 @@ class PassageWidthSettings:
     samples: int = 96
     narrow: float = 2.5
     roomy: float = 3.2
+    fitting_share: float = 0.8
     margin_share: float = 0.5
-    least_margin: float = 0.004
+    least_margin: float = 0.001
 
 
 @dataclass(frozen=True)
@@ -155,6 +189,7 @@ class GuideSettings:
         tip_led: of tip-led continuation.
         hairpin: of the travelling hairpin.
         withdrawal: of drawing back.
+        sliding: of sliding out of narrow gates.
         passages: of how passages are measured.
     """
 
@@ -165,6 +200,7 @@ class GuideSettings:
     tip_led: TipLedSettings = field(default_factory=TipLedSettings)
     hairpin: HairpinSettings = field(default_factory=HairpinSettings)
     withdrawal: WithdrawalSettings = field(default_factory=WithdrawalSettings)
+    sliding: SlidingSettings = field(default_factory=SlidingSettings)
     passages: PassageWidthSettings = field(default_factory=PassageWidthSettings)
 
 

@@ -23,6 +23,7 @@ class SearchSettings:
             Taste.
         spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste.
         spare_at_ends: share of the gap at the ends that the certificate may ask for. Taste.
+        spare_in_gates: the same of the gap in narrow gates. Taste: half of what poses keep there by their margin.
         end_reach: gaps at the ends that are looked at, in spares. Taste.
     """
 
@@ -36,6 +37,7 @@ class SearchSettings:
     put_off: float = 0.5
     spare: float = 1e-4
     spare_at_ends: float = 0.5
+    spare_in_gates: float = 0.1
     end_reach: float = 4.0
 
 

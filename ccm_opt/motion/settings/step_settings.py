@@ -1,6 +1,24 @@
 """Settings of the continuation: of a single step, of following a guide, and of settling on the goal."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class RailSettings:
+    """Numbers of the rails through narrow gates.
+
+    Attributes:
+        weight: on a joint's distance from the middle of its gate beyond a part of the play, against a nominal link's
+            distance. Taste: with three times as much joints cannot give way to the goal.
+        play: that part, in planning margins. Taste.
+        beside: joints farther off than this are not on the rail, in nominal links. Taste.
+    """
+
+    weight: float = 30.0
+    play: float = 0.5
+    beside: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -10,30 +28,62 @@ class StepSettings:
     Attributes:
         limit_share: share of a joint limit that planning uses; what accepted poses and splines overshoot stays below
             the limit. Taste.
+        full_limit_share: the same where the ends, or what keeps the arm off its goal, ask for more. Derived: what rows
+            and polishing may err by is a hundredth of a degree at most.
         keep_share: share of the planning margin that every accepted pose keeps. Taste.
         largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
         closing_share: share of its gap beyond the margin by which a near pair may close in one step. Derived: two
             links that move towards each other close it at most together.
         mending_share: share of what a gap lacks to its margin that a step asks for. Taste.
+        firm_share: the same that rows ask for, where there is such a step; usually nothing. Taste.
+        narrow_firm_share: the same where margins are narrow. Taste.
         push_weight: weight on mending gaps inside their margin, against a nominal link's distance. Taste.
         near_joint_limit: bends nearer to their limit than this get rows in the optimisation [rad]. Taste: a little
             more than a step turns a joint.
         ridge: keeps the step's Hessian definite where no term reaches. Taste.
+        narrow_ridge: the same where margins are narrow. Measured: beside the heavy weights there the solver does not
+            tell a Hessian with the usual ridge definite, and takes 600 iterations where 10 do.
         iterations_a_row: most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need
             more than 24 in all. Taste.
         backtracks: halvings of a step before it is given up. Taste.
+        narrow_margin: planning margin below which steps are smaller, in nominal links. Taste: the usual narrow one.
+        rails: of what draws joints to the middle of narrow gates.
     """
 
     limit_share: float = 0.98
+    full_limit_share: float = 0.9995
     keep_share: float = 0.4
     largest_turn: float = 0.15
     closing_share: float = 0.5
     mending_share: float = 0.5
+    firm_share: float = 0.0
+    narrow_firm_share: float = 0.5
     push_weight: float = 30.0
     near_joint_limit: float = 0.25
     ridge: float = 1e-9
+    narrow_ridge: float = 1e-6
     iterations_a_row: int = 8
     backtracks: int = 6
+    narrow_margin: float = 0.024
+    rails: RailSettings = field(default_factory=RailSettings)
+
+    def narrowed(self, margin: float) -> "StepSettings":
+        """The numbers for a planning margin, in nominal links: where it is small, so are the steps.
+
+        Linearised rows err by the square of the turn. What pushes the arm out of its margin has to grow as the margin
+        gets smaller, or the guide would hold it at the very edge, where no step is left.
+        """
+        share = margin / self.narrow_margin
+        if share >= 1.0:
+            return self
+        turn = self.largest_turn * float(np.sqrt(share))
+        return replace(
+            self,
+            largest_turn=turn,
+            push_weight=self.push_weight / share,
+            firm_share=self.narrow_firm_share,
+            ridge=self.narrow_ridge,
+        )
 
 
 @dataclass(frozen=True)

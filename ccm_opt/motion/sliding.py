@@ -1,0 +1,63 @@
+"""Candidates that slide the arm out of narrow gates, and go on to the goal from there."""
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+import shapely
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import arc_lengths
+from ccm_opt.motion.continuation import Guide
+from ccm_opt.motion.guide_candidate import GuideCandidate
+from ccm_opt.motion.guides.sliding_out import SlidingOut
+from ccm_opt.motion.guides.straight_interpolation import Interpolation
+from ccm_opt.motion.guides.tip_led import TipLed
+from ccm_opt.motion.guides.tip_track import TipTrack
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.pulling_over import heading_window
+from ccm_opt.motion.step import Stepper
+from ccm_opt.motion.tip_paths import TipPath
+
+
+def slid_out(
+    stepper: Stepper, start: Pose, whole_arm: FloatArray | None, paths: tuple[TipPath, ...]
+) -> Iterator[GuideCandidate]:
+    """The arm slid out of the gates in which it lies, to either side; none where it lies in no gate.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        whole_arm: coordinates of a goal for the whole arm, or None.
+        paths: of the tip.
+    """
+    settings = stepper.settings.guides.sliding
+    mouths = [(path, mouth_of_gates(stepper, start, path)) for path in paths]
+    for path, mouth in mouths:
+        if mouth is None:
+            continue
+        for side in (path.side, -path.side):
+            make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side, settings)
+            name = f"slid out of gates, bowed to the {'left' if side > 0 else 'right'}"
+            yield GuideCandidate(f"{name}, {path.name}", make_guide, (partial(_onward, stepper, whole_arm, path),))
+
+
+def mouth_of_gates(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
+    """Arc length from the base at which the arm enters the first gate that it lies in [m]; None if it lies in none."""
+    axis = shapely.LineString(start.points)
+    beside = stepper.settings.guides.sliding.beside * stepper.space.nominal_length
+    lain_in = [rail for rail in path.rails if shapely.distance(shapely.Point(rail[len(rail) // 2]), axis) < beside]
+    ends = [axis.project(shapely.Point(end)) for rail in lain_in for end in rail[[0, -1]]]
+    return min(ends, default=None)
+
+
+def _onward(stepper: Stepper, whole_arm: FloatArray | None, path: TipPath, guide: Guide, pose: Pose) -> Guide:
+    """From before the gates to the goal: straight to a pose of the whole arm, or the tip along the rest of its path."""
+    del guide
+    if whole_arm is not None:
+        return Interpolation(stepper.space, pose.v, whole_arm, settings=stepper.settings.guides.interpolation)
+    line = shapely.LineString(path.taut)
+    rest = path.taut[arc_lengths(path.taut) > line.project(shapely.Point(pose.points[-1]))]
+    taut = path.free_space.taut_path(np.vstack((pose.points[-1], rest)), shrink=path.shrink)
+    track = TipTrack.along(taut, heading_window(stepper), float(pose.headings[-1]))
+    return TipLed(stepper.space, track, settings=stepper.settings.guides.tip_led)

@@ -1,0 +1,235 @@
+"""Random problems at the edge of the possible: hardly any play, joints at their limits, starts that touch; seeded.
+
+Every problem has a goal pose that owes nothing to the planner: laid on the centre line of its doors, or bent as far as
+joints go. The arm is 1 m long; links, radius, limits, play and kind of goal are drawn.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import shapely
+import shapely.affinity
+
+from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import JointPose, Problem, TipGoal
+from tests.benchmarks.scene_families import NoSceneError, laid_on
+from tests.scenes import Scene, make_arm, random_headings, self_gap, wall_gaps
+
+LINKS = (8, 12, 16, 24, 30, 36, 48)
+PLAYS = (1.02, 1.03, 1.05)
+"""Width of a gate over that of the arm."""
+ROOM = shapely.box(-1.4, -1.4, 1.5, 1.4)
+DRAWS = 200
+KEPT_OFF = 0.02
+"""Least gap of random poses to walls that they do not touch, and to the arm itself [m]."""
+AT_LIMIT = 0.999
+"""Share of its limit to which every joint of a stiff arm is bent."""
+WHOLE_ARM = 0.15
+POSITION_ONLY = 0.3
+"""Share of goals for the whole arm, and for the tip's position alone."""
+
+
+def edge_problem(family: str, seed: int, time_limit: float = 20.0) -> Problem:
+    """One problem of a family.
+
+    Raises:
+        NoSceneError: when none comes of the seed.
+    """
+    rng = np.random.default_rng([seed, tuple(EDGES).index(family), 12])
+    links = LINKS[seed % len(LINKS)]
+    scene = EDGES[family](rng, links)
+    kind = rng.random()
+    goal: TipGoal | JointPose = scene.goal_tip
+    if kind < WHOLE_ARM:
+        goal = JointPose(scene.arm.bends(scene.goal))
+    elif kind < WHOLE_ARM + POSITION_ONLY:
+        goal = TipGoal(scene.goal_tip.position)
+    return scene.problem(goal, time_limit, f"{family}-{links}-{seed}")
+
+
+def gate(rng: np.random.Generator, links: int) -> Scene:
+    """One gate that hardly lets the arm through; the start points away from it."""
+    x = rng.uniform(0.25, 0.5)
+    thick = float(rng.choice((0.0, 0.01, 0.02, 0.04)))
+    return turned(_behind_doors(rng, links, [x], [thick], 1.4), rng.uniform(-np.pi, np.pi))
+
+
+def doors(rng: np.random.Generator, links: int) -> Scene:
+    """Two or three doors one after the other in a corridor."""
+    count = int(rng.integers(2, 4))
+    x = 0.25 + 0.35 * np.arange(count) + rng.uniform(-0.03, 0.03, count)
+    return turned(_behind_doors(rng, links, list(x), [0.02] * count, 0.45), rng.uniform(-np.pi, np.pi))
+
+
+def turned(scene: Scene, angle: float) -> Scene:
+    """A scene turned about the base [rad]: nothing lies along the axes any more."""
+    boundary = shapely.affinity.rotate(scene.workspace.boundary, angle, origin=(0.0, 0.0), use_radians=True)
+    obstacles = tuple(
+        replace(each, core=shapely.affinity.rotate(each.core, angle, origin=(0.0, 0.0), use_radians=True))
+        for each in scene.workspace.obstacles
+    )
+    arm = replace(scene.arm, base_heading=scene.arm.base_heading + angle)
+    return Scene(arm, Workspace(boundary, obstacles), scene.start + angle, scene.goal + angle)
+
+
+def _behind_doors(rng: np.random.Generator, links: int, x: list[float], thick: list[float], high: float) -> Scene:
+    """An arm that is to go through doors at some places, at heights that are drawn."""
+    for _ in range(DRAWS):
+        radius = rng.uniform(0.012, 0.022)
+        arm = make_arm(links, radius, base_limit=np.pi)
+        # What stands straight in a door needs a link before it and one behind it.
+        straight = 1.2 * arm.link_length + 0.5 * max(thick)
+        room_to_turn = links >= 16
+        y = rng.uniform(-0.08, 0.08, len(x)) if room_to_turn else np.zeros(len(x))
+        half = float(rng.choice(PLAYS)) * radius
+        shape = SHAPES[int(rng.integers(len(SHAPES)))]
+        line = np.linspace(0.0, 2.0, 401)
+        places = [at + side * straight for at in x for side in (-1.0, 1.0)]
+        wave = np.interp(line, [0.0, *places, 3.0], [0.0, *np.repeat(y, 2), y[-1]])
+        centre = np.stack((line, wave), axis=1)
+        obstacles = tuple(
+            jamb
+            for k, (at, width, b) in enumerate(zip(x, thick, y, strict=True))
+            for name, side in (("top", 1.0), ("bottom", -1.0))
+            for jamb in shape(f"door {k + 1}, {name}", at, width, b + side * half, side * high)
+        )
+        workspace = Workspace(shapely.box(-1.4, -high, 1.5, high), obstacles)
+        goal = laid_on(arm, centre)
+        start = np.full(links, rng.choice((-1.0, 1.0)) * np.deg2rad(rng.uniform(150.0, 179.0)))
+        # The play of the narrowest door, but for what a link's own straightness costs in a thick one.
+        if _clear(arm, workspace, goal, 0.5 * (half - radius)) and _clear(arm, workspace, start, KEPT_OFF):
+            return Scene(arm, workspace, start, goal)
+    raise NoSceneError("the arm cannot lie in the doors")
+
+
+def limit_arc(rng: np.random.Generator, links: int) -> Scene:
+    """Every joint but the first bent to one side, or first to one and then to the other, as far as it goes."""
+    for _ in range(DRAWS):
+        turn = rng.uniform(np.deg2rad(40.0), np.deg2rad(280.0))
+        arm = make_arm(links, float(rng.choice((0.0, 0.01, 0.02))), joint_limit=turn / links, base_limit=np.pi)
+        switch = links if rng.random() < 0.5 else int(rng.integers(1, links))
+        side = float(rng.choice((-1.0, 1.0)))
+        bends = side * np.where(np.arange(links) < switch, 1.0, -1.0) * AT_LIMIT * arm.joint_limit
+        start = np.zeros(links)
+        # Every third arm lies at its limits on the other side already.
+        if rng.random() < 1.0 / 3.0:
+            start = arm.headings(-bends)
+        bends[0] = rng.uniform(-2.0, 2.0) if rng.random() < 0.5 else bends[0]
+        goal = arm.headings(bends)
+        if all(self_gap(arm, arm.joint_positions(pose)) > KEPT_OFF for pose in (start, goal)):
+            return Scene(arm, Workspace(ROOM), start, goal)
+    raise NoSceneError("the arm lies on itself")
+
+
+def limit_arc_among(rng: np.random.Generator, links: int) -> Scene:
+    """The same among some posts that keep off both poses."""
+    scene = limit_arc(rng, links)
+    arm = scene.arm
+    poses = shapely.multilinestrings([arm.joint_positions(pose) for pose in (scene.start, scene.goal)])
+    posts: list[Obstacle] = []
+    for _ in range(40):
+        post = shapely.Point(rng.uniform(-1.0, 1.0, 2))
+        rounding = rng.uniform(0.02, 0.06)
+        if shapely.distance(post, poses) > arm.radius + rounding + KEPT_OFF and len(posts) < 5:
+            posts.append(Obstacle(f"post {len(posts) + 1}", post, rounding))
+    return replace(scene, workspace=Workspace(ROOM, tuple(posts)))
+
+
+def at_wall(rng: np.random.Generator, links: int) -> Scene:
+    """The start touches the flat side of a wall with one of its outer links or with its tip."""
+    return _touching(rng, links, sharp=False)
+
+
+def at_corner(rng: np.random.Generator, links: int) -> Scene:
+    """The start touches the corner of a wall."""
+    return _touching(rng, links, sharp=True)
+
+
+def _touching(rng: np.random.Generator, links: int, *, sharp: bool) -> Scene:
+    """A random start with a wall pushed up to it until they touch, and a random goal."""
+    for _ in range(DRAWS):
+        arm = make_arm(links, rng.uniform(0.012, 0.025))
+        start = random_headings(rng, arm, 2.5)
+        goal = random_headings(rng, arm, 2.5)
+        points = arm.joint_positions(start)
+        if any(self_gap(arm, arm.joint_positions(pose)) < KEPT_OFF for pose in (start, goal)):
+            continue
+        link = int(rng.integers(links // 3, links))
+        place = points[link] + rng.uniform(0.2, 0.8) * (points[link + 1] - points[link])
+        side = float(rng.choice((-1.0, 1.0)))
+        away = unit_vector(start[link] + side * 0.5 * np.pi)
+        touching = _pushed_up_to(_wall_towards(rng, place, away, sharp=sharp), away, points, arm.radius)
+        base_gap = shapely.distance(touching, shapely.Point(arm.base))
+        workspace = Workspace(ROOM, (Obstacle("wall", touching),))
+        if base_gap > 0.1 and _clear(arm, workspace, goal, KEPT_OFF) and _clear(arm, workspace, start, -1e-9):
+            return Scene(arm, workspace, start, goal)
+    raise NoSceneError("no pose")
+
+
+def _pushed_up_to(wall: shapely.Polygon, away: FloatArray, points: FloatArray, apart: float) -> shapely.Polygon:
+    """A wall moved along a direction (2,) away from an arm's joints (k, 2) until it is as far off as it may be [m]."""
+    axis = shapely.LineString(points)
+    near = 0.0
+    far = 0.5
+    for _ in range(60):
+        middle = 0.5 * (near + far)
+        off = shapely.distance(shapely.affinity.translate(wall, *(middle * away)), axis)
+        near, far = (near, middle) if off >= apart else (middle, far)
+    return shapely.affinity.translate(wall, *(far * away))
+
+
+def _wall_towards(rng: np.random.Generator, place: FloatArray, away: FloatArray, *, sharp: bool) -> shapely.Polygon:
+    """A convex wall whose flat side, or whose corner, is at a place, the rest away from it."""
+    along = np.array([-away[1], away[0]])
+    wide = rng.uniform(0.05, 0.2)
+    deep = rng.uniform(0.05, 0.3)
+    if sharp:
+        back = place + deep * away
+        return shapely.Polygon([place, back + wide * along, back - wide * along])
+    corners = [place + s * wide * along + d * away for s, d in ((-1, 0), (1, 0), (1, deep), (-1, deep))]
+    return shapely.Polygon(corners)
+
+
+def _clear(arm: Arm, workspace: Workspace, headings: FloatArray, least: float) -> bool:
+    """Whether a pose keeps a gap from walls, limits, and itself."""
+    points = arm.joint_positions(headings)
+    if np.any(np.abs(arm.bends(headings)) > arm.bend_limits):
+        return False
+    return float(wall_gaps(arm, workspace, points).min()) >= least and self_gap(arm, points) > min(KEPT_OFF, 0.01)
+
+
+def _flat(name: str, x: float, thick: float, low: float, high: float) -> tuple[Obstacle, ...]:
+    """A wall across the way from one height to another: a sheet where it has no thickness."""
+    if thick == 0.0:
+        return (Obstacle(name, shapely.LineString([(x, low), (x, high)])),)
+    return (Obstacle(name, shapely.box(x - 0.5 * thick, min(low, high), x + 0.5 * thick, max(low, high))),)
+
+
+def _pointed(name: str, x: float, thick: float, low: float, high: float) -> tuple[Obstacle, ...]:
+    """A wedge whose point is at the lower height."""
+    half = 0.5 * thick + 0.02
+    return (Obstacle(name, shapely.Polygon([(x, low), (x - half, high), (x + half, high)])),)
+
+
+def _round(name: str, x: float, thick: float, low: float, high: float) -> tuple[Obstacle, ...]:
+    """A wall with a round end."""
+    radius = 0.5 * thick + 0.005
+    inside = low + np.copysign(radius, high)
+    return (Obstacle(name, shapely.LineString([(x, inside), (x, high)]), radius),)
+
+
+SHAPES = (_flat, _pointed, _round)
+"""Of what stands on either side of a door."""
+EDGES: dict[str, Callable[[np.random.Generator, int], Scene]] = {
+    "gate": gate,
+    "doors": doors,
+    "limit-arc": limit_arc,
+    "limit-arc-among": limit_arc_among,
+    "at-wall": at_wall,
+    "at-corner": at_corner,
+}
+"""Families by name."""
