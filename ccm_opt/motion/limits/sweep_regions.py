@@ -14,8 +14,13 @@ import shapely
 
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.box_tree import BoxTree
 from ccm_opt.ground.rounding import SHORTEST
+from ccm_opt.motion.limits.compiled_planes import SweptLinks, compiled_planes
 from ccm_opt.motion.swept_motion import Sweep
+
+BEHIND = 1e-9
+"""By which a wall may stand out of a half-plane that it counts as behind [m]. Derived: rounding."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,11 @@ class WallSegments:
         lines: Any = shapely.linestrings(self.ends)
         lines[lone] = shapely.points(self.ends[lone, 0])
         return shapely.STRtree(lines)
+
+    @cached_property
+    def boxes(self) -> BoxTree:
+        """The same index as flat arrays, for C."""
+        return BoxTree.over(self.ends.min(axis=1), self.ends.max(axis=1))
 
 
 @dataclass(frozen=True)
@@ -83,28 +93,35 @@ def sweep_regions(sweep: Sweep, walls: WallSegments, first_link: int, reach: flo
     intervals, links = sweep.turns.shape
     free = np.arange(first_link, links)
     interval, link = (grid.ravel() for grid in np.meshgrid(np.arange(intervals), free, indexing="ij"))
-
-    # A disc about each sweep first: hulls are costly to build, and many links are far from every wall.
-    far = reach + walls.rounding.max()
     corners = _corners(sweep, interval, link)
+    far = reach + float(walls.rounding.max())
+
+    halfway = corners[:, 2:4]
+    asked = SweptLinks(corners, halfway, walls.ends, walls.rounding, walls.boxes, far, SHORTEST, BEHIND)
+    compiled = compiled_planes(asked)
+    q, normal, bound = planes_by_numpy(corners, walls, far) if compiled is None else compiled
+    return HalfPlanes(interval[q], link[q], normal, bound)
+
+
+def planes_by_numpy(corners: FloatArray, walls: WallSegments, far: float) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Half-planes about sweeps, by sweep and distance, where there is no compiler; arguments as ``SweptLinks``."""
+    # A disc about each sweep first: hulls are costly to build, and many links are far from every wall.
     centres = corners.mean(axis=1)
     extents = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
     near = np.unique(walls.tree.query(shapely.points(centres), predicate="dwithin", distance=far + extents)[0])
-    interval = interval[near]
-    link = link[near]
 
     # All walls within reach of the hulls, and for each the half-plane across the shortest line to it.
     hulls: Any = shapely.convex_hull(shapely.multipoints(corners[near]))
     q, wall = walls.tree.query(hulls, predicate="dwithin", distance=far)
-    normal, gap = _directions(sweep, hulls, walls, q, wall, interval, link)
+    normal, gap = _directions(corners[near, 2:4], hulls, walls, q, wall)
     # b = min n·x over the wall, less its rounding: the half-plane touches the wall, and none of the wall is inside.
     least = np.einsum("mid,md->mi", walls.ends[wall], normal).min(axis=1) - walls.rounding[wall]
 
-    # lexsort sorts by its last key first: by hull, and within a hull by distance.
-    order = np.lexsort((gap, q))
+    # lexsort sorts by its last key first: by hull, and within a hull by distance; walls that it touches by number.
+    order = np.lexsort((wall, gap, q))
     chosen = _nearest_first(q[order], normal[order], walls.ends[wall[order]], walls.rounding[wall[order]], least[order])
-    kept = order[chosen]
-    return HalfPlanes(interval[q[kept]], link[q[kept]], normal[kept], least[kept])
+    kept = order[np.sort(chosen)]
+    return near[q[kept]], normal[kept], least[kept]
 
 
 def _corners(sweep: Sweep, interval: IntArray, link: IntArray) -> FloatArray:
@@ -118,13 +135,7 @@ def _corners(sweep: Sweep, interval: IntArray, link: IntArray) -> FloatArray:
 
 
 def _directions(
-    sweep: Sweep,
-    hulls: FloatArray,
-    walls: WallSegments,
-    q: IntArray,
-    wall: IntArray,
-    interval: IntArray,
-    link: IntArray,
+    halfway: FloatArray, hulls: FloatArray, walls: WallSegments, q: IntArray, wall: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Unit directions from hulls to walls along their shortest lines, and their lengths less the rounding.
 
@@ -134,10 +145,9 @@ def _directions(
     # The hull of the three poses is wider than the sweep at a bend and may touch a wall that the link clears; the
     # shortest line then has no direction.
     touching = shapely.length(lines) < SHORTEST
-    at = interval[q[touching]]
-    of = link[q[touching]]
-    halfway = shapely.linestrings(np.stack((sweep.middles[at, of], sweep.middles[at, of + 1]), axis=1))
-    lines[touching] = shapely.shortest_line(halfway, walls.tree.geometries[wall[touching]])
+    lines[touching] = shapely.shortest_line(
+        shapely.linestrings(halfway[q[touching]]), walls.tree.geometries[wall[touching]]
+    )
 
     ends = shapely.get_coordinates(lines).reshape(-1, 2, 2)
     along = ends[:, 1] - ends[:, 0]
@@ -159,5 +169,5 @@ def _nearest_first(
         kept.append(waiting[first])
         chosen = waiting[first][group]
         beyond = np.einsum("mid,md->mi", ends[waiting], normal[chosen]).min(axis=1) - rounding[waiting]
-        waiting = waiting[(beyond < bound[chosen] - 1e-9) & (waiting != chosen)]
+        waiting = waiting[(beyond < bound[chosen] - BEHIND) & (waiting != chosen)]
     return np.concatenate(kept) if kept else np.zeros(0, dtype=np.intp)
