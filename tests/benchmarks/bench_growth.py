@@ -1,7 +1,8 @@
-"""How planning grows with the scene: fields of many polygons, and outlines of many vertices; run with ``python -m``.
+"""How planning grows: with many polygons, outlines of many vertices, and many links; run with ``python -m``.
 
     python -m tests.benchmarks.bench_growth polygons --counts 30 100 300 1000 3000 --seeds 100 105
     python -m tests.benchmarks.bench_growth vertices --counts 200 2000 8000 --seeds 100 105
+    python -m tests.benchmarks.bench_growth links --counts 24 48 96 192 384 --seeds 100 105
 
 User CPU of planning with optimisation; every plan is verified. The slope is that of the least-squares line through the
 logarithms of counts and medians. Memory is the peak of the process so far. Set OMP_NUM_THREADS=1 and
@@ -22,6 +23,7 @@ from tests.planned_runs import quantile, run
 KINDS: dict[str, Callable[[int], FieldKind]] = {
     "polygons": FieldKind,
     "vertices": lambda count: FieldKind(100, vertices=count),
+    "links": lambda count: FieldKind(30, links=count),
 }
 """What is varied, and what a number of it means."""
 
