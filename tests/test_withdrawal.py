@@ -10,7 +10,7 @@ from ccm_opt.collision.certificate import Certificate
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Stalled, follow
-from ccm_opt.motion.drawing_back import lies_confined, withdrawals
+from ccm_opt.motion.drawing_back import lies_confined, ways_back, withdrawals
 from ccm_opt.motion.guides.withdrawal import Withdrawal
 from ccm_opt.motion.pose import Pose
 from ccm_opt.motion.step import Stepper
@@ -35,12 +35,13 @@ def in_duct(width: float, heading: float) -> Scene:
     return Scene(make_arm(LINKS), duct(width), np.zeros(LINKS), np.full(LINKS, heading))
 
 
-def ways_back(scene: Scene, length: float = 5.0) -> tuple[Stepper, Pose, list[Withdrawal]]:
+def guides_back(scene: Scene, length: float = 5.0) -> tuple[Stepper, Pose, list[Withdrawal]]:
     """The guides that draw a scene's arm back, with the stepper and the start that they are for."""
     stepper, start = make_stepper(scene)
     path = motion_task(scene.problem()).tip_paths[0]
     end = stepper.pose(start.v + np.eye(len(start.v))[0] * scene.goal[0])
-    return stepper, start, [guide for _, guide in withdrawals(stepper, start, end, path, length)]
+    ways = ways_back(stepper, start, end, path)
+    return stepper, start, [guide for _, guide in withdrawals(stepper, start, end, ways, length)]
 
 
 def headings_of(poses: list[Pose]) -> FloatArray:
@@ -61,7 +62,7 @@ def test_an_arm_lies_confined_where_no_fold_has_room_beside_it(width: float, con
 def test_a_fold_draws_the_arm_out_of_its_duct_safely(heading: float) -> None:
     """The tip comes out of the duct, what is still inside slides along it, and nothing is touched."""
     scene = in_duct(0.05, heading)
-    stepper, start, guides = ways_back(scene)
+    stepper, start, guides = guides_back(scene)
     guide = guides[0]
     assert 0.0 < guide.free_from < guide.fold.track.length
     try:
@@ -77,7 +78,7 @@ def test_a_fold_draws_the_arm_out_of_its_duct_safely(heading: float) -> None:
 def test_the_base_turns_least_on_the_first_way_back() -> None:
     """Both sides are offered, wound as the arm is wound on them, and the way with the lesser turn comes first."""
     for heading in (2.0, -2.0):
-        _, start, guides = ways_back(in_duct(0.05, heading))
+        _, start, guides = guides_back(in_duct(0.05, heading))
         turns = [guide.fold.old[0] - start.headings[0] for guide in guides]
         assert [abs(turn) for turn in turns] == sorted(abs(turn) for turn in turns)
         assert turns[0] == pytest.approx(heading)
@@ -86,7 +87,7 @@ def test_the_base_turns_least_on_the_first_way_back() -> None:
 
 def test_a_withdrawal_begins_afresh_each_time() -> None:
     """What is followed moves its own fold and not that of the guide it was made from."""
-    stepper, start, guides = ways_back(in_duct(0.05, 2.6))
+    stepper, start, guides = guides_back(in_duct(0.05, 2.6))
     guide = guides[0]
     before = guide.fold.fold_at
     first = guide.afresh()

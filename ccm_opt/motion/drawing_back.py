@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 import shapely
@@ -22,6 +23,9 @@ from ccm_opt.motion.pulling_over import fold_about_to_travel, leaving_joint
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath, tip_paths_in
 
+WayBack: TypeAlias = tuple[TipPath, tuple[int, FloatArray]]
+"""A way of the tip back to the start, and the joint at which the arm leaves the pose at the goal, with the route."""
+
 
 def drawn_back(
     stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
@@ -39,8 +43,9 @@ def drawn_back(
     end = stepper.pose(wanted)
     led = partial(_led_out, stepper, path)
     laid = partial(_laid_out, stepper, end)
+    ways = ways_back(stepper, start, end, path)
     for length in lengths:
-        for name, guide in withdrawals(stepper, start, end, path, length):
+        for name, guide in withdrawals(stepper, start, end, ways, length):
             if whole_arm and guide.turns != 0.0:
                 # The arm would come to lie where it should, but for whole turns of its base.
                 continue
@@ -50,19 +55,35 @@ def drawn_back(
                 yield GuideCandidate(f"{name}, wholly", wholly.afresh, (laid,) if whole_arm else (led,))
 
 
-def withdrawals(stepper: Stepper, start: Pose, end: Pose, path: TipPath, length: float) -> list[tuple[str, Withdrawal]]:
-    """The named ways back to a pose at the goal, on either side, that with the least turn of the base first.
+def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[WayBack]:
+    """The ways of the tip from a pose at the goal back to the start, and where the arm leaves that pose on each.
 
     Args:
         stepper: of the link space.
         start: where the motion begins.
         end: the pose at the goal.
         path: any of the tip's, for its free space.
+    """
+    ways = tip_paths_in(path.free_space, end.points, (start.points,), path.shrink)
+    left = [(way, leaving_joint(stepper, end, way)) for way in ways]
+    return [(way, leave) for way, leave in left if leave is not None]
+
+
+def withdrawals(
+    stepper: Stepper, start: Pose, end: Pose, ways: list[WayBack], length: float
+) -> list[tuple[str, Withdrawal]]:
+    """The named ways back to a pose at the goal, on either side, that with the least turn of the base first.
+
+    Args:
+        stepper: of the link space.
+        start: where the motion begins.
+        end: the pose at the goal.
+        ways: of the tip, from ``ways_back``.
         length: of the fold, in nominal links.
     """
     found = []
-    for way in tip_paths_in(path.free_space, end.points, (start.points,), path.shrink):
-        guide = withdrawal(stepper, start, end, way, length)
+    for way, leave in ways:
+        guide = withdrawal(stepper, start, end, (way, leave), length)
         if guide is not None:
             side = "left" if way.side > 0 else "right"
             found.append((f"drawn back by a fold of {length:.2g}, {side} of the goal pose", guide))
@@ -113,21 +134,18 @@ def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatAr
     return np.where(beside, widths, np.inf)
 
 
-def withdrawal(stepper: Stepper, start: Pose, end: Pose, way: TipPath, length: float) -> Withdrawal | None:
+def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, length: float) -> Withdrawal | None:
     """The way in from a pose at the goal, about to be run backwards; None where the base could not turn so far.
 
     Args:
         stepper: of the link space.
         start: where the withdrawal begins.
         end: the pose at the goal.
-        way: of the tip from there to the start.
+        way_back: of the tip from there to the start, and where the arm leaves the pose.
         length: of the fold, in nominal links.
     """
     arm = stepper.space.arm
-    leave = leaving_joint(stepper, end, way)
-    if leave is None:
-        return None
-    joint, route = leave
+    way, (joint, route) = way_back
     near_base = stepper.settings.guides.withdrawal.near_base * stepper.space.nominal_length
     if joint * arm.link_length <= near_base:
         # An arm with length to spare curls round its base; from the base itself the way on knows nothing of that.

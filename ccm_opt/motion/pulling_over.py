@@ -1,7 +1,7 @@
 """Candidates that pull the arm over to its new route as a rope, by a fold that travels from the tip to the base."""
 
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -63,6 +63,7 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
     """
     arm = stepper.space.arm
 
+    @cache
     def onward(joint: int) -> float:
         return path_length(path.from_joint(start.points, joint))
 
