@@ -9,9 +9,11 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.c_compiler import find_compiler
 from ccm_opt.motion.connect.blocked_raster import BlockedRaster
 from ccm_opt.motion.connect.connecting import CONNECT
 from ccm_opt.motion.connect.heading_tree import HeadingTree
@@ -20,7 +22,7 @@ from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import Motion
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.settings.connect_settings import SamplingSettings
-from ccm_opt.motion.strategies import ConnectStrategy, DirectStrategy
+from ccm_opt.motion.strategies import ConnectStrategy, DirectStrategy, Turn
 from ccm_opt.problem import JointPose, Problem
 
 from .few_link_scenes import few_link_problem, few_link_scene
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
     from ccm_opt.motion.failures import Failure
 
 SAMPLING = SamplingSettings()
-CONNECT_ALONE = (ConnectStrategy(late=False),)
+CONNECT_ALONE = (ConnectStrategy(Turn.EARLY),)
 SEEDS = st.integers(0, 10_000)
 EASY = (4, 5, 6, 9, 13, 20)
 """Scenes of few links whose trees meet after some extensions, with goals of every kind."""
@@ -39,7 +41,7 @@ EASY = (4, 5, 6, 9, 13, 20)
 def found(problem: Problem, **changes: object) -> Motion | None:
     """What RRT-Connect alone finds, before it is optimised."""
     task = replace(motion_task(problem), **changes)  # type: ignore[arg-type]  # fields of the task
-    return ConnectStrategy(late=False).find(task, [], NOMINAL_LINKS)
+    return ConnectStrategy(Turn.EARLY).find(task, [], NOMINAL_LINKS)
 
 
 def poses(scene: Scene, seed: int, count: int) -> FloatArray:
@@ -95,6 +97,28 @@ def test_certified_motions_are_never_refuted(seed: int) -> None:
     failing = Certificate(scene.arm, scene.workspace).failures(drawn)
     proved = np.setdiff1d(np.arange(len(shares)), failing)
     assert (shares[proved] == 1.0).all()
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="needs a C compiler")
+@settings(max_examples=15, deadline=None)
+@given(seed=SEEDS, many=st.booleans())
+def test_compiled_shares_are_those_of_numpy(seed: int, many: bool) -> None:
+    """C and numpy look at the same poses: where a cell more or less decides nothing, they say the same."""
+    scene = clutter(seed, 20) if many else few_link_scene(seed)
+    drawn = poses(scene, seed, 40)
+    turned = drawn + np.random.default_rng(seed).normal(0.0, 0.2, drawn.shape)
+    check = SampledCheck.of(scene.arm, scene.workspace, SAMPLING)
+    assert check.compiled is not None
+    blocked = check.raster.blocked
+    # Coordinates in single precision may fall into a neighbouring cell.
+    smaller = replace(check.raster, blocked=ndimage.binary_erosion(blocked, np.ones((3, 3)), border_value=1))
+    larger = replace(check.raster, blocked=ndimage.binary_dilation(blocked, np.ones((3, 3))))
+    most, least = (
+        replace(check, raster=raster, compiled=None).free_shares(drawn, turned) for raster in (smaller, larger)
+    )
+    shares = check.free_shares(drawn, turned)
+    assert (least <= shares).all()
+    assert (shares <= most).all()
 
 
 def test_a_motion_is_free_up_to_the_first_pose_that_is_refuted() -> None:
@@ -166,7 +190,7 @@ def test_what_is_found_is_optimised() -> None:
     """The search with RRT-Connect alone ends with a motion that is shorter than the one found, and certified."""
     problem = few_link_problem(6)
     task = motion_task(problem)
-    first = ConnectStrategy(late=False).find(task, [], NOMINAL_LINKS)
+    first = ConnectStrategy(Turn.EARLY).find(task, [], NOMINAL_LINKS)
     last = find_motion(task, CONNECT_ALONE)
     assert first is not None
     assert np.abs(np.diff(last.headings, axis=0)).sum() < np.abs(np.diff(first.headings, axis=0)).sum()
@@ -190,7 +214,7 @@ def test_many_links_go_straight_to_goals_of_the_whole_arm_before_anything_is_dra
     """Interpolation by the step comes first, forwards and backwards; RRT-Connect then finds the same ends."""
     scene = clutter(1, 5)
     problem = scene.problem(JointPose(scene.arm.bends(scene.goal)))
-    for strategy in (DirectStrategy(), ConnectStrategy(late=False)):
+    for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
         motion = strategy.find(motion_task(problem), [], NOMINAL_LINKS)
         assert motion is not None
         np.testing.assert_allclose(motion.headings[0], scene.start, atol=1e-9)
@@ -204,7 +228,7 @@ def test_a_search_ends_with_its_budget() -> None:
     few = replace(task.settings.connect, few_budgets=(8, 8))
     failures: list[Failure] = []
     limited = replace(task, settings=replace(task.settings, connect=few))
-    assert ConnectStrategy(late=False).find(limited, failures, NOMINAL_LINKS) is None
+    assert ConnectStrategy(Turn.EARLY).find(limited, failures, NOMINAL_LINKS) is None
     assert failures[0].candidate == CONNECT
     assert "8 extensions" in failures[0].message
 

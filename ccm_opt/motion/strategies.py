@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import Protocol
 
 from ccm_opt.motion.backward import backward_tasks, reversed_motion
@@ -13,6 +14,14 @@ from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.passage_widths import fitting_margins
 from ccm_opt.motion.search_run import SearchRun
 from ccm_opt.motion.tree.tree_search import TREES, search_by_trees
+
+
+class Turn(IntEnum):
+    """When RRT-Connect has its turn: before the candidates, among them, or after them."""
+
+    EARLY = 0
+    LATE = 1
+    MIDDLE = 2
 
 
 class SearchStrategy(Protocol):
@@ -74,12 +83,12 @@ class ConnectStrategy:
     """RRT-Connect in the coordinates of the curve, with so many extensions that it costs little.
 
     Attributes:
-        late: whether this is its turn after the candidates, when it applies to arms of many links too.
+        turn: which of its turns this is; the last is for goals of every kind.
         name: for the record of a search in vain.
-        costly: the later turn follows strategies that are.
+        costly: later turns follow strategies that are.
     """
 
-    late: bool
+    turn: Turn
     name: str = CONNECT
     costly: bool = False
 
@@ -95,7 +104,7 @@ class ConnectStrategy:
             return None
         run = SearchRun.from_task(task.at_full_limits(), task.settings.search.margins[-1], nominal_links)
         search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
-        motion = search.find(budgets, (task.seed, self.late))
+        motion = search.find(budgets, (task.seed, self.turn))
         if motion is None:
             ended = Stalled(f"{len(budgets)} searches of up to {max(budgets)} extensions did not meet", [run.start])
             failures.append(run.failure(CONNECT, ended))
@@ -108,13 +117,13 @@ class ConnectStrategy:
         # Without a way of the tip there is hardly one of the arm; few links may still have one closer to a wall.
         if not task.tip_paths and not few:
             return ()
-        if self.late:
+        if self.turn is Turn.LATE:
             return settings.late_budgets
         if few:
-            return settings.few_budgets
+            return settings.few_budgets if self.turn is Turn.EARLY else ()
         if task.goal_headings is None or self._thin(task):
             return ()
-        return settings.whole_arm_budgets
+        return settings.whole_arm_budgets if self.turn is Turn.EARLY else settings.middle_budgets
 
     def _thin(self, task: MotionTask) -> bool:
         """Whether poses have to be looked at nearer to each other than the arm is wide, which takes long."""
@@ -125,8 +134,15 @@ class ConnectStrategy:
 
 @dataclass(frozen=True)
 class PortfolioStrategy:
-    """The candidates of the portfolio with one planning margin after another."""
+    """The candidates of the portfolio with the widest planning margin, or with one narrower margin after another.
 
+    Attributes:
+        narrow: whether with narrower margins.
+        name: for the record of a search in vain.
+        costly: they take seconds.
+    """
+
+    narrow: bool
     name: str = "candidates"
     costly: bool = True
 
@@ -136,7 +152,8 @@ class PortfolioStrategy:
 
     def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The first candidate's motion that arrives and is certified."""
-        for margin in fitting_margins(task, task.settings.search.margins, nominal_links):
+        margins = fitting_margins(task, task.settings.search.margins, nominal_links)
+        for margin in margins[1:] if self.narrow else margins[:1]:
             for motion in candidate_motions(task, margin, nominal_links, failures):
                 if motion is not None:
                     return motion
@@ -236,10 +253,12 @@ def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
 
 STRATEGIES: tuple[SearchStrategy, ...] = (
     DirectStrategy(),
-    ConnectStrategy(late=False),
-    PortfolioStrategy(),
+    ConnectStrategy(Turn.EARLY),
+    PortfolioStrategy(narrow=False),
+    ConnectStrategy(Turn.MIDDLE, name=f"{CONNECT}, longer"),
+    PortfolioStrategy(narrow=True, name="candidates nearer to walls"),
     TrackingStrategy(),
-    ConnectStrategy(late=True, name=f"{CONNECT} again"),
+    ConnectStrategy(Turn.LATE, name=f"{CONNECT} again"),
     TreeStrategy(),
 )
 """What is tried in turn."""

@@ -117,7 +117,8 @@ class ConnectSearch:
     def _add_steps(self, tree: HeadingTree, node: int, target: FloatArray, share: float) -> None:
         """Nodes at whole steps towards a target, as many as lie in the free share of the way."""
         start = tree.nodes[node].copy()
-        step = self.settings.range / max(float(self._travel(start, target)), self.settings.range)
+        longest = self.draws.longest
+        step = longest / max(float(self._travel(start, target)), longest)
         for k in range(1, int(share / step) + 1):
             added = tree.add((start + k * step * (target - start))[None], np.array([node]))
             node = int(added[0])
@@ -148,7 +149,7 @@ class ConnectSearch:
 
     def _shortened(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Ends of straight motions, none of which is too long or leaves the limits of the bends."""
-        longest = self.settings.range
+        longest = self.draws.longest
         share = longest / np.maximum(self._travel(start, end), longest)
         share = np.minimum(share, self.draws.within_limits(start, end))
         return start + share[:, None] * (end - start)

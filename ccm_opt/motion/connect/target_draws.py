@@ -35,6 +35,12 @@ class TargetDraws:
     base: tuple[float, float]
     settings: ConnectSettings
 
+    @property
+    def longest(self) -> float:
+        """Longest extension, the mean turn of the links [rad]."""
+        few = self.arm.links <= self.settings.few_links
+        return self.settings.range if few else self.settings.smooth_range
+
     @classmethod
     def within(
         cls, space: LinkSpace, ends: list[FloatArray], curve_columns: int, share: float, settings: ConnectSettings
