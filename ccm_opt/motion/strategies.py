@@ -134,10 +134,10 @@ class ConnectStrategy:
 
 @dataclass(frozen=True)
 class PortfolioStrategy:
-    """The candidates of the portfolio with the widest planning margin, or with one narrower margin after another.
+    """The candidates of the portfolio with one planning margin after another.
 
     Attributes:
-        narrow: whether with narrower margins.
+        narrow: whether this is what is left of the margins where RRT-Connect has its turn after the widest.
         name: for the record of a search in vain.
         costly: they take seconds.
     """
@@ -148,18 +148,23 @@ class PortfolioStrategy:
 
     def applies(self, task: MotionTask) -> bool:
         """Candidates do not know how far along the motion they are."""
-        return not task.parametric
+        return not task.parametric and (not self.narrow or self._divided(task))
 
     def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The first candidate's motion that arrives and is certified."""
         margins = fitting_margins(task, task.settings.search.margins, nominal_links)
-        for margin in margins[1:] if self.narrow else margins[:1]:
+        if self._divided(task):
+            margins = margins[1:] if self.narrow else margins[:1]
+        for margin in margins:
             for motion in candidate_motions(task, margin, nominal_links, failures):
                 if motion is not None:
                     return motion
                 if task.deadline.passed():
                     return None
         return None
+
+    def _divided(self, task: MotionTask) -> bool:
+        return task.arm.links <= task.settings.connect.most_links and ConnectStrategy(Turn.MIDDLE).applies(task)
 
 
 @dataclass(frozen=True)
