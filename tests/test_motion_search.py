@@ -172,6 +172,28 @@ def test_a_motion_is_lifted_to_more_links(name: str, links: int) -> None:
     assert (np.abs(arm.bends(lifted.headings)) <= arm.bend_limits).all()
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_motion_bent_once_more_to_its_own_end_is_lifted(backwards: bool) -> None:
+    """A goal for the whole arm is met exactly after lifting, though the motion has a further coordinate for its end."""
+    many = make_arm(48)
+    start = np.linspace(0.0, 0.6, 48)
+    goal = np.linspace(1.0, 2.2, 48)
+    scene = Scene(many, Workspace(ROOM), start, goal)
+    task = motion_task(scene.problem(JointPose(many.bends(goal))))
+    coarse = coarsened(task, 24)
+    assert coarse.goal_headings is not None
+    ends = [coarse.goal_headings, coarse.start] if backwards else [coarse.start, coarse.goal_headings]
+    space, first = LinkSpace.through(coarse.arm, ends[0])
+    once, _ = space.blended_to(ends[1])
+    twice, last = once.blended_to(ends[1])
+    coordinates = np.linspace(np.append(first, (0.0, 0.0)), last, 12)
+    if backwards:
+        coordinates = coordinates[::-1]
+    lifted = lift(Motion(twice, coordinates, twice.headings(coordinates), "bent twice"), task)
+    assert lifted is not None
+    np.testing.assert_allclose(lifted.headings[[0, -1]], [start, goal], atol=1e-9)
+
+
 def _refined(headings: FloatArray, links: int) -> FloatArray:
     """Headings of an arm with more links of the same shape, smoothed over a link."""
     middles = (np.arange(links) + 0.5) / links

@@ -43,6 +43,12 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     return Motion(space, coordinates, headings, f"{motion.candidate}, lifted", end_pose=motion.end_pose)
 
 
+def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
+    """Columns (m, k) over the links of one arm, over those of another; shape (links, k)."""
+    resampled = [_resampled(column, links) for column in columns.T]
+    return np.column_stack(resampled) if resampled else np.zeros((links, 0))
+
+
 def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     """Link space of the task's arm in which the motion's first coordinates give the task's start.
 
@@ -56,18 +62,18 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     at_start = task.start - matrix @ first[:p]  # the offset that the first keyframe needs
 
     if task.goal_headings is not None:
+        # A motion that was bent to its own end for more room has still more coordinates: their columns are taken over.
+        extra = _resampled_columns(motion.space.matrix[:, p + 1 :], task.arm.links)
+        before = at_start - extra @ first[p + 1 :]
+        behind = task.goal_headings - matrix @ last[:p] - extra @ last[p + 1 :]
         planned_backwards = first[p] > last[p]
-        if planned_backwards:
-            offset = task.goal_headings - matrix @ last[:p]
-            blended = task.start - matrix @ first[:p]
-        else:
-            offset = at_start
-            blended = task.goal_headings - matrix @ last[:p]
-        return LinkSpace(task.arm, np.column_stack((matrix, blended - offset)), offset)
+        offset = behind if planned_backwards else before
+        blended = before if planned_backwards else behind
+        return LinkSpace(task.arm, np.column_stack((matrix, blended - offset, extra)), offset)
 
     if len(first) > p and first[-1] == 0.0:
         # Blended to an end that the planner chose for the coarse arm: its column is taken over, the start stays exact.
-        extra = np.column_stack([_resampled(column, task.arm.links) for column in motion.space.matrix[:, p:].T])
+        extra = _resampled_columns(motion.space.matrix[:, p:], task.arm.links)
         return LinkSpace(task.arm, np.column_stack((matrix, extra)), at_start - extra @ first[p:])
 
     if len(first) > p:
