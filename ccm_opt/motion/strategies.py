@@ -17,11 +17,12 @@ from ccm_opt.motion.tree.tree_search import TREES, search_by_trees
 
 
 class Turn(IntEnum):
-    """When RRT-Connect has its turn: before the candidates, among them, or after them."""
+    """When RRT-Connect has its turn: before the candidates, among them, after them, or after the trees."""
 
     EARLY = 0
     LATE = 1
     MIDDLE = 2
+    LAST = 3
 
 
 class SearchStrategy(Protocol):
@@ -117,11 +118,13 @@ class ConnectStrategy:
         # Without a way of the tip there is hardly one of the arm; few links may still have one closer to a wall.
         if not task.tip_paths and not few:
             return ()
-        if self.turn is Turn.LATE:
-            return settings.late_budgets
+        # Thin arms of many links have their late turn after the trees, for to look at them takes long.
+        slow = not few and self._thin(task)
+        if self.turn in {Turn.LATE, Turn.LAST}:
+            return settings.late_budgets if slow == (self.turn is Turn.LAST) else ()
         if few:
             return settings.few_budgets if self.turn is Turn.EARLY else ()
-        if task.goal_headings is None or self._thin(task):
+        if task.goal_headings is None or slow:
             return ()
         return settings.whole_arm_budgets if self.turn is Turn.EARLY else settings.middle_budgets
 
@@ -265,5 +268,6 @@ STRATEGIES: tuple[SearchStrategy, ...] = (
     TrackingStrategy(),
     ConnectStrategy(Turn.LATE, name=f"{CONNECT} again"),
     TreeStrategy(),
+    ConnectStrategy(Turn.LAST, name=f"{CONNECT} again"),
 )
 """What is tried in turn."""
