@@ -24,6 +24,7 @@ from ccm_opt.planners.following.elastic_band import ElasticBand
 from ccm_opt.planners.following.feed_path import FeedMotions
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING
 from ccm_opt.planners.following.gating import straight_while_held
+from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.planners.following.path_of_shape import path_of_pose
 from ccm_opt.planners.following.slide import pose_on, slide
 from ccm_opt.problem import JointPose, Problem, TipGoal
@@ -277,3 +278,33 @@ def test_a_fast_feed_is_held_back_where_joints_leave_the_guide() -> None:
     solution = solve(fast)
     most = DEFAULT_FOLLOWING.links_per_sample * problem.arm.link_length / DEFAULT_FOLLOWING.sample_period
     assert np.max(np.abs(solution.trajectory.base_velocities)) <= most
+
+
+def test_a_guide_and_a_hole_as_wide_as_the_arm_are_passed() -> None:
+    """Touching is not hitting: the arm slides straight through what is no wider than it, and bends where that ends."""
+    arm = fed_arm()
+    guide = [
+        Obstacle("guide", shapely.box(-0.9, RADIUS, 0.02, 1.0)),
+        Obstacle("other side", shapely.box(-0.9, -1.0, 0.02, -RADIUS)),
+    ]
+    room = Workspace(shapely.box(-1.3, -1.2, 1.4, 1.2), tuple(guide))
+    solution = solve(make_problem(arm, room, TipGoal(np.array([0.5, 0.25]))))
+    assert all(check.passed for check in solution.checks)
+    assert abs(solution.metrics["least_wall_clearance_m"]) < 1e-6
+
+
+def test_feed_and_shape_change_at_once() -> None:
+    """From one bow to another beside it the arm goes in less time than it takes to draw it back."""
+    arm = fed_arm()
+    start = bow(arm, 1.0)
+    end = bow(arm, -0.6)
+
+    def lying_on(path: LeaderPath) -> JointPose:
+        feed = path.base_with_tip_at_end(arm.links, LINK)
+        return JointPose(pose_on(arm, path, feed), feed)
+
+    problem = make_problem(arm, make_room(), lying_on(end), lying_on(start))
+    solution = solve(problem)
+    assert problem.limits.feed_velocity is not None
+    drawing_back = 2.0 * (lying_on(start).feed - 0.1) / problem.limits.feed_velocity
+    assert solution.trajectory.time[-1] < 0.6 * drawing_back

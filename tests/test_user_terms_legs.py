@@ -1,4 +1,4 @@
-"""User constraints where the motion has legs, or the arm is fed: held for every leg, and against every motion."""
+"""User constraints where the motion has legs, or the arm is fed: kept on every leg, and planned for with a feed too."""
 
 import pytest
 
@@ -48,8 +48,14 @@ def test_a_constraint_holds_on_every_leg() -> None:
     assert solution.joint_positions[:, -1, 1].max() <= 0.15 + 1e-6
 
 
-def test_a_constraint_on_the_feed_is_held_against_the_motion() -> None:
-    """It is reported when it holds, and there is no plan when it does not: it names the constraint."""
+def test_a_constraint_on_the_feed_is_planned_for() -> None:
+    """A motion that would use more feed uses less where it may not; where no motion can, the constraint is named."""
+    near = parse_problem(FED.replace("position = [0.3, 0.1]", "position = [0.37, 0.1]"))
+    for most in (0.3, 0.02):
+        solution = solve(near, constraints=[feed_below(most)])
+        assert solution.trajectory.base_positions[:, 0].max() <= most + 1e-6
+        assert solution.metrics["residual_short_feed"] <= 1e-6
+
     problem = parse_problem(FED.replace("position = [0.3, 0.1]", "position = [0.5, 0.1]"))
     solution = solve(problem, constraints=[feed_below(0.31)])
     assert solution.trajectory.base_positions[-1, 0] > 0.1

@@ -164,3 +164,22 @@ def test_the_force_on_the_axis_is_newtons() -> None:
         arm, problem.simulation.gravity, trajectory.positions, trajectory.velocities, trajectory.accelerations
     )
     np.testing.assert_allclose(own[3:-3], force[3:-3], atol=2e-3 * np.ptp(force))
+
+
+@pytest.mark.parametrize(("play", "passes"), [(1e-4, True), (0.0, True), (-1e-5, False)])
+@pytest.mark.parametrize("turned", [0.0, 1e-4])
+def test_a_guide_as_wide_as_the_arm_touches_and_is_not_hit(play: float, turned: float, *, passes: bool) -> None:
+    """A straight arm slides between two walls that are as far apart as it is wide; walls nearer than that are hit.
+
+    So is a wall as near by an arm that is carried a little aslant.
+    """
+    arm = fed_arm(base_heading=0.0)
+    off = arm.radius + play
+    walls = (Obstacle("left", shapely.box(-1.0, off, 2.0, 1.0)), Obstacle("right", shapely.box(-1.0, -1.0, 2.0, -off)))
+    positions = np.zeros((101, LINKS + 1))
+    positions[:, 0] = turned
+    positions[:, -1] = np.linspace(0.0, 0.3, 101)
+    motion = ChainMotion(arm, np.linspace(0.0, 1.0, 101), positions)
+    check = check_walls(motion, Workspace(ROOM, walls))
+    # Turned, the arm of 0.6 m comes 0.06 mm nearer at its tip.
+    assert check.passed is (passes and (turned == 0.0 or play > 0.0))

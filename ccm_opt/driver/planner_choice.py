@@ -26,5 +26,5 @@ def default_planner(
             raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
         return OwnUnitsPlanner(HillClimbingPlanner(stages, settings.hill_climbing))
     if problem.arm.base_axes:
-        return OwnUnitsPlanner(FeedPlanner(stages, settings.feed))
+        return OwnUnitsPlanner(FeedPlanner(stages, settings.feed, terms))
     return OwnUnitsPlanner(CurvePlanner(stages, terms, refuse_closed, settings.curve))

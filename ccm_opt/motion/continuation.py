@@ -92,7 +92,7 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
     poses = [pose]
     space = stepper.space
     settings = stepper.settings.continuation
-    still = Term(space.matrix, np.zeros(space.arm.links), settings.still_weight / space.arm.links)
+    still = Term(space.matrix, np.zeros(len(space.matrix)), settings.still_weight / space.arm.links)
     for k in range(settings.settle_steps):
         final = polished(stepper, goal, pose)
         if final is not None:

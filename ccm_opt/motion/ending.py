@@ -95,8 +95,9 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
         task: arm, room and limits.
     """
     space, end = motion.space.blended_to(wanted)
-    # The last coordinate of the space says how much of what the curve cannot show is added.
-    before = np.column_stack((motion.coordinates, np.zeros(len(motion.coordinates))))
+    # A coordinate that the space has besides says how much of what the curve cannot show is added.
+    further = space.dimension - motion.space.dimension
+    before = np.pad(motion.coordinates, ((0, 0), (0, further)))
     change = end - before[-1]
     u = path_parameters(motion)
     for beginning in task.settings.optimisation.bending_from:

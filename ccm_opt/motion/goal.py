@@ -82,7 +82,7 @@ class GoalPose:
 
     def turn(self, pose: Pose) -> float:
         """Signed turn of the tip to the nearest heading that will do, the short way [rad]; 0 where any will."""
-        return self._turn_from(float(pose.headings[-1]))
+        return self._turn_from(pose.tip_heading)
 
     def _turn_from(self, heading: float) -> float:
         if self.heading is None:
@@ -105,7 +105,7 @@ class GoalPose:
             # Some way into the range, or the tip would only creep up to its edge.
             turn += np.copysign(settings.inwards * self.room[1], turn)
             step = np.clip(turn, -settings.heading_step, settings.heading_step)
-            terms.append(Term(space.matrix[-1:], np.array([step]), settings.heading_weight * weight))
+            terms.append(Term(space.tip_heading_row, np.array([step]), settings.heading_weight * weight))
         for limit in self.limits:
             rows, wanted = limit.mending(space, pose.headings, settings.heading_step)
             terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
@@ -130,7 +130,7 @@ class GoalPose:
             errors.append(offset)
         turn = self.turn(pose)
         if self.heading is not None and (self.room[1] == 0.0 or turn != 0.0):
-            rows.append(space.matrix[-1:])
+            rows.append(space.tip_heading_row)
             errors.append(np.array([turn]))
         return np.vstack(rows), np.concatenate(errors)
 
@@ -152,7 +152,7 @@ def polish(space: LinkSpace, goal: GoalPose, v: FloatArray) -> FloatArray:
         if np.max(np.abs(error), initial=0.0) < goal.settings.polish_tolerance:
             break
         # min ½ δᵀ M δ subject to J δ = e: δ = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ e.
-        spread = np.linalg.solve(space.metric, rows.T)
+        spread = space.spread(v, rows)
         independent = len(error) == of_tip  # what limits add may follow from the tip's equations
         v = v + spread @ _solved(rows @ spread, error, goal.settings.least_share, independent=independent)
     return v

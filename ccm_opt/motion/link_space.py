@@ -13,7 +13,7 @@ import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.spline import piece_coefficients
-from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 
 SEGMENTS = 5
@@ -97,20 +97,29 @@ class LinkSpace:
 
     def positions(self, v: FloatArray) -> FloatArray:
         """Joint and tip positions, shape (links + 1, 2) [m]."""
-        return self.arm.joint_positions(self.headings(v))
+        return self.arm.points(self.headings(v))
 
     def jacobians(self, headings: FloatArray) -> FloatArray:
         """Derivatives of joint and tip positions by v, shape (..., links) to (..., links + 1, 2, p) [m per unit]."""
         l = self.arm.link_length
-        jacobians = np.zeros((*headings.shape[:-1], self.arm.links + 1, 2, self.dimension))
+        links = self.arm.links
+        turning = headings[..., :links]
+        jacobians = np.zeros((*headings.shape[:-1], links + 1, 2, self.dimension))
         # P_j = base + l Σ_{i<j} (cos φ_i, sin φ_i) and ∂φ/∂v = A, so ∂P_j/∂v = l Σ_{i<j} (−sin φ_i, cos φ_i) A_i.
-        np.cumsum((-l * np.sin(headings))[..., None] * self.matrix, axis=-2, out=jacobians[..., 1:, 0, :])
-        np.cumsum((l * np.cos(headings))[..., None] * self.matrix, axis=-2, out=jacobians[..., 1:, 1, :])
+        np.cumsum((-l * np.sin(turning))[..., None] * self.matrix[:links], axis=-2, out=jacobians[..., 1:, 0, :])
+        np.cumsum((l * np.cos(turning))[..., None] * self.matrix[:links], axis=-2, out=jacobians[..., 1:, 1, :])
+        if len(self.matrix) > links:
+            # What carries the base carries all joints alike; it is counted in link lengths.
+            jacobians += np.multiply.outer(l * self.arm.feed_direction, self.matrix[links:].sum(axis=0))
         return jacobians
 
     def bends(self, headings: FloatArray) -> FloatArray:
         """Joint bends of link headings, shape (..., links) [rad]."""
-        return self.arm.bends(headings)
+        return self.arm.bends(headings[..., : self.arm.links])
+
+    def drives(self, headings: FloatArray) -> FloatArray:
+        """What the drives have to move: joint bends [rad] and then what carries the base [link lengths], (..., c)."""
+        return np.concatenate((self.bends(headings), headings[..., self.arm.links :]), axis=-1)
 
     @property
     def dimension(self) -> int:
@@ -120,7 +129,29 @@ class LinkSpace:
     @cached_property
     def bend_rows(self) -> FloatArray:
         """Derivative of the joint bends by v, shape (links, p)."""
-        return np.diff(self.matrix, axis=0, prepend=0.0)
+        return np.diff(self.matrix[: self.arm.links], axis=0, prepend=0.0)
+
+    @cached_property
+    def drive_rows(self) -> FloatArray:
+        """Derivative of what the drives move by v, shape (c, p)."""
+        return np.vstack((self.bend_rows, self.matrix[self.arm.links :]))
+
+    @property
+    def tip_heading_row(self) -> FloatArray:
+        """Derivative of the last link's heading by v, shape (1, p)."""
+        return self.matrix[self.arm.links - 1 : self.arm.links]
+
+    @cached_property
+    def curvature_rows(self) -> FloatArray:
+        """Derivative by v of the curve's curvature at its knots, times a unit of length, shape (KNOTS, p) [1/m]."""
+        rows = np.zeros((KNOTS, self.dimension))
+        rows[:, 1 : KNOTS + 1] = np.eye(KNOTS)
+        return rows
+
+    @cached_property
+    def of_shape(self) -> BoolArray:
+        """Which coordinates shape the arm; the others blend a goal in. Shape (p,), boolean."""
+        return np.arange(self.dimension) <= KNOTS
 
     @cached_property
     def bend_limits(self) -> FloatArray:
@@ -139,6 +170,16 @@ class LinkSpace:
         """Inverse of the metric, shape (p, p)."""
         return np.asarray(np.linalg.inv(self.metric), dtype=np.float64)
 
+    def spread(self, v: FloatArray, rows: FloatArray) -> FloatArray:
+        """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change some rows, shape (p, k).
+
+        Args:
+            v: coordinates from which they change, shape (p,).
+            rows: R, shape (k, p).
+        """
+        del v
+        return np.asarray(np.linalg.solve(self.metric, rows.T))
+
     def sag(self, turns: FloatArray) -> FloatArray:
         """How far a joint may leave its chord while links turn evenly: ⅛ Σ_{i<j} l Δφ_i² of joint j [m].
 
@@ -148,14 +189,15 @@ class LinkSpace:
         Returns:
             Of every joint and the tip, shape (..., links + 1).
         """
-        squares = self.arm.link_length * turns**2 / 8.0
+        squares = self.arm.link_length * turns[..., : self.arm.links] ** 2 / 8.0
         return np.concatenate((np.zeros((*squares.shape[:-1], 1)), np.cumsum(squares, axis=-1)), axis=-1)
 
     def sag_slopes(self, turns: FloatArray) -> FloatArray:
         """Derivative of the sag by the change of v over the turn, shape (..., links + 1, p) [m per unit]."""
         # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
-        steps = (0.25 * self.arm.link_length * turns)[..., None] * self.matrix
-        slopes = np.zeros((*turns.shape[:-1], turns.shape[-1] + 1, self.dimension))
+        links = self.arm.links
+        steps = (0.25 * self.arm.link_length * turns[..., :links])[..., None] * self.matrix[:links]
+        slopes = np.zeros((*turns.shape[:-1], links + 1, self.dimension))
         np.cumsum(steps, axis=-2, out=slopes[..., 1:, :])
         return slopes
 
@@ -167,12 +209,13 @@ class LinkSpace:
             forces: f on the joint at the base of each link, shape (..., ≥ links, 2); one on the tip balances them.
         """
         l = self.arm.link_length
-        links = headings.shape[-1]
+        links = self.arm.links
         # ∂²x_j/∂φ_i² = −l (cos φ_i, sin φ_i) for every joint j beyond link i; mixed derivatives vanish, since every
         # link adds a term of its own heading alone. The forces sum to 0: those beyond link i are minus those up to it.
         carried = np.cumsum(forces[..., :links, :], axis=-2)
-        curvature: FloatArray = -l * (np.cos(headings) * carried[..., 0] + np.sin(headings) * carried[..., 1])
-        return curvature
+        turning = headings[..., :links]
+        curvature: FloatArray = -l * (np.cos(turning) * carried[..., 0] + np.sin(turning) * carried[..., 1])
+        return self._with_base(curvature)
 
     def sag_curvature(self, weights: FloatArray) -> FloatArray:
         """Second derivatives of −Σ w_j sag_j by the turns of the links, in which they are diagonal, shape (..., links).
@@ -180,10 +223,15 @@ class LinkSpace:
         Args:
             weights: w of every joint and the tip, of sum 0, shape (..., links + 1).
         """
-        links = weights.shape[-1] - 1
+        links = self.arm.links
         # As above: the weights sum to 0, and those beyond link i are minus those up to it.
         curvature: FloatArray = 0.25 * self.arm.link_length * np.cumsum(weights, axis=-1)[..., :links]
-        return curvature
+        return self._with_base(curvature)
+
+    def _with_base(self, of_links: FloatArray) -> FloatArray:
+        """Values of the links with zeros for what carries the base, which does so without any curvature; (..., c)."""
+        axes = len(self.matrix) - self.arm.links
+        return np.concatenate((of_links, np.zeros((*of_links.shape[:-1], axes))), axis=-1) if axes else of_links
 
     @cached_property
     def mount_end(self) -> tuple[int, float]:

@@ -77,6 +77,7 @@ class MotionTask:
             all of shape (links,) [rad].
         wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
         refuse: raises where it is proved that there is no motion; asked once, before what takes long.
+        guide_tubes: limits of what carries the base; none where it is fixed.
         settings: numbers of every stage of the search.
     """
 
@@ -98,6 +99,7 @@ class MotionTask:
     end_poses: EndPosesOffered = field(default=lambda _arm, _end: ())
     wanted_gap: float = 0.0
     refuse: Callable[[], None] = field(default=lambda: None)
+    guide_tubes: tuple[Limit, ...] = ()
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @cached_property
@@ -108,7 +110,7 @@ class MotionTask:
         """
         settings = self.settings.search
         ends = [self.start] if self.goal_headings is None else [self.start, self.goal_headings]
-        gaps = [self._end_finder.find(self.arm.joint_positions(end)).gap.min(initial=np.inf) for end in ends]
+        gaps = [self._end_finder.find(self.arm.points(end)).gap.min(initial=np.inf) for end in ends]
         contact = allowed_contact(self.arm, self.workspace, self.settings.certificate)
         most = settings.spare * self.arm.length
         # No certificate can ask for more than an end has; an end in contact gets a small depth below it, or its first
@@ -159,7 +161,9 @@ class MotionTask:
     def limits(self, finder: ContactFinder, wanted_gap: float = 0.0) -> tuple[Limit, ...]:
         """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
         certificate = self.contact_certificate
-        return assembled_limits(finder, certificate, self.settings.step, self.user_limits, wanted_gap, self._rails)
+        return assembled_limits(
+            finder, certificate, self.settings.step, self.user_limits, wanted_gap, self._rails, self.guide_tubes
+        )
 
     @cached_property
     def _rails(self) -> tuple[FloatArray, ...]:
@@ -169,18 +173,20 @@ class MotionTask:
     def certificate_with(self, spare: float) -> MotionCertificate:
         """The certificate of all limits, with more gap beyond contact than motions must have [m]."""
         contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
-        limits = assembled_limits(self._end_finder, contact, self.settings.step, self.user_limits)
+        limits = assembled_limits(
+            self._end_finder, contact, self.settings.step, self.user_limits, guide_tubes=self.guide_tubes
+        )
         return MotionCertificate(self.arm, contact.spare, limits)
 
     def least_gap(self, headings: FloatArray) -> float:
         """Least gap beyond contact of the poses of a motion, shape (K, links) [m], as far as the wanted gap sees."""
         finder = self.finder(0.0, self.wanted_gap)
-        gaps = (finder.find(self.arm.joint_positions(pose)).gap.min(initial=finder.reach) for pose in headings)
+        gaps = (finder.find(self.arm.points(pose)).gap.min(initial=finder.reach) for pose in headings)
         return float(min(gaps))
 
     def within_joint_limits(self, headings: FloatArray) -> bool:
         """Whether all bends of poses, shape (K, links) [rad], are within the joints' limits."""
-        return bool(np.all(np.abs(self.arm.bends(headings)) <= self.arm.bend_limits))
+        return bool(np.all(np.abs(self.arm.bends(headings[..., : self.arm.links])) <= self.arm.bend_limits))
 
     def ending_at(self, coordinates: FloatArray, headings: FloatArray) -> "MotionTask":
         """The same task for motions that end in one pose: its coordinates, shape (p,), and link headings [rad]."""

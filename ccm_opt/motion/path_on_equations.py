@@ -53,9 +53,6 @@ def _on_equations(base: BSpline, task: MotionTask) -> BSpline | None:
     """A spline through points of the base that are moved onto the limits, refined until it keeps them throughout."""
     settings = task.settings.smooth_path
     limits = task.user_limits
-    free = np.ones(task.arm.links)
-    # A clamped base may not be turned, not even by the little that a knot is moved.
-    free[0] = 0.0 if task.clamped else 1.0
     # A constraint that begins inside a span would be met on one side of its beginning only.
     breaks = [u for limit in limits for u in limit.breaks]
     knots = _first_knots(base, breaks, settings.first_spans)
@@ -64,7 +61,8 @@ def _on_equations(base: BSpline, task: MotionTask) -> BSpline | None:
         for u in knots:
             # Knots stay from round to round, so each is moved only once.
             if float(u) not in values:
-                moved = moved_onto(limits, task.arm, np.asarray(base(u)), float(u), free, settings)
+                beside = np.asarray(base(u))
+                moved = moved_onto(limits, task.arm, beside, float(u), _free(task, beside), settings)
                 if moved is None:
                     return None
                 values[float(u)] = moved
@@ -82,6 +80,18 @@ def _on_equations(base: BSpline, task: MotionTask) -> BSpline | None:
         around = np.unique(np.clip(np.add.outer(missed, (-1, 0, 1)), 0, len(knots) - 2))
         knots = np.union1d(knots, 0.5 * (knots[around] + knots[around + 1]))
     return None
+
+
+def _free(task: MotionTask, pose: FloatArray) -> FloatArray:
+    """1 for what a knot may turn, 0 for a clamped base, links in a guide tube and the base's own way, shape (c,)."""
+    arm = task.arm
+    free = np.zeros(len(pose))
+    # Links up to the first joint outside the tube keep the heading of the tube.
+    feed = arm.link_length * float(pose[arm.links :].sum())
+    free[: arm.links] = ~arm.held(feed)
+    # A clamped base may not be turned, not even by the little that a knot is moved.
+    free[0] *= 0.0 if task.clamped else 1.0
+    return free
 
 
 def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
@@ -105,9 +115,9 @@ def moved_onto(
     Args:
         limits: that the path has to meet.
         arm: whose bends are limited.
-        headings: shape (links,) [rad].
+        headings: and what carries the base, shape (links,) or (c,) [rad, link lengths].
         u: path parameter.
-        free: 1 for links that may turn, 0 for others, shape (links,).
+        free: 1 for links that may turn, 0 for others, of the same shape.
         settings: of Newton's method.
 
     Returns:
@@ -116,7 +126,8 @@ def moved_onto(
     held = np.zeros(arm.links)
     bounds = settings.joint_share * arm.bend_limits
     for _ in range(settings.newton_steps):
-        slopes, change = overbent(bounds, arm.bends(headings), held, settings.met)
+        turned, change = overbent(bounds, arm.bends(headings[: arm.links]), held, settings.met)
+        slopes = np.pad(turned, ((0, 0), (0, len(headings) - arm.links)))
         for limit in limits:
             missed, by = limit.missed_on_path(headings, u)
             slopes = np.vstack((missed, slopes))
@@ -156,7 +167,7 @@ def _short_spans(
 def _within_limits(spline: BSpline, task: MotionTask) -> bool:
     """Whether the bends keep their limits at samples of the path."""
     arm = task.arm
-    bends = np.abs(arm.bends(spline(_samples(spline, task.settings.smooth_path))))
+    bends = np.abs(arm.bends(spline(_samples(spline, task.settings.smooth_path))[:, : arm.links]))
     # Ends are as the problem gives them; a bend there may stand at its limit but for rounding.
     return bool(np.all(bends <= np.maximum(arm.bend_limits, bends[[0, -1]].max(axis=0))))
 

@@ -12,13 +12,18 @@ class Pose:
 
     Attributes:
         v: coordinates, shape (p,).
-        headings: shape (links,) [rad].
+        headings: of the links [rad], and then what carries the base [link lengths], shape (links,) or (c,).
         points: joint and tip positions, shape (links + 1, 2) [m].
     """
 
     v: FloatArray
     headings: FloatArray
     points: FloatArray
+
+    @property
+    def tip_heading(self) -> float:
+        """Heading of the last link [rad]."""
+        return float(self.headings[len(self.points) - 2])
 
 
 @dataclass(frozen=True)
@@ -39,4 +44,4 @@ class Term:
 def pose_in(space: LinkSpace, v: FloatArray) -> Pose:
     """The pose at coordinates of a link space, shape (p,)."""
     headings = space.headings(v)
-    return Pose(v, headings, space.arm.joint_positions(headings))
+    return Pose(v, headings, space.arm.points(headings))

@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.limits.limit import Limit, LimitRows
-from ccm_opt.motion.link_space import KNOTS, LinkSpace
+from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term, pose_in
 from ccm_opt.motion.settings.motion_settings import MotionSettings
 
@@ -124,8 +124,7 @@ def smoothness_terms(space: LinkSpace, v: FloatArray, bending: float, jerk: floa
         jerk: weight on its differences from knot to knot.
     """
     # Curvature times a nominal length is a bend in radians: the weights then suit arms of any size.
-    curvature = np.zeros((KNOTS, space.dimension))
-    curvature[:, 1 : KNOTS + 1] = space.nominal_length * np.eye(KNOTS)
+    curvature = space.nominal_length * space.curvature_rows
     difference = np.diff(curvature, axis=0)
     # The target is minus the present value: the pull is on the curvature after the step, not on its change.
     return [Term(curvature, -curvature @ v, bending), Term(difference, -difference @ v, jerk)]

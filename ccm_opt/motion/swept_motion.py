@@ -23,29 +23,28 @@ class Sweep:
 
     @cached_property
     def headings(self) -> FloatArray:
-        """Link headings, shape (K + 1, n) [rad]."""
+        """Link headings [rad], and then what carries the base [link lengths], shape (K + 1, c)."""
         return self.space.headings(self.coordinates)
 
     @cached_property
     def points(self) -> FloatArray:
-        """Joint and tip positions and last the mount's end, shape (K + 1, n + 2, 2) [m]."""
-        joints = self.space.arm.joint_positions(self.headings)
-        return np.concatenate((joints, self._at_mount(joints)), axis=1)
+        """Joint and tip positions, the mount's end, and last what stands still, shape (K + 1, n + 3, 2) [m]."""
+        return self._with_marks(self.space.arm.points(self.headings), self.space.arm.base)
 
     @cached_property
     def middles(self) -> FloatArray:
         """Joint and tip positions half-way through the intervals, shape (K, n + 1, 2) [m]."""
         # Of the mean headings, not the mean of the positions: links keep their length on the way.
-        return self.space.arm.joint_positions(0.5 * (self.headings[:-1] + self.headings[1:]))
+        return self.space.arm.points(0.5 * (self.headings[:-1] + self.headings[1:]))
 
     @cached_property
     def middle_points(self) -> FloatArray:
-        """As ``points``, half-way through the intervals, shape (K, n + 2, 2) [m]."""
-        return np.concatenate((self.middles, self._at_mount(self.middles)), axis=1)
+        """As ``points``, half-way through the intervals, shape (K, n + 3, 2) [m]."""
+        return self._with_marks(self.middles, self.space.arm.base)
 
     @cached_property
     def turns(self) -> FloatArray:
-        """Turns of the links over the intervals Δφ, shape (K, n) [rad]."""
+        """Turns of the links over the intervals Δφ, and ways of the base, shape (K, c) [rad, link lengths]."""
         return np.diff(self.headings, axis=0)
 
     @cached_property
@@ -60,11 +59,17 @@ class Sweep:
 
     @cached_property
     def jacobians(self) -> FloatArray:
-        """Derivatives of ``points`` by the coordinates, shape (K + 1, n + 2, 2, p) [m per unit]."""
-        joints = self.space.jacobians(self.headings)
-        return np.concatenate((joints, self._at_mount(joints)), axis=1)
+        """Derivatives of ``points`` by the coordinates, shape (K + 1, n + 3, 2, p) [m per unit]."""
+        return self._with_marks(self.space.jacobians(self.headings), np.zeros((2, 1)))
 
-    def _at_mount(self, joints: FloatArray) -> FloatArray:
-        """Values at the mount's end, linear between the joints of its link; the joint axis stays."""
+    @property
+    def standing(self) -> int:
+        """Index into ``points`` of the one that stands still: where the base is, or would be at a feed of 0."""
+        return self.space.arm.links + 2
+
+    def _with_marks(self, joints: FloatArray, standing: FloatArray) -> FloatArray:
+        """Values at the joints, at the mount's end, linear between the joints of its link, and at what stands still."""
         link, share = self.space.mount_end
-        return (1.0 - share) * joints[:, link : link + 1] + share * joints[:, link + 1 : link + 2]
+        at_mount = (1.0 - share) * joints[:, link : link + 1] + share * joints[:, link + 1 : link + 2]
+        still = np.broadcast_to(standing, at_mount.shape)
+        return np.concatenate((joints, at_mount, still), axis=1)

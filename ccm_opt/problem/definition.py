@@ -65,9 +65,9 @@ class Problem:
     def wanted_gap(self) -> float:
         """Room beyond radius and clearance that planning keeps where there is so much [m].
 
-        The planner of a feed axis and the paper's planner know no wanted gap, and so keep none.
+        The paper's planner knows no wanted gap, and so keeps none.
         """
-        if self.arm.base_axes or self.planner.method != "nlp":
+        if self.planner.method != "nlp":
             return 0.0
         return self.default_gap if self.planner.wanted_gap is None else self.planner.wanted_gap
 

@@ -157,7 +157,7 @@ def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> Non
 
 def _softened(item: CompiledConstraint, headings: FloatArray, weight: float) -> CompiledConstraint:
     """A constraint as a soft one."""
-    slopes = np.asarray(item.slopes(headings, 0.0, 1.0))
+    slopes = np.asarray(item.slopes(headings, 1.0))
     norms = np.linalg.norm(slopes[np.isfinite(slopes).all(axis=1)], axis=1)
     steepest = float(norms.max(initial=0.0))
     # A slope of zero there says nothing of the unit.

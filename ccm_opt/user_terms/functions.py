@@ -37,18 +37,20 @@ class CompiledConstraint:
 
     @cached_property
     def slopes(self) -> Any:
-        """(φ, feed, u) to the derivative of the expression by φ."""
-        symbols = list(self.quantities.symbols)
-        return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(self.expression, symbols[0]))])
+        """Pose and u to the derivative of the expression by the pose."""
+        pose, in_pose = self.quantities.in_poses(self.expression)
+        symbols = [pose, self.quantities.path_parameter]
+        return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(in_pose, pose))])
 
     def residuals(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
         """By how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite.
 
         Args:
-            headings: shape (N, links) [rad].
+            headings: shape (N, links) [rad], or poses, shape (N, c) [rad, link lengths].
             u: path parameter, shape (N,).
-            feed: shape (N,) or scalar [m].
+            feed: shape (N,) or scalar [m]; of poses their own.
         """
+        headings, feed = self.quantities.parted(headings, feed)
         return self.violations(evaluated(self.function, headings, u, feed))
 
     def violations(self, values: FloatArray) -> FloatArray:
@@ -84,18 +86,19 @@ class CompiledCost:
 
     def values(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
         """The cost, unweighted, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
+        headings, feed = self.quantities.parted(headings, feed)
         return evaluated(self.function, headings, u, feed)[:, 0]
 
     @cached_property
     def _derivatives(self) -> Any:
-        symbols = list(self.quantities.symbols)
-        hessian, gradient = ca.hessian(self.expression, symbols[0])
+        pose, in_pose = self.quantities.in_poses(self.expression)
+        hessian, gradient = ca.hessian(in_pose, pose)
+        symbols = [pose, self.quantities.path_parameter]
         return ca.Function("derivatives", symbols, [ca.densify(gradient), ca.densify(hessian)])
 
     def second_order(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Gradient, shape (links,), and Hessian, shape (links, links), by the link headings at one pose."""
-        # Only a fixed arm is planned with costs, and its feed is 0.
-        gradient, hessian = self._derivatives(headings, 0.0, u)
+        """Gradient, shape (c,), and Hessian, shape (c, c), by one pose: link headings, and what carries the base."""
+        gradient, hessian = self._derivatives(headings, u)
         return np.asarray(gradient)[:, 0], np.asarray(hessian)
 
     def applies(self, u: FloatArray) -> BoolArray:

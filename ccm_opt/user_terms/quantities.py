@@ -65,6 +65,28 @@ class Quantities:
         """The symbols that the expression of a timed motion may hold, those of a path, and the rates."""
         return *self.symbols, *self.rates
 
+    def in_poses(self, expression: Any) -> tuple[Any, Any]:
+        """The symbols of a pose and an expression of a path in them and the path parameter.
+
+        A pose has the headings of the links [rad] and then how far the base is carried, in link lengths.
+        """
+        axes = len(self.arm.base_axes)
+        carried = ca.SX.sym("carried", axes)
+        feed = self.arm.link_length * ca.sum1(carried) if axes else ca.SX(0.0)
+        return ca.vertcat(self.link_headings, carried), ca.substitute(expression, self.base_feed, feed)
+
+    def parted(self, poses: FloatArray, feed: FloatArray | float) -> tuple[FloatArray, FloatArray | float]:
+        """Link headings and the feed of poses; where they are headings alone, with the feed that is given [m].
+
+        Args:
+            poses: shape (N, links) or (N, c) [rad, link lengths].
+            feed: shape (N,) or scalar [m].
+        """
+        links = self.arm.links
+        if poses.shape[-1] == links:
+            return poses, feed
+        return poses[..., :links], self.arm.link_length * np.sum(poses[..., links:], axis=-1)
+
     def is_timed(self, expression: Any) -> bool:
         """Whether an expression holds speeds."""
         return bool(ca.depends_on(expression, ca.vertcat(*self.rates)))

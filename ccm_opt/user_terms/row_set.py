@@ -23,9 +23,9 @@ class RowValues:
 
     Attributes:
         equations: what must vanish, shape (m,).
-        equation_slopes: by the link headings, shape (m, links).
+        equation_slopes: by the link headings, and the base's way in link lengths, shape (m, links) or (m, c).
         gaps: what must not be negative, shape (k,).
-        gap_slopes: by the link headings, shape (k, links).
+        gap_slopes: likewise, shape (k, links) or (k, c).
     """
 
     equations: FloatArray
@@ -71,8 +71,8 @@ class RowSet:
         first: path parameter from which a row applies, shape (rows,).
         last: path parameter up to which it applies, shape (rows,).
         parametric: whether a row depends on the path parameter, shape (rows,).
-        values: CasADi function from (φ, feed, u) to the rows.
-        slopes: CasADi function from (φ, feed, u) to the rows and their derivatives by φ.
+        values: CasADi function from poses and u to the rows.
+        slopes: CasADi function from poses and u to the rows and their derivatives by the pose.
     """
 
     names: tuple[str, ...]
@@ -90,32 +90,32 @@ class RowSet:
         expressions = [row.expression for row in rows]
         column = ca.vertcat(*expressions) if rows else ca.SX(0, 1)
 
-        symbols = list(quantities.symbols)
-        headings, _, path_parameter = symbols
-        slopes = ca.densify(ca.jacobian(column, headings))
+        path_parameter = quantities.path_parameter
+        pose, in_pose = quantities.in_poses(column)
+        slopes = ca.densify(ca.jacobian(in_pose, pose))
+        symbols = [pose, path_parameter]
         return cls(
             names=tuple(row.name for row in rows),
             equal=np.array([row.equal for row in rows], dtype=bool),
             first=np.array([row.first for row in rows], dtype=np.float64),
             last=np.array([row.last for row in rows], dtype=np.float64),
             parametric=np.array([bool(ca.depends_on(each, path_parameter)) for each in expressions], dtype=bool),
-            values=ca.Function("rows", symbols, [column]),
-            slopes=ca.Function("slopes", symbols, [column, slopes]),
+            values=ca.Function("rows", symbols, [in_pose]),
+            slopes=ca.Function("slopes", symbols, [in_pose, slopes]),
         )
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def at(self, headings: FloatArray, u: float = 0.0, feed: float = 0.0) -> RowValues:
+    def at(self, headings: FloatArray, u: float = 0.0) -> RowValues:
         """Values and slopes of the rows that apply at a pose.
 
         Args:
-            headings: shape (links,) [rad].
+            headings: and what carries the base, shape (links,) or (c,) [rad, link lengths].
             u: path parameter.
-            feed: position of the base on its axis [m].
         """
         # The buffers are overwritten by the next call; picking rows by a mask makes copies.
-        values, jacobian = self._evaluated(headings, u, feed)
+        values, jacobian = self._evaluated(headings, u)
         here = self._apply_at(u)
         equations = here & self.equal
         gaps = here & ~self.equal
@@ -125,13 +125,13 @@ class RowSet:
         """Values of all rows at many poses, shape (N, rows); NaN where a row does not apply.
 
         Args:
-            headings: shape (N, links) [rad].
+            headings: and what carries the base, shape (N, links) or (N, c) [rad, link lengths].
             u: path parameter, shape (N,) or scalar.
         """
         count = len(headings)
         places = np.broadcast_to(np.asarray(u, dtype=np.float64), (count,))
-        # One pose a column; the feed is 0, as only a fixed arm is planned with rows.
-        columns = self.values(ca.DM(headings.T), ca.DM.zeros(1, count), ca.DM(places).T)
+        # One pose a column.
+        columns = self.values(ca.DM(headings.T), ca.DM(places).T)
         values = np.asarray(columns, dtype=np.float64).reshape(len(self), count).T
         table: FloatArray = np.where(self._apply_at(places[:, None]), values, np.nan)
         return table
@@ -141,13 +141,12 @@ class RowSet:
         inside: BoolArray = (self.first <= u + TINY) & (u <= self.last + TINY)
         return inside
 
-    def _evaluated(self, headings: FloatArray, u: float, feed: float) -> tuple[FloatArray, FloatArray]:
-        """All rows and their slopes, of shapes (rows,) and (rows, links); overwritten by the next call."""
+    def _evaluated(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+        """All rows and their slopes, of shapes (rows,) and (rows, c); overwritten by the next call."""
         if not len(self):
             return np.zeros(0), np.zeros((0, len(headings)))
         buffers = self._buffers
         buffers.headings[:] = headings
-        buffers.feed[0] = feed
         buffers.path_parameter[0] = u
         buffers.evaluate()
         return buffers.values, buffers.slopes.T
@@ -164,17 +163,15 @@ class _Buffers:
     Attributes:
         memory: CasADi's buffer object, which must live as long as ``evaluate`` is called.
         evaluate: fills ``values`` and ``slopes``.
-        headings: shape (links,) [rad].
-        feed: shape (1,) [m].
+        headings: and what carries the base, shape (c,) [rad, link lengths].
         path_parameter: shape (1,).
         values: shape (rows,).
-        slopes: shape (links, rows), transposed because CasADi stores matrices by columns.
+        slopes: shape (c, rows), transposed because CasADi stores matrices by columns.
     """
 
     memory: Any
     evaluate: Any
     headings: FloatArray
-    feed: FloatArray
     path_parameter: FloatArray
     values: FloatArray
     slopes: FloatArray
@@ -183,15 +180,12 @@ class _Buffers:
     def around(cls, slopes: Any, rows: int) -> "_Buffers":
         """Buffers for the function that gives ``rows`` rows and their slopes."""
         memory, evaluate = slopes.buffer()
-        links = slopes.size1_in(0)
-        buffers = cls(
-            memory, evaluate, np.zeros(links), np.zeros(1), np.zeros(1), np.zeros(rows), np.zeros((links, rows))
-        )
+        columns = slopes.size1_in(0)
+        buffers = cls(memory, evaluate, np.zeros(columns), np.zeros(1), np.zeros(rows), np.zeros((columns, rows)))
 
         # CasADi keeps the addresses alone: the arrays must not be replaced, only written to.
         memory.set_arg(0, buffers.headings.data)
-        memory.set_arg(1, buffers.feed.data)
-        memory.set_arg(2, buffers.path_parameter.data)
+        memory.set_arg(1, buffers.path_parameter.data)
         memory.set_res(0, buffers.values.data)
         memory.set_res(1, buffers.slopes.data)
         return buffers

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 
 
@@ -38,6 +38,11 @@ def chain_points(arm: Arm, headings: FloatArray, carried: FloatArray) -> FloatAr
 def axis_direction(arm: Arm) -> FloatArray:
     """Unit vector along which the base is carried, shape (2,)."""
     return np.array([np.cos(arm.base_heading), np.sin(arm.base_heading)])
+
+
+_ALONG = 1e-6
+"""Sine of the angle to the way of the base up to which a link lies along it. Taste: over the way between two samples
+it goes aside by far less than any tolerance of contact."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +117,22 @@ class ChainMotion:
         return turned + np.abs(np.diff(self.carried))[:, None] / self.arm.link_length
 
     @cached_property
+    def carried_by(self) -> FloatArray:
+        """How far the base is carried in each interval, shape (T − 1,) [m]."""
+        return np.asarray(np.abs(np.diff(self.carried)))
+
+    @cached_property
+    def slides(self) -> BoolArray:
+        """Which links the base carries along themselves, shape (T − 1, links), boolean."""
+        return np.asarray(self.aslant <= _ALONG)
+
+    @cached_property
+    def aslant(self) -> FloatArray:
+        """By how much links lie at most across the way that the base is carried, a sine, shape (T − 1, links)."""
+        across = np.abs(np.sin(self.headings - self.arm.base_heading))
+        return np.asarray(np.minimum(np.maximum(across[:-1], across[1:]) + np.abs(self._heading_steps), 1.0))
+
+    @cached_property
     def bent(self) -> FloatArray:
         """Sum of |bend change| of joints 1 to i in each interval, shape (T − 1, links + 1) [rad]; 0 first."""
         return _running_sum(np.abs(np.diff(self.bends, axis=0)))
@@ -138,6 +159,12 @@ class ChainMotion:
         """Time of the middle of one stretch [s]."""
         k = int(nodes.interval[index])
         return float(self.time[k] + nodes.centre[index] * (self.time[k + 1] - self.time[k]))
+
+
+def unit_rows(vectors: FloatArray) -> FloatArray:
+    """Vectors of length 1 along given ones, shape (P, 2); of those without a length none."""
+    length = np.hypot(vectors[:, 0], vectors[:, 1])
+    return np.asarray(vectors / np.where(length > 0.0, length, 1.0)[:, None])
 
 
 def _running_sum(values: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.bisection import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
-from ccm_opt.verification.link_motion import ChainMotion, Nodes
+from ccm_opt.verification.link_motion import ChainMotion, Nodes, unit_rows
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_edges import WallEdges, wall_edges
@@ -114,10 +114,18 @@ def _prove(
     links = np.flatnonzero(exposed < 1.0)
 
     def evaluate(nodes: Nodes, pairs: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        interval = nodes.interval[pairs.node]
         start, end = _axis(poses, pairs.node, pairs.link, exposed)
-        distance = segment_distances(start, end, edges.start[pairs.other], edges.end[pairs.other])
         # A point moves with all links up to its own, so their turns add up; the first entry is what carries the base.
-        travel = nodes.half[pairs.node] * arm.link_length * motion.turned[nodes.interval[pairs.node], pairs.link + 1]
+        travel = nodes.half[pairs.node] * arm.link_length * motion.turned[interval, pairs.link + 1]
+        # A link that slides along itself sweeps a longer one, and goes aside by next to nothing.
+        slides = motion.slides[interval, pairs.link]
+        carried = np.where(slides, nodes.half[pairs.node] * motion.carried_by[interval], 0.0)
+        ahead = carried[:, None] * unit_rows(end - start)
+        start = start - ahead
+        end = end + ahead
+        travel -= carried * (1.0 - motion.aslant[interval, pairs.link])
+        distance = segment_distances(start, end, edges.start[pairs.other], edges.end[pairs.other])
         return distance - edges.rounding[pairs.other] - arm.radius, travel
 
     nodes = motion.whole()

@@ -18,7 +18,6 @@ from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
 from ccm_opt.motion.clamped_spline import smoothing_matrix
 from ccm_opt.motion.limits.sweep_regions import HalfPlanes, WallSegments, sweep_regions
-from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.swept_motion import Sweep
 
 
@@ -30,7 +29,8 @@ class IntervalRows:
         interval: k.
         side: 0 at the start of the interval, 1 at its end.
         plus: index a of the point counted positively (into ``Sweep.points``).
-        minus: index b < a of the point counted negatively.
+        minus: index b of the point counted negatively: b < a for a pair of links, the point that stands still for a
+            wall.
         high: joint up to which sag counts.
         low: joint from which on sag counts.
         normal: n, shape (m, 2).
@@ -52,6 +52,12 @@ class IntervalRows:
     def take(self, mask: BoolArray | IntArray) -> "IntervalRows":
         """The rows selected by a mask."""
         return IntervalRows(*(getattr(self, name)[mask] for name in self.__dataclass_fields__))
+
+    @property
+    def against_walls(self) -> BoolArray:
+        """Which rows keep from walls, shape (m,); what stands still is the last of all points."""
+        against: BoolArray = self.minus > self.plus
+        return against
 
     def values(self, sweep: Sweep) -> FloatArray:
         """Values of every row, shape (m,) [m]."""
@@ -84,11 +90,12 @@ class IntervalRows:
             Of the positions by the headings, shape (K + 1, n), any sign; of the sag by the turns, shape (K, n).
         """
         space = sweep.space
-        keyframes, links = sweep.headings.shape
+        keyframes = len(sweep.headings)
+        links = space.arm.links
 
         # The sums are read as forces on a chain: ``position_curvature`` takes −Σ f·x, so −λn acts on the point that
         # counts positively and λn on the other. The pull at the base balances one at the tip.
-        forces = np.zeros((keyframes, links + 2, 2))
+        forces = np.zeros((keyframes, links + 3, 2))
         forces[-1, 0] = pull
         weighted = multipliers[:, None] * self.normal
         np.add.at(forces, (self.interval + self.side, self.minus), weighted)
@@ -97,8 +104,10 @@ class IntervalRows:
         # The mount's end is no joint: what acts on it is shared out between the joints of its link, as by the law of
         # the lever.
         link, share = space.mount_end
-        forces[:, link] += (1.0 - share) * forces[:, -1]
-        forces[:, link + 1] += share * forces[:, -1]
+        forces[:, link] += (1.0 - share) * forces[:, links + 1]
+        forces[:, link + 1] += share * forces[:, links + 1]
+        # What stands still bears its forces through the base.
+        forces[:, 0] += forces[:, sweep.standing]
 
         sag = np.zeros((keyframes - 1, links + 1))
         np.add.at(sag, (self.interval, self.low), multipliers)
@@ -116,8 +125,13 @@ def representatives(rows: IntervalRows, values: FloatArray, group: int, sectors:
         sectors: directions that count as different.
     """
     sector = np.floor(np.arctan2(rows.normal[:, 1], rows.normal[:, 0]) * sectors / (2.0 * np.pi)).astype(np.intp)
-    against_wall = rows.minus == 0
-    keys = (2 * rows.interval + rows.side, rows.plus // group, rows.minus // group, against_wall, sector % sectors)
+    keys = (
+        2 * rows.interval + rows.side,
+        rows.plus // group,
+        rows.minus // group,
+        rows.against_walls,
+        sector % sectors,
+    )
 
     # lexsort sorts by its last key first, so −values only orders rows whose keys all agree: the tightest comes first.
     order = np.lexsort((-values, *keys))
@@ -158,7 +172,7 @@ def motion_rows(
     room = arm.room_for_errors(np.arange(1, arm.links + 1))
     planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach + float(room[-1]))
     need = arm.radius + workspace.clearance + margin + room[planes.link]
-    walls = wall_rows(planes, sweep.space, need)
+    walls = wall_rows(planes, sweep, need)
     links = self_rows(sweep, reach, margin, settings)
     if wanted > margin:
         smooth = Sweep(sweep.space, smoothing_matrix(len(sweep.coordinates)) @ sweep.coordinates)
@@ -198,16 +212,16 @@ def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: Sweep, smooth: 
     return replace(rows, constant=rows.constant + np.where(at_start, 0.0, missing))
 
 
-def wall_rows(planes: HalfPlanes, space: LinkSpace, need: FloatArray) -> IntervalRows:
+def wall_rows(planes: HalfPlanes, sweep: Sweep, need: FloatArray) -> IntervalRows:
     """Rows that hold both ends of a link, at both ends of its interval, behind half-planes.
 
     Args:
         planes: the half-planes.
-        space: the link space.
+        sweep: the motion.
         need: distance to keep from each half-plane, shape (m,) [m].
     """
-    arm = space.arm
-    mounted, share = space.mount_end
+    arm = sweep.space.arm
+    mounted, share = sweep.space.mount_end
     m = len(planes.link)
     parts = []
     for end in (0, 1):
@@ -215,15 +229,15 @@ def wall_rows(planes: HalfPlanes, space: LinkSpace, need: FloatArray) -> Interva
         # the link's first joint.
         cut = (planes.link == mounted) & (end == 0) & (share > 0.0)
         point = np.where(cut, arm.links + 1, planes.link + end)
-        # The base cannot move: its row would be a constant.
-        moves = point > 0
+        # A base that cannot move would make the row a constant.
+        moves = (point > 0) | bool(arm.base_axes)
         # Both ends of the link take the sag of its far end, the larger one, as the certificate does.
         for side in (0, 1):
             rows = IntervalRows(
                 planes.interval,
                 np.full(m, side),
                 point,
-                np.zeros(m, dtype=np.intp),
+                np.full(m, sweep.standing),
                 planes.link + 1,
                 np.zeros(m, dtype=np.intp),
                 planes.normal,

@@ -21,6 +21,7 @@ def assembled_limits(
     user_limits: tuple[Limit, ...] = (),
     wanted_gap: float = 0.0,
     rails: tuple[FloatArray, ...] = (),
+    guide_tubes: tuple[Limit, ...] = (),
 ) -> tuple[Limit, ...]:
     """All limits of a motion, in the order of their rows; true checks run backwards, the costly one of contact last.
 
@@ -31,6 +32,8 @@ def assembled_limits(
         user_limits: what the user asks for; usually none.
         wanted_gap: room that the optimisation of a motion asks for where there is so much [m].
         rails: middle lines of narrow gates, each of shape (k, 2) [m].
+        guide_tubes: what holds a part of the arm straight; nothing where the base is fixed. Last, for what a user's
+            equations move has to be straight again.
     """
     drawn = (GateRails(rails, settings.rails.play * finder.margin, settings.rails),) if rails else ()
     return (
@@ -39,4 +42,5 @@ def assembled_limits(
         JointLimit(settings),
         *drawn,
         *user_limits,
+        *guide_tubes,
     )

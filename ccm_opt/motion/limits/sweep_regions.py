@@ -90,7 +90,8 @@ def sweep_regions(sweep: Sweep, walls: WallSegments, first_link: int, reach: flo
         first_link: links before this one may touch walls.
         reach: walls farther away than this are left out [m].
     """
-    intervals, links = sweep.turns.shape
+    intervals = len(sweep.turns)
+    links = sweep.space.arm.links
     free = np.arange(first_link, links)
     interval, link = (grid.ravel() for grid in np.meshgrid(np.arange(intervals), free, indexing="ij"))
     corners = _corners(sweep, interval, link)

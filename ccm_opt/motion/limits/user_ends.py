@@ -53,7 +53,7 @@ def _refuse_at_start(compiled: "CompiledConstraint", start: "FloatArray", allowe
     where = compiled.constraint.where
     name = compiled.constraint.name
     miss = float(compiled.residuals(start[None], np.zeros(1))[0])
-    slopes = np.asarray(compiled.slopes(start, 0.0, 0.0))
+    slopes = np.asarray(compiled.slopes(start, 0.0))
     # A value may be finite where its derivative is not, as with the root of 0; the search would stop there without a
     # word.
     if not np.isfinite(miss) or not np.isfinite(slopes).all():

@@ -53,7 +53,7 @@ def _reserve(
 ) -> FloatArray:
     """Least gap at every sample, shape (N, rows): the reserve, but near an end no more than that end has."""
     # The reserve is an angle of the whole arm; a slope turns it into the unit of its gap.
-    slopes = np.stack([slope_norms(np.asarray(rows.slopes(end, 0.0, 0.0)[1])) for end in ends])[:, lasting]
+    slopes = np.stack([slope_norms(np.asarray(rows.slopes(end, 0.0)[1])) for end in ends])[:, lasting]
     least = settings.reserve * settings.keep_share * settings.margin * slopes.max(axis=0)
     reserve = np.broadcast_to(least, gaps.shape).copy()
 

@@ -191,11 +191,11 @@ class UserLimit(Limit):
                 slopes, change = self.missed(space, headings)
                 limits = self.settings.joint_share * space.bend_limits
                 turned, back = overbent(limits, space.bends(headings), held, self.settings.met)
-                slopes = np.vstack((slopes, turned @ space.matrix))
+                slopes = np.vstack((slopes, turned @ space.matrix[: space.arm.links]))
                 change = np.append(change, back)
             if np.max(np.abs(change), initial=0.0) <= self.settings.met:
                 return v
-            v = v + _least_change(space, slopes, change)
+            v = v + _least_change(space, v, slopes, change)
             # Farther away lies perhaps another branch of the equations, and nothing is known of what is between.
             if np.max(np.abs(space.matrix @ (v - start))) > most:
                 return None
@@ -347,15 +347,15 @@ class UserLimit(Limit):
 
     def _slope_norms(self, headings: FloatArray) -> FloatArray:
         """Norm of the slope of every row, whether it applies here or not, shape (rows,)."""
-        return slope_norms(np.asarray(self.rows.slopes(headings, 0.0, self.u)[1]))
+        return slope_norms(np.asarray(self.rows.slopes(headings, self.u)[1]))
 
 
-def _least_change(space: LinkSpace, slopes: FloatArray, change: FloatArray) -> FloatArray:
-    """Least change of the links that changes rows by given amounts, shape (p,)."""
+def _least_change(space: LinkSpace, v: FloatArray, slopes: FloatArray, change: FloatArray) -> FloatArray:
+    """Least change of the links, from coordinates v, that changes rows by given amounts, shape (p,)."""
     # min ½ δᵀ M δ subject to S δ = c, M the metric of the turns of the links: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares,
     # because the user may ask for the same thing twice.
     scale = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
     scaled = slopes / scale[:, None]
-    spread = space.inverse_metric @ scaled.T
+    spread = space.spread(v, scaled)
     least: FloatArray = spread @ np.linalg.lstsq(scaled @ spread, change / scale, rcond=1e-10)[0]
     return least

@@ -24,7 +24,7 @@ def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
     """
     settings = task.settings.bottleneck
     weights = task.weights
-    bends = motion.space.bends(motion.headings)
+    bends = motion.space.drives(motion.headings)
     if weights.path_length == 0.0 or len(bends) < settings.least_keyframes:
         return task
     slowness = task.slowness or JointSlowness.from_limits(np.ones(bends.shape[1]), np.ones(bends.shape[1]))

@@ -105,13 +105,14 @@ def _solution(program: MotionProgram, sweep: Sweep, all_rows: IntervalRows) -> F
 
 
 def _points(ca: Any, program: MotionProgram, headings: Any) -> tuple[Any, Any]:
-    """Both coordinates of ``Sweep.points``, each (n + 2) × (K + 1)."""
+    """Both coordinates of ``Sweep.points``, each (n + 3) × (K + 1)."""
     arm = program.space.arm
     link, share = program.space.mount_end
     parts = []
     for direction, base in ((ca.cos(headings), arm.base[0]), (ca.sin(headings), arm.base[1])):
         joints = ca.vertcat(ca.DM.zeros(1, headings.shape[1]), arm.link_length * ca.cumsum(direction)) + base
-        parts.append(ca.vertcat(joints, (1.0 - share) * joints[link, :] + share * joints[link + 1, :]))
+        at_mount = (1.0 - share) * joints[link, :] + share * joints[link + 1, :]
+        parts.append(ca.vertcat(joints, at_mount, base * ca.DM.ones(1, headings.shape[1])))
     return parts[0], parts[1]
 
 

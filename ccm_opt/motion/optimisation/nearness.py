@@ -48,7 +48,7 @@ class WallNearness:
         model = Quadratic(np.zeros((intervals + 1, p)), np.zeros((intervals + 1, p, p)), np.zeros((intervals, p, p)))
         lack = np.maximum(1.0 + self.rows.values(sweep) / self.distance, 0.0)
         start, end = self.rows.slopes(sweep)
-        scale = 2.0 * self.share(sweep.turns.shape[1], intervals) / self.distance
+        scale = 2.0 * self.share(sweep.space.arm.links, intervals) / self.distance
         # Cost c Σ (1 + g/D)₊²: gradient (2c/D) Σ lack · ∇g, and Hessian (2c/D²) Σ ∇g ∇gᵀ without the second derivatives
         # of g.
         for j in np.unique(k[lack > 0.0]):
@@ -64,8 +64,9 @@ class WallNearness:
         return model
 
     def _cost(self, values: FloatArray, sweep: Sweep) -> float:
-        intervals, links = sweep.turns.shape
-        return self.share(links, intervals) * float(np.sum(np.maximum(1.0 + values / self.distance, 0.0) ** 2))
+        return self.share(sweep.space.arm.links, len(sweep.turns)) * float(
+            np.sum(np.maximum(1.0 + values / self.distance, 0.0) ** 2)
+        )
 
     def share(self, links: int, intervals: int) -> float:
         """Factor of the sum of squares."""

@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.motion.link_space import KNOTS, NOMINAL_LINKS, LinkSpace
+from ccm_opt.motion.link_space import NOMINAL_LINKS, LinkSpace
 from ccm_opt.motion.motion_task import JointSlowness
 from ccm_opt.motion.settings.optimisation_settings import ObjectiveSettings
 from ccm_opt.problem import Weights
@@ -76,26 +76,24 @@ class Objective:
 
     @cached_property
     def _bends(self) -> FloatArray:
-        return self._share * self.space.bend_rows.T @ self.space.bend_rows
+        return self._share * self.space.drive_rows.T @ self.space.drive_rows
 
     def _slowed(self, slowness: FloatArray | None) -> FloatArray:
         """The metric of the bends, each measured by what its joint can do."""
         if slowness is None:
             return self._bends
-        rows = slowness[:, None] * self.space.bend_rows
+        rows = slowness[:, None] * self.space.drive_rows
         return self._share * rows.T @ rows
 
     @cached_property
     def _ridge(self) -> FloatArray:
         # Coordinates after those of the curve blend the goal in; they have another unit and a weight of their own.
-        of_curve = np.arange(self.space.dimension) <= KNOTS
-        return np.diag(np.where(of_curve, self.settings.ridge, self.settings.blend))
+        return np.diag(np.where(self.space.of_shape, self.settings.ridge, self.settings.blend))
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
         """Curvature values of the curve and their differences, in nominal links."""
-        curvature = np.zeros((KNOTS, self.space.dimension))
-        curvature[:, 1 : KNOTS + 1] = self.space.arm.length / NOMINAL_LINKS * np.eye(KNOTS)
+        curvature = self.space.arm.length / NOMINAL_LINKS * self.space.curvature_rows
         return curvature, np.diff(curvature, axis=0)
 
     def value(self, coordinates: FloatArray) -> float:

@@ -12,6 +12,7 @@ from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.interior_point import interior_point
 from ccm_opt.motion.optimisation.keyframes import decimated, even_parameters, subdivided
 from ccm_opt.motion.optimisation.sequential_convex import MotionProgram, sequential_convex
+from ccm_opt.motion.pose import pose_in
 from ccm_opt.motion.settings.optimisation_settings import OptimisationSettings
 from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.problem import Weights
@@ -100,7 +101,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: i
 
 def finer(motion: Motion, times: float) -> tuple[FloatArray, FloatArray]:
     """The coordinates of the same motion at as many times the intervals, as even as may be, and their parameters."""
-    turns = np.linalg.norm(np.diff(motion.space.bends(motion.headings), axis=0), axis=1)
+    turns = np.linalg.norm(np.diff(motion.space.drives(motion.headings), axis=0), axis=1)
     labelled = np.column_stack((motion.coordinates, path_parameters(motion)))
     keyframes = subdivided(labelled, turns, int(np.ceil(times * len(turns))))
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
@@ -167,7 +168,7 @@ def thinned(
     judged = partial(certificate.failures, depth=settings.leg_depth)
     few = decimated(labelled, lambda v: judged(space.headings(v[:, :-1])), settings.first_stride)
 
-    turns = np.diff(space.bends(space.headings(few[:, :-1])), axis=0)
+    turns = np.diff(space.drives(space.headings(few[:, :-1])), axis=0)
     keyframes = subdivided(few, np.linalg.norm(turns, axis=1), intervals)
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
@@ -176,15 +177,14 @@ def path_parameters(motion: Motion) -> FloatArray:
     """Path parameter of every keyframe: its own, or its share of the motion's length in joint space, shape (K,)."""
     if motion.u is not None:
         return motion.u
-    bends = motion.space.bends(motion.headings)
-    arcs = arc_lengths(bends)
+    arcs = arc_lengths(motion.space.drives(motion.headings))
     shares: FloatArray = arcs / arcs[-1] if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
     return shares
 
 
 def travel(motion: Motion) -> float:
-    """Length of the joint path, Σ |Δq| [rad]."""
-    return path_length(motion.space.bends(motion.headings))
+    """Length of the joint path, Σ |Δq| [rad, link lengths]."""
+    return path_length(motion.space.drives(motion.headings))
 
 
 def motion_program(motion: Motion, task: MotionTask, margin: float | None = None) -> MotionProgram:
@@ -194,10 +194,11 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
     length = task.arm.length
     # Few, long links would otherwise reach for every wall of the room.
     link = min(task.arm.link_length, settings.largest_link * length)
+    end = pose_in(motion.space, motion.coordinates[-1])
     return MotionProgram(
         motion.space,
         # Of a goal that is a set the motion keeps the member to which it was found.
-        task.limited_goal.nearest_member(motion.space.positions(motion.coordinates[-1])[-1], motion.headings[-1, -1]),
+        task.limited_goal.nearest_member(end.points[-1], end.tip_heading),
         task.goal_headings is not None,
         # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
         task.limits(task.finder(margin * length, settings.reach * link + task.wanted_gap), task.wanted_gap),

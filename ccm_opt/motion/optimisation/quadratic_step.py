@@ -197,7 +197,7 @@ class KeyframeProgram:
             rows[:, last] = np.eye(p)
         else:
             rows[:2, last] = self.sweep.jacobians[-1, links] / self.nominal_length
-            rows[2:, last] = self.sweep.space.matrix[-1]
+            rows[2:, last] = self.sweep.space.tip_heading_row
         parts = [sp.csc_matrix(rows)]
         for equations in self.keyframe_equations:
             # A fixed end meets them already; the same row twice would make the equations dependent.

@@ -71,7 +71,7 @@ class MotionProgram:
         if self.weights.clearance == 0.0:
             return ()
         distance = self.settings.objective.wall_distance * self.space.arm.length
-        walls = rows.take(rows.minus == 0)
+        walls = rows.take(rows.against_walls)
         return (WallNearness(self.active_rows(walls, sweep, distance), self.weights.clearance, distance),)
 
     def costs(self, rows: IntervalRows, sweep: Sweep) -> tuple[MotionCost, ...]:

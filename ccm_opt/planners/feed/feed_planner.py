@@ -4,8 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import product
 
-from scipy.interpolate import BSpline
-
 from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
@@ -15,15 +13,22 @@ from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.motion.ends import tip_goal
-from ccm_opt.motion.link_space import nearest_curve
+from ccm_opt.motion.limits.limit import Limit
+from ccm_opt.motion.limits.user_limit import UserLimit
+from ccm_opt.planners.feed.direct import drawn_back_a_little, straight_to_goal
+from ccm_opt.planners.feed.fed_task import fed_space, fed_task
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
+from ccm_opt.planners.feed.finishing import Finishing
 from ccm_opt.planners.feed.leader_paths import LeaderPaths, Reach
+from ccm_opt.planners.feed.proposed_motion import ProposedMotion
 from ccm_opt.planners.feed.query import FeedQuery
-from ccm_opt.planners.feed.tactics import ProposedMotion, following, reshaping, reshaping_at_once, straightened
+from ccm_opt.planners.feed.tactics import following, reshaping, reshaping_at_once, straightened
+from ccm_opt.planners.feed.tight_places import ends_of_tight_places
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.planners.goal_members import goal_members
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import JointPath
+from ccm_opt.user_terms.compiled_terms import UserTerms
 
 
 @dataclass(frozen=True)
@@ -33,10 +38,12 @@ class FeedPlanner:
     Attributes:
         stages: names and times the stages.
         settings: shares of the time, margins and tolerances.
+        terms: the user's constraints and costs, or None.
     """
 
     stages: Stages = field(default_factory=Stages)
     settings: FeedPlannerSettings = DEFAULT_FEED
+    terms: UserTerms | None = None
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion of bends and feed.
@@ -77,8 +84,16 @@ class FeedPlanner:
         """A motion to one member of the goal."""
         with self.stages("mapping"):
             query = FeedQuery.from_problem(problem, feed, deadline, self.settings)
+            for limit in user_limits(self.terms, self.settings):
+                goal = None if query.goal is None else query.pose(query.goal)
+                limit.refuse_ends(query.pose(query.start), goal)
         with self.stages("motion"):
-            return _FeedSearch(query).run()
+            return _FeedSearch(query, self.terms).run()
+
+
+def user_limits(terms: UserTerms | None, settings: FeedPlannerSettings) -> tuple[Limit, ...]:
+    """The user's constraints and costs as limits of the motion; usually none."""
+    return () if terms is None else (UserLimit(terms, settings.curve.motion.user_limits),)
 
 
 @dataclass
@@ -87,19 +102,26 @@ class _FeedSearch:
 
     Attributes:
         query: what is asked.
+        terms: the user's constraints and costs, or None.
+        finishing: makes paths of motions.
         leader_paths: finds leaders' paths for a goal of the tip; None when the goal is the whole arm's.
         found: leaders' paths found so far.
         refused: why motions were refused.
     """
 
     query: FeedQuery
+    terms: UserTerms | None = None
     leader_paths: LeaderPaths | None = field(init=False)
+    finishing: Finishing = field(init=False)
     found: list[LeaderPath] = field(init=False, default_factory=list)
     refused: list[str] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         problem = self.query.problem
         settings = self.query.settings
+        limits = user_limits(self.terms, self.query.settings)
+        task = fed_task(self.query, self.query.deadline, limits)
+        self.finishing = Finishing(self.query, task, fed_space(problem), self.refused, self.terms)
         self.leader_paths = None
         if isinstance(problem.goal, TipGoal):
             # What following may use up leaves time for changes of shape.
@@ -112,15 +134,34 @@ class _FeedSearch:
         Raises:
             NoPlanFound: when none is.
         """
+        put_off: list[ProposedMotion] = []
         for motion in self._motions():
-            certified = self.query.motions.path(motion.keyframes)
-            if certified is not None:
-                spline, spare = certified
-                return self._joint_path(motion, spline, spare)
-            self.refused.append(f"{motion.name}: not certified")
+            # A motion that is much longer than it might be waits for a few others: perhaps one of them is better.
+            if self.finishing.is_long(motion):
+                put_off.append(motion)
+                path = self._first_path(put_off) if len(put_off) > self.query.settings.put_off else None
+            else:
+                path = self.finishing.path(motion)
+            if path is not None:
+                return path
             if self.query.deadline.passed():
                 break
-        raise self._nothing_found()
+        path = self._first_path(put_off)
+        if path is None:
+            raise self._nothing_found()
+        return path
+
+    def _first_path(self, motions: list[ProposedMotion]) -> JointPath | None:
+        """The path of the shortest of some motions that has one; they are used up."""
+        best: JointPath | None = None
+        for motion in sorted(motions, key=self.finishing.duration):
+            # Turns say little of how smooth a path is: one that is quicker as it stands is worth a look.
+            if best is None or self.finishing.quicker_as_it_is(motion, best):
+                path = self.finishing.path(motion)
+                if path is not None and (best is None or self.finishing.time(path) < self.finishing.time(best)):
+                    best = path
+        motions.clear()
+        return best
 
     def _motions(self) -> Iterator[ProposedMotion]:
         """All motions to try; those that follow a leader all the time first, but where an end cannot be drawn back."""
@@ -128,6 +169,7 @@ class _FeedSearch:
         # An end that bends too near to the hole to be drawn back has to change its shape in any case: perhaps that is
         # all it takes.
         end_bends_at_hole = query.start_path is None or query.goal_path is None
+        yield from straight_to_goal(query, self.finishing.task, self.finishing.space)
         at_once_first = query.goal is not None and end_bends_at_hole
         if at_once_first:
             yield from reshaping_at_once(query)
@@ -155,7 +197,12 @@ class _FeedSearch:
         for path in self._leaders(query):
             self.found.append(path)
             motions = list(following(query, path))
-            yield from motions
+            ahead = [motion for motion in motions if not motion.draws_back]
+            yield from ahead
+            back = [motion for motion in motions if motion.draws_back]
+            if not ahead:
+                back += drawn_back_a_little(query, path, self.finishing.task, self.finishing.space)
+            yield from sorted(back, key=self.finishing.duration)
             if not motions and query.end_on(path) is not None:
                 not_followed.append(path)
                 if len(not_followed) == most:
@@ -184,11 +231,6 @@ class _FeedSearch:
         for straight, most in straights:
             yield from self.leader_paths.curves(straight, reach, most)
 
-    def _joint_path(self, motion: ProposedMotion, spline: BSpline, spare: float) -> JointPath:
-        arm = self.query.arm
-        curves = tuple(nearest_curve(arm, headings) for headings in arm.headings(motion.keyframes[:, :-1]))
-        return JointPath(spline, motion.keyframes, curves, motion.name, motion.leaders, spare)
-
     def _nothing_found(self) -> NoPlanFound:
         # No path at all: the goal itself may be out of reach, which says more than how the search went.
         if self.leader_paths is not None and not self.found:
@@ -201,6 +243,11 @@ class _FeedSearch:
             refused.extend(self.leader_paths.refusals)
         found = len(self.found)
         reason = f"no motion found along {found} leaders' paths, {len(self.refused)} motions could not be certified"
+        names = ", ".join(f"'{name}'" for limit in self.finishing.task.user_limits for name in limit.names)
+        if names:
+            # What a constraint refused says more than how many motions there were.
+            broken = next((words for words in self.refused if "constraint" in words), None)
+            reason = f"{reason} under {names}" + ("" if broken is None else f"; {broken}")
         evidence: dict[str, object] = {"refused": refused[: self.query.settings.refusals_listed]}
         if self.query.deadline.passed():
             slow = Diagnosis(
@@ -218,6 +265,7 @@ def _straights(query: FeedQuery) -> list[tuple[float, int]]:
     A straight start lies on a path that is straight up to its tip; else it is drawn back as far as it must.
     """
     settings = query.settings.leaders
+    arm = query.arm
     least = query.least_straight
     tip_drawn_back = query.feed.low + query.arm.length
     tip_at_start = query.start.feed + query.arm.length
@@ -231,6 +279,9 @@ def _straights(query: FeedQuery) -> list[tuple[float, int]]:
         straights.append((tip_drawn_back, settings.first_curves))
     # the earliest bend reaches most goals; but the base cannot leave the axis, so where its range goes farther a path
     # may have to be straight for as long.
+    # Nor can it bend where a guide or a hole is hardly wider than it: no joint may before the place where it widens.
+    tight = ends_of_tight_places(query.problem, query.feed.hole - arm.link_length, query.settings)
+    straights.extend((max(end + arm.link_length, least), settings.first_curves) for end in tight)
     straights.append((least, settings.curves))
     if query.feed.high > least:
         straights.append((query.feed.high + 2.0 * query.motions.travel, settings.curves))

@@ -61,6 +61,23 @@ class FeedPlannerSettings:
         bends_moved_share: share of its limit that a joint takes over of such bends. Taste.
         separation: further keyframes where a change of shape ends. Derived: with two more of the same pose no span of
             the cubic spline, which four control points shape, mixes the change with a moving feed.
+        drawn_back_shares: of the way that it takes to draw both ends back onto the axis, from which the arm is led
+            straight to the goal's path, in the order in which they are tried. Taste.
+        worth_shortening: times the duration of the straight line between its ends from which on a motion is
+            optimised. Taste: a motion that follows its leader without drawing back is as long as its feed.
+        long: times the duration of the straight line between its ends from which on a motion is put off. Taste.
+        put_off: motions that are put off before the shortest of them is taken. Taste: looking for one costs as much as
+            making its path.
+        keyframes_a_link: of the optimisation, to a link length that the range of the feed carries the arm. Taste: at
+            fewer, joints bend late behind the hole.
+        roomier: as many times the room of a plain path make an optimised one worth more time. Taste.
+        slower_with_room: as many times the duration that it may last then. Taste.
+        room_samples: places of a path at which its room is measured. Taste.
+        finer_samples: samples to a keyframe of an optimised motion, beside which an even path is laid. Taste.
+        tight_gap: room on either side of the arm, in link lengths, below which a place of the axis is tight: no joint
+            can bend there as paths would have it. Taste.
+        tight_spacing: places of the axis that are looked at, in link lengths. Taste.
+        tight_places: of which paths are tried that stay straight up to their end. Taste.
         refusals_listed: of the reasons why motions were refused a diagnosis lists so many. Taste.
         leaders: of the search for paths that a leader may take.
         following: of paths for a leader and of the motions along them.
@@ -77,6 +94,18 @@ class FeedPlannerSettings:
     bends_moved_out: float = 0.25
     bends_moved_share: float = 0.5
     separation: int = 2
+    drawn_back_shares: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75, 1.0)
+    worth_shortening: float = 1.2
+    long: float = 2.5
+    put_off: int = 2
+    keyframes_a_link: float = 2.0
+    roomier: float = 1.1
+    slower_with_room: float = 1.1
+    room_samples: int = 200
+    finer_samples: int = 4
+    tight_gap: float = 0.05
+    tight_spacing: float = 0.05
+    tight_places: int = 3
     refusals_listed: int = 20
     leaders: LeaderPathSettings = field(default_factory=LeaderPathSettings)
     following: FollowingSettings = field(default_factory=FollowingSettings)

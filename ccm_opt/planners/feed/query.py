@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from ccm_opt.collision.bad_pose import refuse_bad_pose
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.planners.feed.fed_poses import fed_pose, refuse_bad_tip
@@ -70,6 +71,10 @@ class FeedQuery:
     def arm(self) -> Arm:
         """The arm."""
         return self.problem.arm
+
+    def pose(self, end: JointPose) -> FloatArray:
+        """An end as planning handles it: link headings and the base's way, shape (c,) [rad, link lengths]."""
+        return self.arm.poses(end.configuration(self.arm))
 
     @property
     def outside(self) -> float:

@@ -1,57 +1,17 @@
 """Motions from the start to the end of a leader's path: by following alone, or with a change of shape on the way."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import metres
+from ccm_opt.planners.feed.proposed_motion import ProposedMotion, StraightenedEnd, pinned
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.reshaping import Reshaping
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.planners.following.slide import joined_keyframes, pose_on, slide
 from ccm_opt.problem import JointPose, TipGoal
-
-
-@dataclass(frozen=True)
-class StraightenedEnd:
-    """An end that bends too near to the hole, and a pose like it that does not.
-
-    Attributes:
-        keyframes: from the end to that pose, shape (K, links + 1) [rad, m].
-        pose: the pose that the motion goes on from.
-    """
-
-    keyframes: FloatArray
-    pose: JointPose
-
-
-@dataclass(frozen=True)
-class ProposedMotion:
-    """Keyframes from start to goal that nobody has certified yet, and what they came from.
-
-    Attributes:
-        keyframes: bends and feed, shape (K, links + 1) [rad, m].
-        leaders: paths followed, each of shape (m, 2) [m]; none when the arm does not follow all the way.
-        name: of the tactic.
-    """
-
-    keyframes: FloatArray
-    leaders: tuple[FloatArray, ...]
-    name: str
-
-    def between(self, start: StraightenedEnd, goal: StraightenedEnd | None = None) -> "ProposedMotion":
-        """The motion with what straightens its ends before and after it."""
-        pieces = [start.keyframes, self.keyframes]
-        straightens = len(start.keyframes) > 1
-        if goal is not None:
-            pieces.append(goal.keyframes[::-1])
-            straightens = straightens or len(goal.keyframes) > 1
-        keyframes = joined_keyframes(*pieces)
-        if straightens:
-            return ProposedMotion(keyframes, (), f"straighten, {self.name}")
-        return ProposedMotion(keyframes, self.leaders, self.name)
 
 
 def following(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
@@ -71,7 +31,7 @@ def following(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         if start_path is not None and end < start.feed:
             leaders.insert(0, start_path.points)
         keyframes = slide(arm, path, start.feed, end, settings)
-        yield ProposedMotion(_pinned(query, keyframes), tuple(leaders), f"follow the leader, {path.name}")
+        yield ProposedMotion(pinned(query, keyframes), tuple(leaders), f"follow the leader, {path.name}")
 
     if start_path is None:
         return
@@ -81,7 +41,8 @@ def following(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         out = slide(arm, start_path, start.feed, back, settings)
         in_again = slide(arm, path, back, end, settings)
         name = f"draw back, then follow the leader, {path.name}"
-        yield ProposedMotion(_pinned(query, joined_keyframes(out, in_again)), (start_path.points, path.points), name)
+        keyframes = pinned(query, joined_keyframes(out, in_again))
+        yield ProposedMotion(keyframes, (start_path.points, path.points), name, draws_back=True)
 
 
 def straightened(query: FeedQuery, end: JointPose, path: LeaderPath | None) -> Iterator[StraightenedEnd]:
@@ -135,7 +96,7 @@ def reshaping_at_once(query: FeedQuery) -> Iterator[ProposedMotion]:
         return
     keyframes = _reshaper(query).keyframes(query.start, goal, query.feed.hole)
     if keyframes is not None:
-        yield ProposedMotion(_pinned(query, keyframes), (), "change shape at the start's feed")
+        yield ProposedMotion(pinned(query, keyframes), (), "change shape at the start's feed")
 
 
 def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
@@ -155,9 +116,7 @@ def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         if changed is not None:
             onward = slide(arm, path, feed, end, query.settings.following)
             keyframes = joined_keyframes(there, changed, onward)
-            yield ProposedMotion(
-                _pinned(query, keyframes), (), f"change shape at a feed of {metres(feed)}, {path.name}"
-            )
+            yield ProposedMotion(pinned(query, keyframes), (), f"change shape at a feed of {metres(feed)}, {path.name}")
 
 
 def _feeds_to_reshape_at(query: FeedQuery, end: float) -> list[float]:
@@ -182,12 +141,3 @@ def _reshaper(query: FeedQuery) -> Reshaping:
     """Changes of shape, none of which may use up all the time."""
     deadline = query.deadline.within(query.settings.reshaping_share * query.problem.planner.time_limit)
     return Reshaping(query.problem, deadline, query.settings)
-
-
-def _pinned(query: FeedQuery, keyframes: FloatArray) -> FloatArray:
-    """Keyframes whose ends are the start, and the goal of the whole arm when there is one, without rounding."""
-    pinned = keyframes.copy()
-    pinned[0] = query.start.configuration(query.arm)
-    if query.goal is not None:
-        pinned[-1] = query.goal.configuration(query.arm)
-    return pinned

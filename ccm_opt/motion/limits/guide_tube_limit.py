@@ -1,0 +1,210 @@
+"""The guide tube of a feed axis as a limit: what it holds is straight, and the base stays in its range.
+
+Joint j may bend once it has passed the hole, f + j l ≥ hole. In a step its bend may grow with the distance that it has
+come beyond, |b| ≤ s (f + j l − hole − reserve), which is convex where it applies: so an arm that is drawn back
+straightens in time. In the optimisation every keyframe has a first joint that may bend, the first that is outside there
+and at the keyframes beside it, as far as the smooth path mixes them; the joints before it have equations, and the feed
+a row that keeps it outside.
+"""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.rounding import ROUNDING
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.motion.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitRows
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.pose import Pose
+from ccm_opt.motion.settings.guide_tube_settings import GuideTubeSettings
+
+if TYPE_CHECKING:
+    from ccm_opt.motion.swept_motion import Sweep
+
+Number = TypeVar("Number", np.float64, np.intp)
+
+
+@dataclass(frozen=True)
+class GuideTubeLimit(Limit):
+    """Keeps straight what is in the tube.
+
+    All lengths that it reckons with are in link lengths, in which poses have the base.
+
+    Attributes:
+        arm: with axes that carry its base.
+        travel: distance beyond the hole up to which a joint that comes out stays straight, so that no two samples of
+            the timed motion have it bend in the tube between them [m].
+        settings: of its rows.
+    """
+
+    arm: Arm
+    travel: float = 0.0
+    settings: GuideTubeSettings = field(default_factory=GuideTubeSettings)
+
+    # ------------------------------------------------------------ the single step
+    def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
+        """Equations of the bends that are held, cones of the others, and the range of the base."""
+        del jacobians
+        bends = space.bends(pose.headings)
+        room = self._beyond(pose.headings) - self._reserve
+        held = (room < 0.0) & (bends == 0.0)
+        slope = self.settings.bend_share * space.bend_limits
+        # s (f + j l − …) ∓ b ≥ 0; where it is not kept already, it may not become worse.
+        slack = slope * room - np.abs(bends)
+        near = ~held & (slack < (2.0 + slope) * turn)
+        cone = slope[near, None] * self._base_row(space)
+        spare = np.maximum(slack[near], 0.0)
+        sides = [
+            (cone - sign * space.bend_rows[near], np.maximum(spare, slope[near] * room[near] - sign * bends[near]))
+            for sign in (1.0, -1.0)
+        ]
+        low, high = self._range_left(pose.headings)
+        rows = [space.bend_rows[held], *(matrix for matrix, _ in sides), self._base_row(space)]
+        straight = np.zeros(int(held.sum()))
+        lower = [straight, *(-most for _, most in sides), np.atleast_1d(low)]
+        upper = [straight, *(np.full(len(most), UNBOUNDED) for _, most in sides), np.atleast_1d(high)]
+
+        def keeps(trial: Pose) -> bool:
+            return not np.any(self._held_bent(np.stack((pose.headings, trial.headings))))
+
+        return LimitRows(np.vstack(rows), np.concatenate(lower), np.concatenate(upper), len(straight), keeps=keeps)
+
+    def restored(self, space: LinkSpace, v: FloatArray, most: float) -> FloatArray:
+        """Bends of held joints exactly 0, and the base in its range, where only the solver's accuracy lacks."""
+        del most
+        snapped: FloatArray = self._snapped(space, v[None])[0]
+        return snapped
+
+    # ------------------------------------------------------------ at the goal
+    def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
+        """Whether nothing that is held is bent, and the base is in its range."""
+        del space, near
+        low, high = self._range_left(final.headings)
+        in_range = bool(low <= 0.0 <= high)
+        return in_range and not np.any(self._held_bent(final.headings[None]))
+
+    # ------------------------------------------------------------ the optimisation of a motion
+    def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """No bend before the first joint that may bend."""
+        del u
+        straight = np.arange(self.arm.links) < self._first_free(sweep.headings)[:, None]
+        straight[0] = False  # the start is fixed
+        keyframe, joint = np.nonzero(straight)
+        zero = np.zeros(len(keyframe))
+        return (KeyframeRows(keyframe, sweep.space.bend_rows[joint], zero, zero),)
+
+    def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """The base where joints that bend, here or at a keyframe beside, stay outside the tube, and in its range."""
+        del u
+        first = self._first_free(sweep.headings)
+        around = _least_around(first, self.settings.mixed)
+        base = self._base(sweep.headings)
+        # Nothing bends where the first that may is beyond the last joint: then only the range counts.
+        outside = np.where(around < self.arm.links, self._hole + self._reserve - around, -np.inf)
+        low, high = self._range_left(sweep.headings)
+        least = np.minimum(np.maximum(low, outside - base), 0.0)
+        keyframe = np.arange(1, len(base))
+        rows = np.repeat(self._base_row(sweep.space), len(keyframe), axis=0)
+        return (KeyframeRows(keyframe, rows, least[1:], np.maximum(high, 0.0)[1:]),)
+
+    def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
+        """As ``restored``, of all keyframes after the first."""
+        del u
+        snapped = self._snapped(space, coordinates)
+        snapped[0] = coordinates[0]
+        return snapped
+
+    def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
+        """Whether the base is in its range at every keyframe; what is held between them is for ``failures`` to see."""
+        del before, u
+        low, high = self._range_left(sweep.headings)
+        return bool(np.all((low <= ROUNDING) & (high >= -ROUNDING)))
+
+    # ------------------------------------------------------------ between keyframes
+    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals in which a joint is bent that the tube holds at some time."""
+        del depth
+        return np.flatnonzero(self._held_bent(headings))
+
+    # ------------------------------------------------------------ words
+    def describe(self, headings: FloatArray) -> str:
+        """That the base is at an end of its range; empty when it is not."""
+        low, high = self._range_left(headings)
+        if min(-float(low), float(high)) > self.settings.at_end:
+            return ""
+        return "the feed is at the end of its range"
+
+    # ------------------------------------------------------------ what it reckons with
+    @property
+    def _hole(self) -> float:
+        return self.arm.hole / self.arm.link_length
+
+    @property
+    def _reserve(self) -> float:
+        """How far beyond the hole rows let joints bend [link lengths]."""
+        return self.settings.reserve + self.travel / self.arm.link_length
+
+    def _base(self, poses: FloatArray) -> FloatArray:
+        """How far the base is carried, shape (..., c) to (...) [link lengths]."""
+        return np.asarray(np.sum(poses[..., self.arm.links :], axis=-1))
+
+    def _base_row(self, space: LinkSpace) -> FloatArray:
+        """Derivative of that by the coordinates, shape (1, p)."""
+        return np.asarray(space.matrix[self.arm.links :].sum(axis=0, keepdims=True))
+
+    def _beyond(self, poses: FloatArray) -> FloatArray:
+        """How far every joint is beyond the hole, shape (..., links) [link lengths]."""
+        return np.asarray(self._base(poses)[..., None] + np.arange(self.arm.links) - self._hole)
+
+    def _range_left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far the base may still go either way, at most 0 and at least 0 where it is in its range."""
+        low, high = self.arm.base_range
+        base = self._base(poses)
+        return low / self.arm.link_length - base, high / self.arm.link_length - base
+
+    def _first_free(self, poses: FloatArray) -> IntArray:
+        """Of every keyframe the first joint that may bend, shape (K,); the number of links where none may."""
+        base = self._base(poses)
+        least = _least_around(base, self.settings.mixed)
+        outside = np.ceil(self._hole + self._reserve - least - self.settings.rounding)
+        bent = self.arm.bends(poses[:, : self.arm.links]) != 0.0
+        first_bent = np.where(bent.any(axis=1), np.argmax(bent, axis=1), self.arm.links)
+        # What is bent already may stay so: the motion is certified.
+        first: IntArray = np.clip(np.minimum(outside, first_bent), 0, self.arm.links).astype(np.intp)
+        return first
+
+    def _held_bent(self, poses: FloatArray) -> BoolArray:
+        """In which intervals between poses, shape (K, c), or at which pose alone, some joint is bent and held."""
+        bent = self.arm.bends(poses[:, : self.arm.links]) != 0.0
+        beyond = self._beyond(poses)
+        # A joint that an end of the motion bends nearer to the hole than that has not just come out.
+        ends = np.where(bent[[0, -1]], beyond[[0, -1]], np.inf).min(axis=0)
+        least = np.clip(self.travel / self.arm.link_length, 0.0, np.maximum(ends, 0.0)) - self.settings.rounding
+        if len(poses) == 1:
+            return np.asarray(np.any(bent & (beyond < least), axis=1))
+        bent_within = bent[:-1] | bent[1:]
+        nearest = np.minimum(beyond[:-1], beyond[1:])
+        return np.asarray(np.any(bent_within & (nearest < least), axis=1))
+
+    def _snapped(self, space: LinkSpace, coordinates: FloatArray) -> FloatArray:
+        """Coordinates, shape (K, p), with tiny bends of joints within the reserve 0, and the base within its range."""
+        poses = space.headings(coordinates)
+        bends = space.bends(poses)
+        inside = self._beyond(poses) < self._reserve + self.settings.rounding
+        tiny = inside & (np.abs(bends) < self.settings.tiny_bend)
+        snapped = coordinates.copy()
+        snapped[:, : self.arm.links][tiny] = 0.0
+        low, high = self.arm.base_range
+        first = self.arm.links
+        snapped[:, first] = np.clip(snapped[:, first], low / self.arm.link_length, high / self.arm.link_length)
+        return snapped
+
+
+def _least_around(values: NDArray[Number], reach: int) -> NDArray[Number]:
+    """The least of every value and of so many to either side, shape (K,)."""
+    around = np.pad(values, reach, mode="edge")
+    least: NDArray[Number] = np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1).min(axis=1)
+    return least

@@ -1,0 +1,257 @@
+"""From a proposed motion of a fed arm to its smooth path: brought onto the user's limits, shortened, given room."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.rounding import TINY
+from ccm_opt.motion.clamped_spline import clamped_spline
+from ccm_opt.motion.continuation import Stalled
+from ccm_opt.motion.ending import optimised_to_end_pose
+from ccm_opt.motion.fed_space import FedSpace
+from ccm_opt.motion.link_space import nearest_curve
+from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.optimisation.more_room import lacks_room
+from ccm_opt.motion.optimisation.optimise import keeps_limits, optimise
+from ccm_opt.motion.settings.motion_settings import MotionSettings
+from ccm_opt.motion.smooth_path import SmoothPath, smooth_path
+from ccm_opt.motion.spline_path import certified_spline, spare_kept
+from ccm_opt.motion.step import Stepper
+from ccm_opt.motion.tracking import ReferenceMotion, follow_reference
+from ccm_opt.planners.feed.even_spline import even_spline
+from ccm_opt.planners.feed.path_time import path_time
+from ccm_opt.planners.feed.proposed_motion import ProposedMotion
+from ccm_opt.planners.feed.query import FeedQuery
+from ccm_opt.problem import Weights
+from ccm_opt.solution import JointPath
+from ccm_opt.user_terms.compiled_terms import UserTerms
+
+
+@dataclass
+class Finishing:
+    """Makes paths of proposed motions.
+
+    Attributes:
+        query: what is asked.
+        task: the same as a task of the optimisation, with all limits.
+        space: of the motions.
+        refused: why motions were refused.
+        terms: the user's constraints and costs, which are limits of the task; or None.
+    """
+
+    query: FeedQuery
+    task: MotionTask
+    space: FedSpace
+    refused: list[str]
+    terms: UserTerms | None = None
+
+    def path(self, proposed: ProposedMotion) -> JointPath | None:
+        """The certified path of a motion, optimised where that is worth while; None when there is none."""
+        if not self.query.motions.within_limits(proposed.keyframes):
+            self.refused.append(f"{proposed.name}: beyond a limit of the joints or of the feed")
+            return None
+        found = self._motion(proposed)
+        if self.task.user_limits:
+            return self._on_limits(found)
+        certified = len(self.task.certificate.failures(found.headings)) == 0
+        plain = self._plain_path(proposed) or (self._smooth(found) if certified else None)
+        if certified and self._worthwhile(found, follows=bool(proposed.leaders)):
+            better = optimised_to_end_pose(found, self.task)
+            path = self._smooth(better)
+            if path is not None and (plain is None or self._preferred(path, plain)):
+                return path
+        if plain is None:
+            self.refused.append(f"{proposed.name}: not certified")
+        return plain
+
+    def duration(self, proposed: ProposedMotion) -> float:
+        """An estimate of how long a motion lasts, in turns of the average joint [rad]."""
+        return duration_estimate(self._motion(proposed))
+
+    def is_long(self, proposed: ProposedMotion) -> bool:
+        """Whether a motion lasts much longer than the straight line between its ends."""
+        motion = self._motion(proposed)
+        return duration_estimate(motion) > self.query.settings.long * _straight_line(motion)
+
+    def _motion(self, proposed: ProposedMotion) -> Motion:
+        poses = self.query.arm.poses(proposed.keyframes)
+        return Motion(self.space, self.space.coordinates(poses), poses, proposed.name)
+
+    # ------------------------------------------------------------ the user's constraints and costs
+    def _on_limits(self, found: Motion) -> JointPath | None:
+        """The path of a motion brought onto the user's limits, and optimised under them."""
+        for motion in self._kept(found):
+            optimised = optimise(motion, self.task)
+            motions = (optimised, motion) if keeps_limits(optimised, self.task) else (motion,)
+            paths = [path for each in motions if (path := self._smooth(each)) is not None]
+            if paths:
+                # What costs weigh is in the optimised motion; constraints alone leave the quicker of the two.
+                weighed = self.terms is not None and len(self.terms.all_costs) > 0
+                return min(paths, key=self._cost if weighed else self.time)
+            self.refused.append(f"{motion.candidate}: no smooth path keeps the constraints")
+        return None
+
+    def _kept(self, found: Motion) -> Iterator[Motion]:
+        """The motion where it keeps the limits, and the same tracked under them with less and less margin."""
+        parametric = self.task.parametric
+        if not parametric and keeps_limits(found, self.task):
+            yield found
+        for links in self.task.settings.search.margins:
+            try:
+                yield self._tracked(found, links)
+            except Stalled as stalled:
+                self.refused.append(f"{found.candidate}, tracked: {stalled}")
+
+    def _tracked(self, found: Motion, links: float) -> Motion:
+        """The motion drawn through the limits.
+
+        Raises:
+            Stalled: naming what could not be met.
+        """
+        task = self.task
+        space = self.space
+        finder = task.planning_finder(links * space.nominal_length, space.nominal_length)
+        stepper = Stepper(space, finder, task.limits(finder), _keeping_up(task.settings, found))
+        start = stepper.pose(found.coordinates[0])
+        goal = task.limited_goal
+        reference = ReferenceMotion.from_headings(found.headings)
+        if task.goal_headings is not None:
+            goal = replace(goal, coordinates=space.coordinates(task.goal_headings))
+        way = follow_reference(stepper, reference, goal, start, task.deadline)
+        poses = np.array([pose.headings for pose in way.poses])
+        if task.goal_headings is not None:
+            poses = np.vstack((poses, task.goal_headings))
+        if len(task.certificate.failures(poses)):
+            raise Stalled("the motion arrived but could not be certified", way.poses)
+        u = np.array(way.u) if task.parametric else None
+        return Motion(space, space.coordinates(poses), poses, f"{found.candidate}, tracked", u)
+
+    # ------------------------------------------------------------ shorter, and with more room
+    def _worthwhile(self, found: Motion, *, follows: bool) -> bool:
+        """Whether a motion is much longer than the straight line between its ends, lacks room, or is weighed anew.
+
+        Args:
+            found: the motion.
+            follows: whether it follows a leader all the way: then it has the room that the leader's path has.
+        """
+        if self.task.optimiser == "none":
+            return False
+        longer = duration_estimate(found) > self.query.settings.worth_shortening * _straight_line(found)
+        return longer or self.task.weights != Weights() or (not follows and lacks_room(found, self.task))
+
+    def _preferred(self, better: JointPath, plain: JointPath) -> bool:
+        """Whether an optimised path is quicker than the plain one, or has more room and is not much slower."""
+        if self.task.weights != Weights():
+            return True
+        slower = self.time(better) / max(self.time(plain), TINY)
+        if slower <= 1.0:
+            return True
+        settings = self.query.settings
+        roomier = self._room(better) > settings.roomier * self._room(plain)
+        return roomier and slower <= settings.slower_with_room
+
+    def quicker_as_it_is(self, proposed: ProposedMotion, path: JointPath) -> bool:
+        """Whether the spline beside the keyframes of a motion, as they are, is quicker than a path."""
+        spline = clamped_spline(proposed.keyframes)
+        return path_time(self.query.arm, self.query.problem.limits, spline) < self.time(path)
+
+    def time(self, path: JointPath) -> float:
+        """Least duration of a path [s]."""
+        return path_time(self.query.arm, self.query.problem.limits, path.spline)
+
+    def _cost(self, path: JointPath) -> float:
+        """What the user's costs make of a path: their weighted means over its samples."""
+        u = np.linspace(0.0, 1.0, self.query.settings.room_samples)
+        poses = self.query.arm.poses(path.spline(u))
+        costs = () if self.terms is None else self.terms.all_costs
+        return float(sum(cost.cost.weight * np.mean(cost.values(poses, u)[cost.applies(u)]) for cost in costs))
+
+    def _room(self, path: JointPath) -> float:
+        """Least gap along a path, as far as the wanted gap sees [m]."""
+        samples = np.linspace(0.0, 1.0, self.query.settings.room_samples)
+        return self.task.least_gap(self.query.arm.poses(path.spline(samples)))
+
+    # ------------------------------------------------------------ the path
+    def _smooth(self, motion: Motion) -> JointPath | None:
+        """The quickest smooth path along a motion of the optimisation."""
+        arm = self.query.arm
+        curves = tuple(nearest_curve(arm, pose[: arm.links]) for pose in motion.headings)
+        keyframes = arm.configurations(motion.headings)
+        paths = []
+        for path in (self._even(motion), smooth_path(motion, self.task) or self._beside_keyframes(motion)):
+            if path is not None:
+                spline = BSpline(path.spline.t, arm.configurations(path.spline.c), path.spline.k)
+                paths.append(JointPath(spline, keyframes, curves, motion.candidate, (), path.spare))
+        return min(paths, key=self.time, default=None)
+
+    def _even(self, motion: Motion) -> SmoothPath | None:
+        """A path that is even where joints come out of the tube; none where it may not leave the keyframes."""
+        if any(limit.shapes_path for limit in self.task.user_limits):
+            return None
+        settings = self.task.settings.smooth_path
+        finer = self.query.settings.finer_samples
+        certificate = self.task.certificate
+        travel = self.query.motions.travel
+        spline = even_spline(self.query.arm, motion.headings, travel, certificate, finer, settings)
+        return None if spline is None else SmoothPath(spline, spare_kept(spline, certificate, settings))
+
+    def _beside_keyframes(self, motion: Motion) -> SmoothPath | None:
+        """A path beside the keyframes where it meets the user's equations all the same.
+
+        A path through knots on equations swings a little everywhere, and so in the guide tube too; one beside keyframes
+        is straight where they are, and meets what is linear in bends and feed.
+        """
+        if not any(limit.shapes_path for limit in self.task.user_limits):
+            return None
+        settings = self.task.settings.smooth_path
+        spline = certified_spline(motion.headings, self.task.certificate, settings)
+        if spline is None:
+            return None
+        u = np.linspace(0.0, 1.0, self.query.settings.room_samples)
+        if any(limit.misses_path(spline(u), u).any() for limit in self.task.user_limits):
+            return None
+        return SmoothPath(spline, spare_kept(spline, self.task.certificate, settings))
+
+    def _plain_path(self, proposed: ProposedMotion) -> JointPath | None:
+        """The path near the keyframes as they are."""
+        certified = self.query.motions.path(proposed.keyframes)
+        if certified is None:
+            return None
+        spline, spare = certified
+        arm = self.query.arm
+        curves = tuple(nearest_curve(arm, headings) for headings in arm.headings(proposed.keyframes[:, : arm.links]))
+        return JointPath(spline, proposed.keyframes, curves, proposed.name, proposed.leaders, spare)
+
+
+def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
+    """Settings with which a motion that is tracked runs no faster than steps can follow: a long feed takes many."""
+    tracking = settings.tracking
+    length = float(np.abs(np.diff(found.headings, axis=0)).max(axis=1).sum())
+    most = settings.step.largest_turn / max(length, TINY)
+    paced = replace(
+        tracking,
+        first_advance=min(tracking.first_advance, 0.5 * most),
+        largest_advance=min(tracking.largest_advance, 0.5 * most),
+    )
+    return replace(settings, tracking=paced)
+
+
+def duration_estimate(motion: Motion) -> float:
+    """How long a motion lasts at least at full speed, in turns of the average joint [rad].
+
+    What the drives move is counted by the time that it takes, so the busiest of them decides in every interval.
+    """
+    return _at_full_speed(motion.space.drives(motion.headings))
+
+
+def _straight_line(motion: Motion) -> float:
+    """The same of the straight line between the ends of a motion."""
+    return _at_full_speed(motion.space.drives(motion.headings[[0, -1]]))
+
+
+def _at_full_speed(drives: FloatArray) -> float:
+    """Sum of the longest change in every interval, shape (K, c) [rad]."""
+    return float(np.abs(np.diff(drives, axis=0)).max(axis=1).sum())
