@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,14 @@ from ccm_opt.cli.commands import app
 from ccm_opt.collision.bad_pose import refuse_bad_pose
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.planners.brought_poses import brought_poses
+from ccm_opt.planners.goal_members import GoalMember
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.solution import StaticPose
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
+from .goal_set_scenes import pocket
 from .scenes import clutter
 
 OWN_TERMS = """\
@@ -58,6 +63,29 @@ def test_the_best_of_all_tries_is_a_sound_pose_with_the_gap_it_says(seed: int) -
     assert found.pose.cost == min(costs)
     assert found.pose.cost == pytest.approx(sum(found.pose.costs.values()))
     assert sum(segment.length for segment in found.pose.curve.segments) == pytest.approx(found.problem.arm.length)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_pocket_that_a_wide_tolerance_reaches_is_found(seed: int) -> None:
+    """Where the middle of the goal lies in a wall, a pose in the pocket before it is found, with the tip in the set."""
+    narrow, goal, tolerances = pocket(np.random.default_rng([seed, 3]))
+    found = ccm_opt.find_pose(replace(narrow, goal=goal, tolerances=tolerances))
+    away = np.hypot(*(found.joint_positions[-1] - goal.position))
+    assert away <= tolerances.position + 1e-6
+    refuse_bad_pose(narrow.arm, narrow.workspace, found.pose.headings, "pose")
+
+
+def test_random_poses_are_brought_onto_the_goal_and_touch_nothing_much() -> None:
+    """What Newton's method brings onto a goal has the tip there and bends no joint too far."""
+    problem = clutter(92_000, 20).problem()
+    assert isinstance(problem.goal, TipGoal)
+    ends = resolve_ends(problem)
+    member = GoalMember(problem.goal.position, problem.goal.heading)
+    brought = list(islice(brought_poses(problem, problem.arm, ends, (member,)), 3))
+    assert brought
+    for headings in brought:
+        assert problem.arm.joint_positions(headings)[-1] == pytest.approx(problem.goal.position, abs=1e-5)
+        assert np.all(np.abs(problem.arm.bends(headings)) <= problem.arm.bend_limits)
 
 
 def small(**changes: object) -> Problem:

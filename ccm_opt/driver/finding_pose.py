@@ -13,7 +13,7 @@ from ccm_opt.ground.length_words import words_for_unit
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.binding_sides import binding_sides
 from ccm_opt.planners.own_units import OwnUnits
-from ccm_opt.planners.pose_over_routes import PoseTry, drawn_tries, pose_search, pose_tries
+from ccm_opt.planners.pose_over_routes import PoseTry, brought_tries, drawn_tries, pose_search, pose_tries
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import GoalPoseRecord, PoseOutcome, StaticPose
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -88,6 +88,8 @@ def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: 
         search = pose_search(problem, terms, settings.curve)
         tries = list(pose_tries(search, settings.curve))
         tries = sorted((*tries, *drawn_tries(search, tries)), key=lambda each: each.cost)
+        if all(each.best is None for each in tries):
+            tries = sorted((*tries, *brought_tries(search, settings.curve)), key=lambda each: each.cost)
         if not tries or tries[0].best is None:
             raise no_pose(problem, tries, terms, settings)
     return _answer(problem, tries, terms, stages)

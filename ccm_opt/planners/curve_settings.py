@@ -39,6 +39,9 @@ class CurvePlannerSettings:
         beginnings: configurations along each route from which the static question is asked. Taste: the surplus length
             to either side.
         different: largest turn of a link by which two configurations count as different [rad]. Taste.
+        brought_rounds: rounds of random poses that Newton's method brings onto the goal, where neither routes nor drawn
+            poses answer the static question. Taste: a tenth of a second each.
+        brought: of these poses so many at most are improved by the NLP, until one serves. Taste.
         elastic_weights: of half the squared miss of a user's constraint, as a turn of the whole arm [1/rad²], where the
             pose is looked for that misses constraints least; one after the other, each from the pose before. Measured:
             the first is solved where the last alone fails, and with the last misses are exact to a thousandth.
@@ -72,6 +75,8 @@ class CurvePlannerSettings:
     cost_shares: tuple[float, ...] = (1.0, 0.1, 0.0)
     beginnings: int = 2
     different: float = 0.3
+    brought_rounds: int = 20
+    brought: int = 6
     elastic_weights: tuple[float, ...] = (10.0, 1e2, 1e3, 1e5)
     elastic_share: float = 0.02
     neighbourhood: float = 0.1

@@ -17,9 +17,11 @@ from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import attempt, attempts
 from ccm_opt.nlp.infeasibility import FailedAttempt, beyond_reach, diagnose
+from ccm_opt.planners.brought_poses import brought_poses
 from ccm_opt.planners.curve_guesses import configuration_task
 from ccm_opt.planners.curve_routes import find_routes, route_room
 from ccm_opt.planners.curve_settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
+from ccm_opt.planners.goal_members import goal_members
 from ccm_opt.planners.goal_pose import GoalPoseSearch, for_arm
 from ccm_opt.problem import Problem
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -107,6 +109,23 @@ def drawn_tries(search: GoalPoseSearch, tries: Sequence[PoseTry]) -> Iterator[Po
         near = best.starts[0]
     for number, candidate in enumerate(search.candidates(near), start=1):
         yield tried_from(search, f"drawn pose {number}", candidate.pose.headings)
+
+
+def brought_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> Iterator[PoseTry]:
+    """Tries from random poses that are brought onto the goal, until one serves; for where nothing else does.
+
+    Args:
+        search: for the problem.
+        settings: how many.
+    """
+    problem = search.problem
+    members = goal_members(problem.arm, search.ends.goal, route_room(problem, search.ends, settings), settings.members)
+    poses = brought_poses(problem, problem.arm, search.ends, members, settings)
+    for number, headings in enumerate(islice(poses, settings.brought), start=1):
+        found = tried_from(search, f"pose brought onto the goal {number}", headings)
+        yield found
+        if found.best is not None:
+            return
 
 
 def tried_from(search: GoalPoseSearch, start: str, headings: FloatArray) -> PoseTry:
