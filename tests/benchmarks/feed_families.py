@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.leader import LeaderPath
@@ -148,6 +148,41 @@ def tube(gap: float) -> Family:
     return drawn
 
 
+def tight_guide(rng: np.random.Generator) -> Problem:
+    """From a guide and through a plate with hardly any play, or none, among polygons."""
+    arm = fed_arm(links=LINKS)
+    path = way(rng)
+    play = float(rng.choice((0.0, 1e-4, 1e-3)))
+    plate = float(rng.uniform(0.01, 0.05))
+    walls = [
+        Obstacle("guide, above", shapely.box(-1.2, RADIUS + play, plate, 1.0)),
+        Obstacle("guide, below", shapely.box(-1.2, -1.0, plate, -RADIUS - play)),
+    ]
+    room = make_room(*clutter(rng, [path]))
+    beyond = tuple(each for each in room.obstacles if not each.name.startswith("guide"))
+    return make_problem(arm, Workspace(room.boundary, (*walls, *beyond)), tip_of(on_way(arm, path), path))
+
+
+def behind_the_entrance(rng: np.random.Generator) -> Problem:
+    """Through the hole, round by half a turn, and back towards the wall in which the hole is."""
+    arm = fed_arm(links=LINKS)
+    radius = float(rng.uniform(0.12, 0.2))
+    side = float(rng.choice((-1.0, 1.0)))
+    arc = np.linspace(0.0, np.pi * radius + 0.05, 601)
+    headings = side * np.minimum(arc / radius, np.pi)
+    middles = 0.5 * (headings[1:] + headings[:-1])
+    legs = arc[1] * np.column_stack((np.cos(middles), np.sin(middles)))
+    points = np.array([STRAIGHT + 0.1, 0.0]) + np.concatenate((np.zeros((1, 2)), np.cumsum(legs, axis=0)))
+    before = np.arange(-0.2, HOLE + STRAIGHT + 0.1 - 1e-9, 0.02)
+    path = LeaderPath(
+        np.concatenate((before, HOLE + STRAIGHT + 0.1 + arc)),
+        np.concatenate((np.column_stack((before - HOLE, np.zeros(len(before)))), points)),
+        np.concatenate((np.zeros(len(before)), headings)),
+        HOLE + STRAIGHT + 0.1,
+    )
+    return make_problem(arm, make_room(*clutter(rng, [path])), tip_of(on_way(arm, path), path))
+
+
 FAMILIES: dict[str, Family] = {
     "into clutter": into_clutter,
     "position only": position_only,
@@ -156,3 +191,4 @@ FAMILIES: dict[str, Family] = {
     "straight out": straight_out,
     "short range": short_range,
 } | {f"tube, {1e3 * gap:g} mm": tube(gap) for gap in TUBE_GAPS}
+FAMILIES |= {"tight guide": tight_guide, "behind the entrance": behind_the_entrance}
