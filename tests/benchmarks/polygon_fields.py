@@ -1,7 +1,8 @@
 """Fields of many small polygons: one in each cell of a grid, scaled with the cells so that ways exist; seeded.
 
 The reference owes nothing to the planner: a start pose drawn at random, and a goal that is the tip of another smooth
-pose; polygons that touch either are left out, so that both ends are free.
+pose; polygons too near to either are left out, so that both ends are free. That a way leads from one to the other is
+likely where ``FieldKind.cleared`` gives the arm room to double up, and not known for certain.
 """
 
 from dataclasses import dataclass, replace
@@ -23,8 +24,6 @@ SIZE = (0.1, 0.23)
 """Of the discs that polygons are inscribed in, as shares of a cell's width."""
 SHIFT = 0.12
 """Of a polygon's middle from that of its cell, at most, likewise."""
-GAP = 0.05
-"""Of start and goal poses to polygons, likewise."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +34,20 @@ class FieldKind:
         polygons: cells of the grid, nearly.
         links: of the arm.
         vertices: of each polygon; None for 4 to 7 at random.
+        gap: of start and goal poses to polygons, as a share of a cell's width.
+        hole: radius of the disc about the base that is kept free, likewise.
     """
 
     polygons: int
     links: int = 24
     vertices: int | None = None
+    gap: float = 0.05
+    hole: float = 0.0
+
+    @classmethod
+    def cleared(cls, polygons: int) -> "FieldKind":
+        """Room for the arm doubled up along both poses, and room to turn at the base."""
+        return cls(polygons, gap=0.28, hole=1.2)
 
 
 def polygon_field(seed: int, kind: FieldKind) -> Scene:
@@ -52,12 +60,14 @@ def polygon_field(seed: int, kind: FieldKind) -> Scene:
     goal = _pose(rng, arm)
     ends = shapely.multilinestrings([arm.joint_positions(start), arm.joint_positions(goal)])
     shapely.prepare(ends)
+    base = shapely.Point(arm.base)
 
     obstacles = []
     for cell in np.ndindex(cells, cells):
         middle = (np.array(cell) + 0.5) * width - HALF_WIDTH + rng.uniform(-SHIFT, SHIFT, 2) * width
         polygon = _polygon(rng, middle, rng.uniform(*SIZE) * width, kind.vertices)
-        if not shapely.dwithin(ends, polygon, arm.radius + GAP * width):
+        clear = not shapely.dwithin(ends, polygon, arm.radius + kind.gap * width)
+        if clear and not shapely.dwithin(base, polygon, kind.hole * width):
             obstacles.append(Obstacle(f"polygon {len(obstacles) + 1}", polygon))
     room = shapely.box(-HALF_WIDTH, -HALF_WIDTH, HALF_WIDTH, HALF_WIDTH)
     return Scene(arm, Workspace(room, tuple(obstacles)), start, goal)
