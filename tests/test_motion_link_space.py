@@ -11,6 +11,7 @@ from scipy.integrate import quad
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.mapping import mean_headings
 from ccm_opt.motion.link_space import KNOTS, SEGMENTS, LinkSpace, mean_heading_matrix
+from ccm_opt.motion.nearest_curves import nearest_curves
 
 from .scenes import make_arm, random_headings
 
@@ -172,3 +173,16 @@ def test_a_clamped_base_keeps_its_heading(seed: int) -> None:
     np.testing.assert_allclose(blended.headings(end), goal, atol=1e-11)
     for held, at in ((space, v), (blended, end)):
         assert held.headings(at + rng.normal(0.0, 3.0, len(at)))[0] == pytest.approx(start[0], abs=1e-12)
+
+
+@settings(max_examples=25)
+@given(seed=seeds, links=st.sampled_from((2, 12, 24, 96)))
+def test_the_nearest_curves_of_many_poses_are_those_of_each(seed: int, links: int) -> None:
+    """Fitted all at once, and joined without integrating, curves are those that each pose's own space gives."""
+    arm = make_arm(links)
+    rng = np.random.default_rng(seed)
+    poses = np.array([random_headings(rng, arm) for _ in range(4)])
+    arcs = np.linspace(0.0, arm.length, 57)
+    for pose, curve in zip(poses, nearest_curves(arm, poses), strict=True):
+        space, v = LinkSpace.through(arm, pose)
+        np.testing.assert_allclose(curve.heading_at(arcs), space.curve(v).heading_at(arcs), atol=1e-8)

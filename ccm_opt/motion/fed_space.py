@@ -13,7 +13,8 @@ import numpy as np
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.link_space import NOMINAL_LINKS, LinkSpace, nearest_curve
+from ccm_opt.motion.link_space import NOMINAL_LINKS, LinkSpace
+from ccm_opt.motion.nearest_curves import nearest_curve
 
 
 @dataclass(frozen=True)

@@ -255,14 +255,17 @@ class LinkSpace:
         return Configuration.chain(self.arm.base, float(heading), [self.arm.length / SEGMENTS] * SEGMENTS, values)
 
 
-def nearest_curve(arm: Arm, headings: FloatArray) -> Configuration:
-    """The continuous curve whose mean headings on the links come nearest to given ones, shape (links,) [rad]."""
-    space, v = LinkSpace.through(arm, headings)
-    return space.curve(v)
-
-
 def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:
-    """Coordinates whose mean headings come nearest to given ones; curvature differences break ties."""
+    """Coordinates whose mean headings come nearest to given ones; curvature differences break ties.
+
+    Args:
+        matrix: A, shape (links, p).
+        headings: shape (links,), or (links, k) for many poses [rad].
+        length: of the arm [m].
+
+    Returns:
+        Shape (p,), or (p, k).
+    """
     p = matrix.shape[1]
     # Few links leave many curves with the same mean headings; the smoothest of them is taken. Coordinates that blend a
     # goal in are held at 0.
@@ -274,9 +277,17 @@ def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> 
 
     weight = np.sqrt(_FIT_WEIGHT)
     system = np.vstack((matrix, weight * roughness, pinned))
-    target = np.concatenate((headings, np.zeros(len(system) - len(headings))))
+    target = np.concatenate((headings, np.zeros((len(system) - len(headings), *headings.shape[1:]))))
     coordinates: FloatArray = np.linalg.lstsq(system, target, rcond=None)[0]
     return coordinates
+
+
+@lru_cache(maxsize=1)
+def turns_before_segments() -> FloatArray:
+    """By how much a curve of length 1 turns up to each segment, for every knot value, shape (SEGMENTS, KNOTS)."""
+    width = 1.0 / (4 * SEGMENTS)
+    turns: FloatArray = _heading_basis(np.arange(SEGMENTS) / SEGMENTS, width, _curvature_basis(width))[:, 1:]
+    return turns
 
 
 @lru_cache(maxsize=32)

@@ -19,8 +19,8 @@ from ccm_opt.ground.stages import Stages
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.user_limit import UserLimit
-from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.motion.motion_task import CachedItems, JointSlowness, Motion, MotionTask
+from ccm_opt.motion.nearest_curves import nearest_curves
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.smooth_path import smooth_path
 from ccm_opt.planners.curve_guesses import find_guesses, further_guesses
@@ -158,7 +158,7 @@ def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
             reason = f"{reason} that keeps the joint limits and the constraints {names}"
         raise MotionNotFound(Diagnosis(reason, "motion", room_advice(problem.arm, problem.workspace)))
     control = problem.arm.bends(path.spline.c)
-    curves = tuple(nearest_curve(problem.arm, headings) for headings in motion.headings)
+    curves = nearest_curves(problem.arm, motion.headings)
     keyframes = problem.arm.bends(motion.headings)
     spline = BSpline(path.spline.t, control, path.spline.k)
     return JointPath(spline, keyframes, curves, motion.candidate, spare=path.spare)

@@ -12,7 +12,8 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.ends import Ends
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.limits.sweep_regions import WallSegments
-from ccm_opt.motion.link_space import LinkSpace, nearest_curve
+from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.nearest_curves import nearest_curve
 from ccm_opt.nlp.arm_pose.pose_program import PoseProgram, PoseSize, pose_program
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose, PoseQuestion

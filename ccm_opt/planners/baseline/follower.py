@@ -20,7 +20,7 @@ from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.clearance_field import ClearanceField
 from ccm_opt.hill_climbing.world import World
 from ccm_opt.motion.ends import Ends, resolve_ends
-from ccm_opt.motion.link_space import nearest_curve
+from ccm_opt.motion.nearest_curves import nearest_curve
 from ccm_opt.planners.baseline.baseline_settings import DEFAULT_BASELINE, BaselineSettings
 from ccm_opt.problem import CurvePose, Problem
 

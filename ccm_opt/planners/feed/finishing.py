@@ -12,8 +12,8 @@ from ccm_opt.motion.clamped_spline import clamped_spline
 from ccm_opt.motion.continuation import Stalled
 from ccm_opt.motion.ending import optimised_to_end_pose
 from ccm_opt.motion.fed_space import FedSpace
-from ccm_opt.motion.link_space import nearest_curve
 from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.nearest_curves import nearest_curves
 from ccm_opt.motion.optimisation.more_room import lacks_room
 from ccm_opt.motion.optimisation.optimise import keeps_limits, optimise
 from ccm_opt.motion.settings.motion_settings import MotionSettings
@@ -178,7 +178,7 @@ class Finishing:
     def _smooth(self, motion: Motion) -> JointPath | None:
         """The quickest smooth path along a motion of the optimisation."""
         arm = self.query.arm
-        curves = tuple(nearest_curve(arm, pose[: arm.links]) for pose in motion.headings)
+        curves = nearest_curves(arm, motion.headings[:, : arm.links])
         keyframes = arm.configurations(motion.headings)
         paths = []
         for path in (self._even(motion), smooth_path(motion, self.task) or self._beside_keyframes(motion)):
@@ -222,7 +222,7 @@ class Finishing:
             return None
         spline, spare = certified
         arm = self.query.arm
-        curves = tuple(nearest_curve(arm, headings) for headings in arm.headings(proposed.keyframes[:, : arm.links]))
+        curves = nearest_curves(arm, arm.headings(proposed.keyframes[:, : arm.links]))
         return JointPath(spline, proposed.keyframes, curves, proposed.name, proposed.leaders, spare)
 
 
