@@ -51,6 +51,20 @@ def _exchanged(task: MotionTask, headings: FloatArray, points: FloatArray) -> Mo
     )
 
 
+def ending_in(task: MotionTask, headings: FloatArray) -> MotionTask:
+    """The same task, but for a pose at its goal, link headings (links,) [rad], as a goal of the whole arm."""
+    points = task.arm.joint_positions(headings)
+    first = task.tip_paths[0]
+    return replace(
+        task,
+        goal=GoalPose(points[-1], float(headings[-1])),
+        goal_headings=headings,
+        guesses=(headings,),
+        further_guesses=lambda: iter(()),
+        tip_paths=tip_paths_in(first.free_space, task.arm.joint_positions(task.start), (points,), first.shrink),
+    )
+
+
 def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose | None:
     """A guess brought onto the goal; None when that fails or it would touch something.
 

@@ -87,7 +87,8 @@ def nothing_found(
 
 def _how_far(strategies: Sequence[StrategyInVain]) -> str:
     """Which strategies were exhausted, and which the time cut short, in words."""
-    exhausted = [f"{each.name} ({_attempts(each)})" for each in strategies if each.exhausted]
+    # What had nothing to try says nothing of the problem.
+    exhausted = [f"{each.name} ({_attempts(each)})" for each in strategies if each.exhausted and each.attempts]
     cut_short = [f"{each.name} ({_attempts(each)})" for each in strategies if not each.exhausted]
     words = f"; exhausted: {', '.join(exhausted)}" if exhausted else ""
     return f"{words}; cut short: {', '.join(cut_short)}" if cut_short else words

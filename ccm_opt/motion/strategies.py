@@ -5,7 +5,11 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Protocol
 
-from ccm_opt.motion.backward import backward_tasks, reversed_motion
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.motion.arcs_at_limits import ArcsAtLimits
+from ccm_opt.motion.backward import backward_tasks, ending_in, reversed_motion
 from ccm_opt.motion.connect.connecting import CONNECT, Connecting
 from ccm_opt.motion.continuation import Stalled
 from ccm_opt.motion.failures import Failure
@@ -136,6 +140,35 @@ class ConnectStrategy:
 
 
 @dataclass(frozen=True)
+class LimitArcStrategy:
+    """Straight to poses with the joints bent all they may be, where a goal for the tip asks for that; then RRT-Connect.
+
+    Guides that draw the tip to such a goal end near it with some joint at its limit and others short of theirs.
+    """
+
+    name: str = "arcs at the limits"
+    costly: bool = False
+
+    def applies(self, task: MotionTask) -> bool:
+        """Arcs know of no base that is carried or held, and of nothing else that holds at the goal."""
+        free = not task.clamped and not task.arm.base_axes and not task.user_limits
+        return free and task.goal_headings is None and len(task.tip_paths) > 0
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """The first motion to one of the poses that touch nothing."""
+        step = task.settings.step
+        arcs = ArcsAtLimits(task.arm, task.goal, task.settings.limit_arcs)
+        poses = arcs.where_needed(step.limit_share, step.full_limit_share)
+        ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
+        for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
+            for whole_arm in filter(strategy.applies, ending):
+                motion = strategy.find(whole_arm, failures, nominal_links)
+                if motion is not None or task.deadline.passed():
+                    return motion
+        return None
+
+
+@dataclass(frozen=True)
 class PortfolioStrategy:
     """The candidates of the portfolio with one planning margin after another.
 
@@ -254,6 +287,13 @@ def candidate_motions(
     yield forward.run(forward.further(), failures)
 
 
+def _touches_nothing(task: MotionTask, headings: FloatArray) -> bool:
+    """Whether a pose, link headings (links,) [rad], keeps off walls and off itself."""
+    points = task.arm.joint_positions(headings)
+    finder = task.finder(0.0, task.arm.link_length)
+    return not finder.crosses(points) and bool(finder.find(points).gap.min(initial=np.inf) > 0.0)
+
+
 def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
     """Whether a candidate ended near its goal with a joint bent as far as planning does."""
     return failure.remaining < task.arm.length / NOMINAL_LINKS and task.bends_all_it_may(failure.headings)
@@ -261,6 +301,7 @@ def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
 
 STRATEGIES: tuple[SearchStrategy, ...] = (
     DirectStrategy(),
+    LimitArcStrategy(),
     ConnectStrategy(Turn.EARLY),
     PortfolioStrategy(narrow=False),
     ConnectStrategy(Turn.MIDDLE, name=f"{CONNECT}, longer"),

@@ -7,6 +7,7 @@ from ccm_opt.motion.settings.connect_settings import ConnectSettings
 from ccm_opt.motion.settings.end_settings import EndSettings
 from ccm_opt.motion.settings.guide_settings import GuideSettings
 from ccm_opt.motion.settings.lifting_settings import LiftingSettings
+from ccm_opt.motion.settings.limit_arc_settings import LimitArcSettings
 from ccm_opt.motion.settings.optimisation_settings import (
     BottleneckSettings,
     InteriorPointSettings,
@@ -37,6 +38,7 @@ class MotionSettings:
         guides: of the guides and candidates.
         tree: of the trees of poses.
         connect: of RRT-Connect.
+        limit_arcs: of poses at the goal with joints at their limits.
         lifting: of taking a motion over to an arm of many links.
         straightening: of cutting a long motion short before it is optimised.
         optimisation: of the optimisation of a motion.
@@ -58,6 +60,7 @@ class MotionSettings:
     guides: GuideSettings = field(default_factory=GuideSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
     connect: ConnectSettings = field(default_factory=ConnectSettings)
+    limit_arcs: LimitArcSettings = field(default_factory=LimitArcSettings)
     lifting: LiftingSettings = field(default_factory=LiftingSettings)
     straightening: StraighteningSettings = field(default_factory=StraighteningSettings)
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
