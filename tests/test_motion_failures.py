@@ -66,5 +66,5 @@ def test_a_search_in_vain_lists_its_strategies() -> None:
         find_motion(task)
     listed = caught.value.diagnosis.evidence["strategies"]
     assert isinstance(listed, list)
-    assert [each["name"] for each in listed] == ["candidates", "RRT-Connect again", "trees"]
+    assert [each["name"] for each in listed] == ["arcs at the limits", "candidates", "RRT-Connect again", "trees"]
     assert not any(each["exhausted"] for each in listed)
