@@ -43,7 +43,7 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
             task.refuse()
             asked = True
         before = len(failures)
-        if coarse is not None:
+        if coarse is not None and strategy.lifted:
             # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.
             found = strategy.find(coarse, failures, nominal_links)
             lifted = _lifted(found, coarse, task) if found is not None else None

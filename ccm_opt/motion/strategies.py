@@ -42,6 +42,11 @@ class SearchStrategy(Protocol):
         """Whether it may take so long that a proof that there is no motion is worth some tenths of a second first."""
         ...
 
+    @property
+    def lifted(self) -> bool:
+        """Whether what it finds for few links is worth lifting onto many."""
+        ...
+
     def applies(self, task: MotionTask) -> bool:
         """Whether the strategy can find motions for a task."""
         ...
@@ -63,6 +68,7 @@ class DirectStrategy:
 
     name: str = "interpolation"
     costly: bool = False
+    lifted: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of the whole arm alone say where straight is."""
@@ -91,11 +97,13 @@ class ConnectStrategy:
         turn: which of its turns this is; the last is for goals of every kind.
         name: for the record of a search in vain.
         costly: later turns follow strategies that are.
+        lifted: onto many links.
     """
 
     turn: Turn
     name: str = CONNECT
     costly: bool = False
+    lifted: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """Limits that move keyframes, or depend on how far along the motion they are, refuse all straight motions."""
@@ -123,7 +131,7 @@ class ConnectStrategy:
         if not task.tip_paths and not few:
             return ()
         # Thin arms of many links have their late turn after the trees, for to look at them takes long.
-        slow = not few and self._thin(task)
+        slow = not few and looked_at_slowly(task)
         if self.turn in {Turn.LATE, Turn.LAST}:
             return settings.late_budgets if slow == (self.turn is Turn.LAST) else ()
         if few:
@@ -131,12 +139,6 @@ class ConnectStrategy:
         if task.goal_headings is None or slow:
             return ()
         return settings.whole_arm_budgets if self.turn is Turn.EARLY else settings.middle_budgets
-
-    def _thin(self, task: MotionTask) -> bool:
-        """Whether poses have to be looked at nearer to each other than the arm is wide, which takes long."""
-        gap = task.arm.radius + task.workspace.clearance
-        sampling = task.settings.connect.sampling
-        return sampling.pose_spacing * gap < sampling.least_spacing * task.arm.length
 
 
 @dataclass(frozen=True)
@@ -176,11 +178,13 @@ class PortfolioStrategy:
         narrow: whether this is what is left of the margins where RRT-Connect has its turn after the widest.
         name: for the record of a search in vain.
         costly: they take seconds.
+        lifted: onto many links.
     """
 
     narrow: bool
     name: str = "candidates"
     costly: bool = True
+    lifted: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """Candidates do not know how far along the motion they are."""
@@ -212,6 +216,7 @@ class TrackingStrategy:
 
     name: str = "tracking"
     costly: bool = True
+    lifted: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """There must be something to track under."""
@@ -236,13 +241,33 @@ class TrackingStrategy:
 
 @dataclass(frozen=True)
 class TreeStrategy:
-    """Trees of poses from both ends, until the deadline or until they reach nothing new."""
+    """Trees of poses from both ends, until the deadline or until they reach nothing new.
 
+    Attributes:
+        early: whether this is a short turn before the candidates. Thin arms of many links with a goal for the whole arm
+            have it: RRT-Connect, which others begin with, takes long to look at them.
+        name: for the record of a search in vain.
+    """
+
+    early: bool = False
     name: str = TREES
-    costly: bool = True
+
+    @property
+    def costly(self) -> bool:
+        """They take seconds but for the early turn, which takes about one."""
+        return not self.early
+
+    @property
+    def lifted(self) -> bool:
+        """Trees wind about; on chains without width no early motion of few links was worth the lifting."""
+        return not self.early
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of a tree do not know how far along the motion they are."""
+        if self.early:
+            # Candidates of fewer links cost less than the trees.
+            many = task.arm.links >= NOMINAL_LINKS
+            return many and task.goal_headings is not None and not task.parametric and looked_at_slowly(task)
         return not task.parametric
 
     def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
@@ -250,6 +275,9 @@ class TreeStrategy:
         if not task.tip_paths or task.deadline.passed():
             return None
         full = task.at_full_limits()
+        if self.early:
+            trees = replace(full.settings.tree, most_extensions=full.settings.tree.early_extensions)
+            full = replace(full, settings=replace(full.settings, tree=trees))
         runs = [SearchRun.from_task(full, margin, nominal_links) for margin in task.settings.search.tree_margins]
         narrowest = runs[-1]
         steppers = tuple(run.stepper for run in runs)
@@ -259,6 +287,13 @@ class TreeStrategy:
         except Stalled as stalled:
             failures.append(narrowest.failure(TREES, stalled))
         return None
+
+
+def looked_at_slowly(task: MotionTask) -> bool:
+    """Whether poses have to be looked at nearer to each other than the arm is wide, which takes RRT-Connect long."""
+    gap = task.arm.radius + task.workspace.clearance
+    sampling = task.settings.connect.sampling
+    return sampling.pose_spacing * gap < sampling.least_spacing * task.arm.length
 
 
 def candidate_motions(
@@ -303,6 +338,7 @@ STRATEGIES: tuple[SearchStrategy, ...] = (
     DirectStrategy(),
     LimitArcStrategy(),
     ConnectStrategy(Turn.EARLY),
+    TreeStrategy(early=True, name=f"{TREES}, shortly"),
     PortfolioStrategy(narrow=False),
     ConnectStrategy(Turn.MIDDLE, name=f"{CONNECT}, longer"),
     PortfolioStrategy(narrow=True, name="candidates nearer to walls"),
