@@ -97,7 +97,6 @@ class ConnectStrategy:
         turn: which of its turns this is; the last is for goals of every kind.
         name: for the record of a search in vain.
         costly: later turns follow strategies that are.
-        lifted: onto many links.
     """
 
     turn: Turn
@@ -150,6 +149,7 @@ class LimitArcStrategy:
 
     name: str = "arcs at the limits"
     costly: bool = False
+    lifted: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """Arcs know of no base that is carried or held, and of nothing else that holds at the goal."""
@@ -178,7 +178,6 @@ class PortfolioStrategy:
         narrow: whether this is what is left of the margins where RRT-Connect has its turn after the widest.
         name: for the record of a search in vain.
         costly: they take seconds.
-        lifted: onto many links.
     """
 
     narrow: bool
