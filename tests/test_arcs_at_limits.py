@@ -15,7 +15,6 @@ from tests.edge_scenes import edge_problem
 from tests.planned_runs import run
 from tests.scenes import make_arm
 
-USUAL = 0.98
 FULL = 0.9995
 
 
@@ -67,7 +66,7 @@ def test_a_goal_that_takes_every_joint_to_its_limit_gets_the_arc_that_reaches_it
     """An arc that is bent all it may be is found again from where its tip is."""
     arm = arc_arm(links, 3.0)
     pose = arc(arm, 0.999, links)
-    found = arcs_to(arm, pose, with_heading=with_heading).where_needed(USUAL, FULL)
+    found = arcs_to(arm, pose, with_heading=with_heading).where_needed(FULL)
     # The tip is also reached by the mirror image where its heading does not matter.
     assert min(np.abs(wrap(each - pose)).max() for each in found) < 0.05
 
@@ -75,14 +74,14 @@ def test_a_goal_that_takes_every_joint_to_its_limit_gets_the_arc_that_reaches_it
 def test_a_goal_that_less_bent_joints_reach_needs_no_such_arcs() -> None:
     """Nothing is offered where the usual share of the limits suffices."""
     arm = arc_arm(24, 3.0)
-    assert arcs_to(arm, arc(arm, 0.8, 24), with_heading=True).where_needed(USUAL, FULL) == ()
+    assert arcs_to(arm, arc(arm, 0.8, 24), with_heading=True).where_needed(FULL) == ()
 
 
 def test_a_goal_beyond_the_limits_has_none() -> None:
     """Nothing is offered where no pose within the limits reaches."""
     arm = arc_arm(24, 3.0)
     beyond = arc_arm(24, 4.0)
-    assert arcs_to(arm, arc(beyond, 1.0, 24), with_heading=True).where_needed(USUAL, FULL) == ()
+    assert arcs_to(arm, arc(beyond, 1.0, 24), with_heading=True).where_needed(FULL) == ()
 
 
 def test_the_tip_is_brought_to_where_all_joints_are_at_their_limits() -> None:

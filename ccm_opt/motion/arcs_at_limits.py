@@ -31,17 +31,16 @@ class ArcsAtLimits:
     goal: GoalPose
     settings: LimitArcSettings
 
-    def where_needed(self, usual: float, full: float) -> tuple[FloatArray, ...]:
-        """Poses that use the limits in full, none where some arc reaches the goal with the usual share of them.
+    def where_needed(self, full: float) -> tuple[FloatArray, ...]:
+        """Poses that use the limits in full, none where an arc reaches the goal with less of them.
 
         Args:
-            usual: share of the joints' limits that planning uses.
-            full: share of them that it may use.
+            full: share of the joints' limits that may be used.
 
         Returns:
             Link headings of poses that may touch something, each of shape (links,) [rad].
         """
-        if self.poses(usual, 1):
+        if self.poses(self.settings.ample, 1):
             return ()
         return self.poses(full, self.settings.kept)
 

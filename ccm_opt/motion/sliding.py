@@ -1,6 +1,6 @@
 """Candidates that slide the arm out of narrow gates, and go on to the goal from there."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -33,13 +33,21 @@ def slid_out(
     """
     settings = stepper.settings.guides.sliding
     mouths = [(path, mouth_of_gates(stepper, start, path)) for path in paths]
-    for path, mouth in mouths:
-        if mouth is None:
-            continue
-        for side in (path.side, -path.side):
-            make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side, settings)
-            name = f"slid out of gates, bowed to the {'left' if side > 0 else 'right'}"
-            yield GuideCandidate(f"{name}, {path.name}", make_guide, (partial(_onward, stepper, whole_arm, path),))
+    by_tip = partial(_by_tip, stepper)
+    ways: list[tuple[Callable[[TipPath, Guide, Pose], Guide], ...]] = [(by_tip,)]
+    if whole_arm is not None:
+        # Straight on, an arm that has come out may be swept back into the wall that it has come through.
+        straight = partial(_straight_on, stepper, whole_arm)
+        ways = [(straight,), (by_tip, straight)]
+    for onward in ways:
+        for path, mouth in mouths:
+            if mouth is None:
+                continue
+            for side in (path.side, -path.side):
+                make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side, settings)
+                name = f"slid out of gates, bowed to the {'left' if side > 0 else 'right'}"
+                resume = tuple(partial(each, path) for each in onward)
+                yield GuideCandidate(f"{name}, {path.name}", make_guide, resume)
 
 
 def mouth_of_gates(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
@@ -51,11 +59,16 @@ def mouth_of_gates(stepper: Stepper, start: Pose, path: TipPath) -> float | None
     return min(ends, default=None)
 
 
-def _onward(stepper: Stepper, whole_arm: FloatArray | None, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """From before the gates to the goal: straight to a pose of the whole arm, or the tip along the rest of its path."""
+def _straight_on(stepper: Stepper, whole_arm: FloatArray, path: TipPath, guide: Guide, pose: Pose) -> Guide:
+    """From before the gates straight to a pose of the whole arm."""
+    del path
     del guide
-    if whole_arm is not None:
-        return Interpolation(stepper.space, pose.v, whole_arm, settings=stepper.settings.guides.interpolation)
+    return Interpolation(stepper.space, pose.v, whole_arm, settings=stepper.settings.guides.interpolation)
+
+
+def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
+    """From before the gates the tip along the rest of its path."""
+    del guide
     line = shapely.LineString(path.taut)
     rest = path.taut[arc_lengths(path.taut) > line.project(shapely.Point(pose.points[-1]))]
     taut = path.free_space.taut_path(np.vstack((pose.points[-1], rest)), shrink=path.shrink)

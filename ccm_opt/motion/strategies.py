@@ -158,9 +158,8 @@ class LimitArcStrategy:
 
     def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The first motion to one of the poses that touch nothing."""
-        step = task.settings.step
         arcs = ArcsAtLimits(task.arm, task.goal, task.settings.limit_arcs)
-        poses = arcs.where_needed(step.limit_share, step.full_limit_share)
+        poses = arcs.where_needed(task.settings.step.full_limit_share)
         ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
         for strategy in (DirectStrategy(), ConnectStrategy(Turn.EARLY)):
             for whole_arm in filter(strategy.applies, ending):
