@@ -169,6 +169,7 @@ def test_trees_have_an_early_turn_where_the_sampler_would_be_slow() -> None:
     assert early.applies(chain)
     assert not early.applies(replace(chain, goal_headings=None))
     assert not early.applies(motion_task(horn(12)))
+    assert not early.applies(motion_task(horn(120)))
     assert not early.applies(replace(chain, arm=replace(chain.arm, radius=0.02 * chain.arm.length)))
     # Few poses are grown: the candidates have their turn soon.
     failures: list[Failure] = []

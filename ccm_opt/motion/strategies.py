@@ -263,8 +263,8 @@ class TreeStrategy:
     def applies(self, task: MotionTask) -> bool:
         """Poses of a tree do not know how far along the motion they are."""
         if self.early:
-            # Candidates of fewer links cost less than the trees.
-            many = task.arm.links >= NOMINAL_LINKS
+            # Candidates of fewer links cost less than the trees, and so do those for many links that are lifted.
+            many = NOMINAL_LINKS <= task.arm.links <= task.settings.tree.early_links
             return many and task.goal_headings is not None and not task.parametric and looked_at_slowly(task)
         return not task.parametric
 
