@@ -1,5 +1,6 @@
 """Guides, the continuation that follows them, settling and polish, and the smooth path through the keyframes."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
@@ -25,6 +26,7 @@ from ccm_opt.motion.guides.tip_led import TipLed
 from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.guides.withdrawal import Withdrawal
 from ccm_opt.motion.link_space import LinkSpace
+from ccm_opt.motion.motion_task import CachedItems
 from ccm_opt.motion.portfolio import first_candidates
 from ccm_opt.motion.pose import Pose
 from ccm_opt.motion.settings.guide_settings import (
@@ -34,6 +36,7 @@ from ccm_opt.motion.settings.guide_settings import (
     TipLedSettings,
     WithdrawalSettings,
 )
+from ccm_opt.motion.settings.search_settings import SearchSettings
 from ccm_opt.motion.settings.step_settings import GoalSettings, StepSettings
 from ccm_opt.motion.spline_path import certified_spline
 from ccm_opt.motion.step import Stepper
@@ -123,6 +126,28 @@ def test_wherever_a_candidate_leads_it_leads_safely(seed: int) -> None:
         headings = headings_of(followed(stepper, start, candidate)[0])
         fine = np.vstack([swept(a, b, 4)[:-1] for a, b in pairwise(headings)])
         assert min(sweep_gaps(scene.arm, scene.workspace, fine)) > 0.0, candidate.name
+
+
+def test_among_many_walls_every_tip_path_comes_before_the_first_pose_at_the_goal() -> None:
+    """The tip is led along each path, shortest first and once, and nothing is asked of the poses before that."""
+    scene = clutter(3, 30)
+    stepper, start = make_stepper(scene)
+    paths = motion_task(scene.problem()).tip_paths
+    crowded = replace(stepper, settings=replace(stepper.settings, search=SearchSettings(many_walls=20)))
+
+    def poses() -> Iterator[FloatArray]:
+        asked.append(True)
+        yield goal_coordinates(stepper, scene.goal)
+
+    asked: list[bool] = []
+    tried = first_candidates(crowded, start, CachedItems(poses()), paths)
+    led = [next(tried).name for _ in paths]
+    assert not asked
+    shortest_first = sorted(paths, key=lambda path: path.length)
+    assert led == [f"tip-led, {path.name}" for path in shortest_first]
+    rest = [candidate.name for candidate in tried]
+    assert asked
+    assert not any(name.startswith("tip-led") for name in rest)
 
 
 def test_a_route_leaves_the_base_straight() -> None:

@@ -67,7 +67,7 @@ def sleeve_of(
     if kept[-1] != len(polyline) - 1:
         raise UnreachableGoal(_gap(triangulation, int(triangles[0]), int(triangles[-1])))
     places = [_SleevePoint(polyline[k], free[k], int(triangles[k])) for k in kept]
-    walks = (_between(triangulation, p, q, bisections) for p, q in itertools.pairwise(places))
+    walks = (_known_between(triangulation, p, q, bisections) for p, q in itertools.pairwise(places))
     return reduce(itertools.chain([places[0].triangle], *walks))
 
 
@@ -77,6 +77,17 @@ class _SleevePoint(NamedTuple):
     point: FloatArray
     free: FloatArray
     triangle: int
+
+
+def _known_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
+    """The same as ``_between``, each walk made once: all paths of the tip lead back along the same arm."""
+    # The free point and its triangle follow from the point.
+    ends = (float(p.point[0]), float(p.point[1]), float(q.point[0]), float(q.point[1]), depth)
+    walk = mesh.known_walks.get(ends)
+    if walk is None:
+        walk = _between(mesh, p, q, depth)
+        mesh.known_walks[ends] = walk
+    return walk
 
 
 def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:

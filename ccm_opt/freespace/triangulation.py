@@ -73,6 +73,11 @@ class Triangulation:
         return lists
 
     @cached_property
+    def known_walks(self) -> dict[tuple[float, float, float, float, int], list[int]]:
+        """Walks that were made already, by the ends of a straight piece of a path [m] and how often it was halved."""
+        return {}
+
+    @cached_property
     def _tree(self) -> shapely.STRtree:
         return shapely.STRtree(list(shapely.get_parts(shapely.polygons(self.corners))))
 

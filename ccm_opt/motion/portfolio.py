@@ -40,6 +40,11 @@ def first_candidates(
     # In a gate with hardly any play nothing else moves an arm.
     yield from slid_out(stepper, start, whole_arm, tip_paths)
 
+    # Poses at the goal are dear among many walls, and often there are none along the routes; a tip is led in no time.
+    led_first = whole_arm is None and stepper.among_many_walls
+    if led_first:
+        yield from (tip_led(stepper, start, path) for path in sorted(tip_paths, key=lambda path: path.length))
+
     interpolated = _interpolations(stepper, start, goal_coordinates)
     if whole_arm is not None or goes_straight(tip_paths, stepper.settings.guides):
         yield from interpolated
@@ -58,7 +63,8 @@ def first_candidates(
             yield from pulled_over(stepper, start, whole_arm, path, fitting[:1])
             yield tip_led(stepper, start, path)
         else:
-            yield tip_led(stepper, start, path)
+            if not led_first:
+                yield tip_led(stepper, start, path)
             yield from pulled_over(stepper, start, whole_arm, path, first_length)
             # Not before, for a pose at the goal has to be found by the NLP first. The first path uses them all up.
             yield from interpolated

@@ -33,6 +33,11 @@ class Stepper:
     limits: tuple[Limit, ...]
     settings: MotionSettings = field(default_factory=MotionSettings)
 
+    @property
+    def among_many_walls(self) -> bool:
+        """Whether so many walls are near that poses at the goal are dear to find, and folds have no room."""
+        return len(self.finder.walls.names) > self.settings.search.many_walls
+
     def pose(self, v: FloatArray) -> Pose:
         """The pose at coordinates."""
         return pose_in(self.space, v)

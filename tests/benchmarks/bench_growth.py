@@ -2,13 +2,14 @@
 
     python -m tests.benchmarks.bench_growth polygons --counts 30 100 300 1000 3000 --seeds 100 105
     python -m tests.benchmarks.bench_growth cleared --counts 30 100 300 1000 3000 --seeds 100 105
+    python -m tests.benchmarks.bench_growth walked --counts 30 100 300 1000 3000 --seeds 100 105
     python -m tests.benchmarks.bench_growth vertices --counts 200 2000 8000 --seeds 100 105
     python -m tests.benchmarks.bench_growth links --counts 24 48 96 192 384 --seeds 100 105
 
 User CPU of planning with optimisation; every plan is verified. The slope is that of the least-squares line through the
 logarithms of counts and medians, failures among them. Memory is the peak of the process so far. In cleared fields there
-is room for the arm doubled up along start and goal, so that ways are likelier to exist. Set OMP_NUM_THREADS=1 and
-OPENBLAS_NUM_THREADS=1.
+is room for the arm doubled up along start and goal, so that ways are likelier to exist; in walked fields one is known.
+Set OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1.
 """
 
 # ruff: noqa: T201 - a benchmark prints its figures
@@ -25,6 +26,7 @@ from tests.planned_runs import quantile, run
 KINDS: dict[str, Callable[[int], FieldKind]] = {
     "polygons": FieldKind,
     "cleared": FieldKind.cleared,
+    "walked": FieldKind.known,
     "vertices": lambda count: FieldKind(100, vertices=count),
     "links": lambda count: FieldKind(30, links=count),
 }

@@ -1,8 +1,9 @@
 """Fields of many small polygons: one in each cell of a grid, scaled with the cells so that ways exist; seeded.
 
-The reference owes nothing to the planner: a start pose drawn at random, and a goal that is the tip of another smooth
-pose; polygons too near to either are left out, so that both ends are free. That a way leads from one to the other is
-likely where ``FieldKind.cleared`` gives the arm room to double up, and not known for certain.
+A start pose drawn at random, and a goal that is the tip of another smooth pose; polygons too near to either are left
+out, so that both ends are free. That a way leads from one to the other is likely where ``FieldKind.cleared`` gives the
+arm room to double up, and not known for certain. In fields that are *walked* it is: their goal lies where a certified
+walk from the start has led the tip, and only polygons that touch the start are left out.
 """
 
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
+from tests.benchmarks.walked_goals import walked
 from tests.scenes import Scene, make_arm, random_headings, self_gap
 
 HALF_WIDTH = 1.3
@@ -36,6 +38,7 @@ class FieldKind:
         vertices: of each polygon; None for 4 to 7 at random.
         gap: of start and goal poses to polygons, as a share of a cell's width.
         hole: radius of the disc about the base that is kept free, likewise.
+        walked: whether the goal lies where a certified walk has led the tip.
     """
 
     polygons: int
@@ -43,22 +46,40 @@ class FieldKind:
     vertices: int | None = None
     gap: float = 0.05
     hole: float = 0.0
+    walked: bool = False
 
     @classmethod
     def cleared(cls, polygons: int) -> "FieldKind":
         """Room for the arm doubled up along both poses, and room to turn at the base."""
         return cls(polygons, gap=0.28, hole=1.2)
 
+    @classmethod
+    def known(cls, polygons: int) -> "FieldKind":
+        """Goals to which a way is known."""
+        return cls(polygons, walked=True)
+
 
 def polygon_field(seed: int, kind: FieldKind) -> Scene:
-    """A start pose, a goal pose and the polygons that leave both free."""
+    """A start pose, a goal pose and the polygons that leave both free, or the start alone where the goal is walked."""
     rng = np.random.default_rng([seed, kind.polygons])
+    scene = _field(rng, kind)
+    if not kind.walked:
+        return scene
+    reached = walked(scene, rng)
+    while reached is None:  # a start from which no walk comes far; others do
+        reached = walked(_field(rng, kind), rng)
+    return reached
+
+
+def _field(rng: np.random.Generator, kind: FieldKind) -> Scene:
+    """Two poses and polygons."""
     cells = round(np.sqrt(kind.polygons))
     width = 2.0 * HALF_WIDTH / cells
     arm = make_arm(kind.links, RADIUS * width)
     start = _pose(rng, arm)
     goal = _pose(rng, arm)
-    ends = shapely.multilinestrings([arm.joint_positions(start), arm.joint_positions(goal)])
+    kept_free = (start,) if kind.walked else (start, goal)
+    ends = shapely.multilinestrings([arm.joint_positions(pose) for pose in kept_free])
     shapely.prepare(ends)
     base = shapely.Point(arm.base)
 

@@ -19,6 +19,8 @@ class SearchSettings:
         many_links: times that number of links from which lifting pays. Taste.
         lift_margin: gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length.
             Taste: about what an arm of 24 links leaves the curve by.
+        many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
+            looked for, and long motions are optimised in haste. Taste: among a thousand, such poses take seconds.
         put_off: probability with which a seed other than 0 puts a candidate off until the others have been tried.
             Taste.
         spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste.
@@ -34,6 +36,7 @@ class SearchSettings:
     design_links: int = 24
     many_links: float = 1.5
     lift_margin: float = 3e-3
+    many_walls: int = 150
     put_off: float = 0.5
     spare: float = 1e-4
     spare_at_ends: float = 0.5
