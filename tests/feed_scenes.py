@@ -22,9 +22,9 @@ RADIUS = 0.02
 """Of the arm [m]."""
 
 
-def fed_arm(low: float = 0.0, links: int = LINKS, **changes: object) -> Arm:
-    """An arm of links of 50 mm whose guide lies on the negative x axis, its hole at the origin."""
-    length = links * LINK
+def fed_arm(low: float = 0.0, links: int = LINKS, link: float = LINK, **changes: object) -> Arm:
+    """An arm whose guide lies on the negative x axis, its hole at the origin; a link is 50 mm long if not given [m]."""
+    length = links * link
     guided: dict[str, object] = {
         "base": np.array([-length, 0.0]),
         "joint_limit": np.deg2rad(50.0),
@@ -35,7 +35,7 @@ def fed_arm(low: float = 0.0, links: int = LINKS, **changes: object) -> Arm:
         "inertia_transverse": np.full(links, 2e-5),
         "feed": Feed(low, length, length),
     }
-    return plain_arm(links, LINK, RADIUS, **(guided | changes))
+    return plain_arm(links, link, RADIUS, **(guided | changes))
 
 
 def make_room(*obstacles: Obstacle) -> Workspace:

@@ -18,7 +18,10 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.motion.clamped_spline import clamped_spline
 from ccm_opt.planners.feed import FeedPlanner
+from ccm_opt.planners.feed.path_time import path_time
+from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.reshaping import Reshaping
+from ccm_opt.planners.feed.tactics import reshaping_at_once
 from ccm_opt.planners.following.deviation import deviation
 from ccm_opt.planners.following.elastic_band import ElasticBand
 from ccm_opt.planners.following.feed_path import FeedMotions
@@ -28,6 +31,7 @@ from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.planners.following.path_of_shape import path_of_pose
 from ccm_opt.planners.following.slide import pose_on, slide
 from ccm_opt.problem import JointPose, Problem, TipGoal
+from tests.benchmarks.feed_families import short_range
 from tests.feed_scenes import LINK, LINKS, RADIUS, bow, fed_arm, make_problem, make_room
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
@@ -308,3 +312,16 @@ def test_feed_and_shape_change_at_once() -> None:
     assert problem.limits.feed_velocity is not None
     drawing_back = 2.0 * (lying_on(start).feed - 0.1) / problem.limits.feed_velocity
     assert solution.trajectory.time[-1] < 0.6 * drawing_back
+
+
+@pytest.mark.parametrize("seed", [0, 703])
+def test_a_motion_lasts_no_longer_than_a_change_of_shape_alone(seed: int) -> None:
+    """Where the arm gets to the tip's goal without any feed, it is not drawn back for longer than that takes."""
+    problem = short_range(np.random.default_rng((5, seed)))
+    assert problem.arm.feed is not None
+    query = FeedQuery.from_problem(problem, problem.arm.feed, Deadline.after(900.0))
+    alone = list(reshaping_at_once(query, 1.0))
+    assert len(alone) == 1
+    found = FeedPlanner().plan(problem)
+    spline = clamped_spline(alone[0].keyframes)
+    assert path_time(problem.arm, problem.limits, found.spline) <= path_time(problem.arm, problem.limits, spline)

@@ -1,6 +1,7 @@
 """Plans of arms on a feed axis in random families of scenes, timed and verified; prints a Markdown table.
 
     python -m tests.benchmarks.bench_feed --seeds 0 12
+    python -m tests.benchmarks.bench_feed --seeds 0 12 --links 48
 
 CPU of planning alone in this process. Set OMP_NUM_THREADS=1 and OPENBLAS_NUM_THREADS=1.
 """
@@ -17,7 +18,7 @@ from ccm_opt.errors import CcmError
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 from tests.benchmarks.bench_planning import head, row
-from tests.benchmarks.feed_families import FAMILIES
+from tests.benchmarks.feed_families import FAMILIES, LINKS
 
 
 @dataclass(frozen=True)
@@ -34,13 +35,22 @@ def main() -> None:
     parser.add_argument("--families", nargs="+", choices=FAMILIES, default=list(FAMILIES))
     parser.add_argument("--seeds", nargs=2, type=int, default=[0, 12], metavar=("FIRST", "END"))
     parser.add_argument("--time-limit", type=float, default=30.0, help="of each plan, on the wall clock [s]")
+    parser.add_argument("--links", type=int, default=LINKS, help="of the arms, all of which are as long")
     options = parser.parse_args()
     head(
-        "family", "solved", "planning, median [s]", "longest [s]", "deviation, mean [mm]", "worst [mm]", "straight [mm]"
+        "family",
+        "solved",
+        "planning, median [s]",
+        "longest [s]",
+        "duration, median [s]",
+        "deviation, mean [mm]",
+        "worst [mm]",
+        "straight [mm]",
     )
     for number, family in enumerate(FAMILIES):
         if family in options.families:
-            problems = (FAMILIES[family](np.random.default_rng((number, k))) for k in range(*options.seeds))
+            draws = (np.random.default_rng((number, k)) for k in range(*options.seeds))
+            problems = (FAMILIES[family](draw, options.links) for draw in draws)
             runs = [planned(patient(problem, options.time_limit)) for problem in problems]
             row(family, *figures(runs))
 
@@ -66,6 +76,8 @@ def figures(runs: list[Run]) -> list[str]:
     solved = [run.solution.metrics for run in runs if run.solution is not None]
     seconds = [run.seconds for run in runs]
     cells = [f"{len(solved)} of {len(runs)}", f"{np.median(seconds):.2f}", f"{max(seconds):.2f}"]
+    durations = [float(run.solution.trajectory.time[-1]) for run in runs if run.solution is not None]
+    cells.append(f"{np.median(durations):.2f}" if durations else "-")
     for key, pick in (("mean", np.median), ("worst", np.max), ("straight_mean", np.max)):
         values = [metrics[name] for metrics in solved if (name := f"leader_deviation_{key}_m") in metrics]
         cells.append(f"{1e3 * pick(values):.3f}" if values else "-")

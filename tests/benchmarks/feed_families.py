@@ -1,7 +1,8 @@
 """Random scenes of an arm on a feed axis in families, seeded; all have a reference that owes nothing to the planner.
 
-Twenty links of 50 mm, 40 mm thick, come through a hole into a room of 1.2 m by 2.2 m. References are curves with
-curvature drawn at five places; polygons of 30–90 mm are strewn where no reference comes nearer than 10 mm.
+Arms of 1 m, 40 mm thick, of twenty links unless said otherwise, come through a hole into a room of 1.2 m by 2.2 m.
+References are curves with curvature drawn at five places; polygons of 30–90 mm are strewn where no reference comes
+nearer than 10 mm. Joint limits are such that arms of any number of links curve as much.
 """
 
 from collections.abc import Callable
@@ -19,13 +20,23 @@ from tests.feed_scenes import LINK, RADIUS, fed_arm, make_problem, make_room
 from tests.scenes import random_polygon
 
 LINKS = 20
+"""Of the arms, unless said otherwise."""
 HOLE = LINKS * LINK
+"""Length of every arm, and of its guide [m]."""
 STRAIGHT = 0.12
 """How far references go straight beyond the hole [m]."""
 KEPT_OFF = 0.01
 TUBE_GAPS = (0.02, 0.01, 0.005)
 """Room on either side of the arm in tubes [m]."""
-Family = Callable[[np.random.Generator], Problem]
+Family = Callable[[np.random.Generator, int], Problem]
+"""Draws a problem for an arm of some links."""
+
+
+def arm_of(links: int, low: float = 0.0) -> Arm:
+    """An arm as long as all others, its joints bending as much to a length; fed from a least feed on [m]."""
+    link = HOLE / links
+    limit = np.deg2rad(50.0) * link / LINK
+    return fed_arm(low, links, link, joint_limit=limit, base_limit=limit)
 
 
 def way(rng: np.random.Generator, straight: float = STRAIGHT) -> LeaderPath:
@@ -71,7 +82,7 @@ def clutter(rng: np.random.Generator, ways: list[LeaderPath]) -> list[Obstacle]:
 
 def on_way(arm: Arm, path: LeaderPath) -> JointPose:
     """The arm on a way with its tip at the end."""
-    feed = path.base_with_tip_at_end(arm.links, LINK)
+    feed = path.base_with_tip_at_end(arm.links, arm.link_length)
     return JointPose(pose_on(arm, path, feed), feed)
 
 
@@ -80,51 +91,51 @@ def tip_of(pose: JointPose, path: LeaderPath) -> TipGoal:
     return TipGoal(path.points[-1], float(pose.bends.sum()))
 
 
-def into_clutter(rng: np.random.Generator) -> Problem:
+def into_clutter(rng: np.random.Generator, links: int = LINKS) -> Problem:
     """From the guide to a pose of the tip among polygons."""
-    arm = fed_arm(links=LINKS)
+    arm = arm_of(links)
     path = way(rng)
     return make_problem(arm, make_room(*clutter(rng, [path])), tip_of(on_way(arm, path), path))
 
 
-def position_only(rng: np.random.Generator) -> Problem:
+def position_only(rng: np.random.Generator, links: int = LINKS) -> Problem:
     """The same with any heading."""
-    arm = fed_arm(links=LINKS)
+    arm = arm_of(links)
     path = way(rng)
     return make_problem(arm, make_room(*clutter(rng, [path])), TipGoal(path.points[-1]))
 
 
-def from_bent(rng: np.random.Generator) -> Problem:
+def from_bent(rng: np.random.Generator, links: int = LINKS) -> Problem:
     """From one way to the tip of another: the arm has to be drawn back first."""
-    arm = fed_arm(links=LINKS)
+    arm = arm_of(links)
     start = way(rng)
     path = way(rng)
     room = make_room(*clutter(rng, [start, path]))
     return make_problem(arm, room, tip_of(on_way(arm, path), path), on_way(arm, start))
 
 
-def whole_arm(rng: np.random.Generator) -> Problem:
+def whole_arm(rng: np.random.Generator, links: int = LINKS) -> Problem:
     """From one way to another, the goal given for the whole arm."""
-    arm = fed_arm(links=LINKS)
+    arm = arm_of(links)
     start = way(rng)
     path = way(rng)
     return make_problem(arm, make_room(*clutter(rng, [start, path])), on_way(arm, path), on_way(arm, start))
 
 
-def straight_out(rng: np.random.Generator) -> Problem:
+def straight_out(rng: np.random.Generator, links: int = LINKS) -> Problem:
     """From a straight arm that already protrudes."""
-    arm = fed_arm(links=LINKS)
+    arm = arm_of(links)
     path = way(rng)
     feed = rng.uniform(0.2, 0.5)
     out = np.array([-0.2, HOLE + feed])
     ahead = LeaderPath(out, np.column_stack((out - HOLE, np.zeros(2))), np.zeros(2), HOLE + feed)
-    start = JointPose(np.zeros(LINKS), feed)
+    start = JointPose(np.zeros(links), feed)
     return make_problem(arm, make_room(*clutter(rng, [path, ahead])), tip_of(on_way(arm, path), path), start)
 
 
-def short_range(rng: np.random.Generator) -> Problem:
+def short_range(rng: np.random.Generator, links: int = LINKS) -> Problem:
     """From one way to the tip of another with a feed too short to draw the arm back: it changes shape on the way."""
-    arm = fed_arm(low=float(rng.uniform(0.3, 0.4)), links=LINKS)
+    arm = arm_of(links, float(rng.uniform(0.3, 0.4)))
     start = way(rng)
     path = way(rng)
     room = make_room(*clutter(rng, [start, path]))
@@ -134,23 +145,27 @@ def short_range(rng: np.random.Generator) -> Problem:
 def tube(gap: float) -> Family:
     """From the guide through a curved tube with a given room on either side of the arm, to near its end."""
 
-    def drawn(rng: np.random.Generator) -> Problem:
-        arm = fed_arm(links=LINKS)
+    def drawn(rng: np.random.Generator, links: int = LINKS) -> Problem:
+        arm = arm_of(links)
         path = way(rng)
-        beyond = path.points[-1] + 0.08 * np.array([np.cos(path.headings[-1]), np.sin(path.headings[-1])])
-        line = shapely.LineString(np.vstack((path.points[path.arc > HOLE + 0.01], beyond)))
-        inside = shapely.buffer(line, RADIUS + gap, cap_style="flat", quad_segs=16)
-        shell = shapely.buffer(line, RADIUS + gap + 0.02, cap_style="flat").difference(inside)
-        parts = shapely.get_parts(shapely.simplify(shell, 2e-4))
-        walls = [Obstacle(f"tube {k}", part) for k, part in enumerate(parts) if part.area > 1e-5]
-        return make_problem(arm, make_room(*walls), tip_of(on_way(arm, path), path))
+        return make_problem(arm, make_room(*tube_around(path, gap)), tip_of(on_way(arm, path), path))
 
     return drawn
 
 
-def tight_guide(rng: np.random.Generator) -> Problem:
+def tube_around(path: LeaderPath, gap: float) -> list[Obstacle]:
+    """Walls of a tube around a way from the hole to beyond its end, with a given room on either side of the arm [m]."""
+    beyond = path.points[-1] + 0.08 * np.array([np.cos(path.headings[-1]), np.sin(path.headings[-1])])
+    line = shapely.LineString(np.vstack((path.points[path.arc > HOLE + 0.01], beyond)))
+    inside = shapely.buffer(line, RADIUS + gap, cap_style="flat", quad_segs=16)
+    shell = shapely.buffer(line, RADIUS + gap + 0.02, cap_style="flat").difference(inside)
+    parts = shapely.get_parts(shapely.simplify(shell, 2e-4))
+    return [Obstacle(f"tube {k}", part) for k, part in enumerate(parts) if part.area > 1e-5]
+
+
+def tight_guide(rng: np.random.Generator, links: int = LINKS) -> Problem:
     """From a guide and through a plate with hardly any play, or none, among polygons."""
-    arm = fed_arm(links=LINKS)
+    arm = arm_of(links)
     path = way(rng)
     play = float(rng.choice((0.0, 1e-4, 1e-3)))
     plate = float(rng.uniform(0.01, 0.05))
@@ -163,24 +178,54 @@ def tight_guide(rng: np.random.Generator) -> Problem:
     return make_problem(arm, Workspace(room.boundary, (*walls, *beyond)), tip_of(on_way(arm, path), path))
 
 
-def behind_the_entrance(rng: np.random.Generator) -> Problem:
-    """Through the hole, round by half a turn, and back towards the wall in which the hole is."""
-    arm = fed_arm(links=LINKS)
-    radius = float(rng.uniform(0.12, 0.2))
-    side = float(rng.choice((-1.0, 1.0)))
-    arc = np.linspace(0.0, np.pi * radius + 0.05, 601)
-    headings = side * np.minimum(arc / radius, np.pi)
+def turning(straight: float, radius: float, turn: float, onward: float) -> LeaderPath:
+    """The feed axis to some way beyond the hole, an arc of a given radius [m] and turn [rad], and straight on [m]."""
+    arc = np.linspace(0.0, abs(turn) * radius + onward, 601)
+    headings = np.sign(turn) * np.minimum(arc / radius, abs(turn))
     middles = 0.5 * (headings[1:] + headings[:-1])
     legs = arc[1] * np.column_stack((np.cos(middles), np.sin(middles)))
-    points = np.array([STRAIGHT + 0.1, 0.0]) + np.concatenate((np.zeros((1, 2)), np.cumsum(legs, axis=0)))
-    before = np.arange(-0.2, HOLE + STRAIGHT + 0.1 - 1e-9, 0.02)
-    path = LeaderPath(
-        np.concatenate((before, HOLE + STRAIGHT + 0.1 + arc)),
+    points = np.array([straight, 0.0]) + np.concatenate((np.zeros((1, 2)), np.cumsum(legs, axis=0)))
+    before = np.arange(-0.2, HOLE + straight - 1e-9, 0.02)
+    return LeaderPath(
+        np.concatenate((before, HOLE + straight + arc)),
         np.concatenate((np.column_stack((before - HOLE, np.zeros(len(before)))), points)),
         np.concatenate((np.zeros(len(before)), headings)),
-        HOLE + STRAIGHT + 0.1,
+        HOLE + straight,
     )
+
+
+def behind_the_entrance(rng: np.random.Generator, links: int = LINKS) -> Problem:
+    """Through the hole, round by half a turn, and back towards the wall in which the hole is."""
+    arm = arm_of(links)
+    radius = float(rng.uniform(0.12, 0.2))
+    path = turning(STRAIGHT + 0.1, radius, float(rng.choice((-np.pi, np.pi))), 0.05)
     return make_problem(arm, make_room(*clutter(rng, [path])), tip_of(on_way(arm, path), path))
+
+
+def elbow(rng: np.random.Generator, links: int = LINKS) -> Problem:
+    """Through an elbow of a pipe beyond the hole, to a place in the pipe behind it."""
+    arm = arm_of(links)
+    turn = float(rng.choice((-1.0, 1.0)) * np.deg2rad(rng.choice((45.0, 60.0, 90.0))))
+    path = turning(
+        float(rng.uniform(STRAIGHT, 0.3)), float(rng.uniform(0.12, 0.2)), turn, float(rng.uniform(0.05, 0.25))
+    )
+    return make_problem(arm, make_room(*tube_around(path, 0.015)), tip_of(on_way(arm, path), path))
+
+
+def tank(rng: np.random.Generator, links: int = LINKS) -> Problem:
+    """Into a tank that is closed but for its hole, to a place on one side of the entrance or behind it."""
+    arm = arm_of(links)
+    turn = float(rng.choice((-1.0, 1.0)) * rng.uniform(np.deg2rad(70.0), np.deg2rad(160.0)))
+    path = turning(
+        float(rng.uniform(STRAIGHT, 0.3)), float(rng.uniform(0.12, 0.18)), turn, float(rng.uniform(0.0, 0.1))
+    )
+    beyond = path.points[path.points[:, 0] > 0.0]
+    room = RADIUS + float(rng.uniform(0.02, 0.06))
+    inside = shapely.box(0.0, beyond[:, 1].min() - room, beyond[:, 0].max() + room, beyond[:, 1].max() + room)
+    shell = inside.buffer(0.02, join_style="mitre").difference(inside)
+    # The wall in which the hole is belongs to the room.
+    walls = shapely.difference(shell, shapely.box(-1.0, -2.0, 0.0, 2.0))
+    return make_problem(arm, make_room(Obstacle("tank", walls)), TipGoal(path.points[-1]))
 
 
 FAMILIES: dict[str, Family] = {
@@ -191,4 +236,4 @@ FAMILIES: dict[str, Family] = {
     "straight out": straight_out,
     "short range": short_range,
 } | {f"tube, {1e3 * gap:g} mm": tube(gap) for gap in TUBE_GAPS}
-FAMILIES |= {"tight guide": tight_guide, "behind the entrance": behind_the_entrance}
+FAMILIES |= {"tight guide": tight_guide, "behind the entrance": behind_the_entrance, "elbow": elbow, "tank": tank}

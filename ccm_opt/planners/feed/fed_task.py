@@ -10,7 +10,7 @@ from ccm_opt.motion.fed_space import FedSpace
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.limits.guide_tube_limit import GuideTubeLimit
 from ccm_opt.motion.limits.limit import Limit
-from ccm_opt.motion.motion_task import JointSlowness, MotionTask
+from ccm_opt.motion.motion_task import JointSlowness, Motion, MotionTask
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.problem import Problem, TipGoal
 
@@ -25,15 +25,6 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
     """
     problem = query.problem
     arm = query.arm
-    settings = query.settings.curve.motion
-    # Joints come out of the tube one after the other: keyframes have to be near enough to tell them apart.
-    links_fed = (query.feed.high - query.feed.low) / arm.link_length
-    most = round(query.settings.keyframes_a_link * min(links_fed, arm.links))
-    optimisation = replace(
-        settings.optimisation,
-        intervals=max(settings.optimisation.intervals, most),
-        moved_intervals=tuple(max(count, most) for count in settings.optimisation.moved_intervals),
-    )
     start = query.pose(query.start)
     goal_pose = None if query.goal is None else query.pose(query.goal)
     if goal_pose is not None:
@@ -57,8 +48,31 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
         user_limits=user_limits,
         wanted_gap=problem.wanted_gap,
         guide_tubes=(GuideTubeLimit(arm, query.motions.travel),),
-        settings=replace(settings, optimisation=optimisation),
+        settings=query.settings.curve.motion,
     )
+
+
+def task_of_optimising(task: MotionTask, query: FeedQuery, motion: Motion) -> MotionTask:
+    """The task as it is while one motion is optimised: with keyframes as dense as its feed needs, and a share of time.
+
+    Args:
+        task: the task of the whole search.
+        query: what is asked.
+        motion: to optimise.
+    """
+    arm = query.arm
+    way = arm.coordinates.advance(arm.configurations(motion.headings))
+    # Joints come out of the tube one after the other: keyframes have to be near enough to tell them apart.
+    links_fed = float(np.abs(np.diff(way)).sum()) / arm.link_length
+    dense = round(min(query.settings.keyframes_a_link * links_fed, query.settings.most_keyframes))
+    plain = task.settings.optimisation
+    optimisation = replace(
+        plain,
+        intervals=max(plain.intervals, dense),
+        moved_intervals=tuple(max(count, dense) for count in plain.moved_intervals),
+    )
+    deadline = task.deadline.within(query.settings.optimising_share * query.problem.planner.time_limit)
+    return replace(task, settings=replace(task.settings, optimisation=optimisation), deadline=deadline)
 
 
 def fed_space(problem: Problem) -> FedSpace:

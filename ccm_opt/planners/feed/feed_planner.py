@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import islice, product
 
 from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
@@ -107,6 +107,7 @@ class _FeedSearch:
         leader_paths: finds leaders' paths for a goal of the tip; None when the goal is the whole arm's.
         found: leaders' paths found so far.
         refused: why motions were refused.
+        compared: whether a change of shape without any feed has been compared with other motions.
     """
 
     query: FeedQuery
@@ -115,6 +116,7 @@ class _FeedSearch:
     finishing: Finishing = field(init=False)
     found: list[LeaderPath] = field(init=False, default_factory=list)
     refused: list[str] = field(init=False, default_factory=list)
+    compared: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         problem = self.query.problem
@@ -172,7 +174,7 @@ class _FeedSearch:
         yield from straight_to_goal(query, self.finishing.task, self.finishing.space)
         at_once_first = query.goal is not None and end_bends_at_hole
         if at_once_first:
-            yield from reshaping_at_once(query)
+            yield from reshaping_at_once(query, query.settings.reshaping_share)
 
         starts = straightened(query, query.start, query.start_path)
         if query.goal is None:
@@ -185,7 +187,7 @@ class _FeedSearch:
                     yield motion.between(start, goal)
 
         if not at_once_first:
-            yield from reshaping_at_once(query)
+            yield from reshaping_at_once(query, query.settings.reshaping_share)
 
     def _between(self, query: FeedQuery) -> Iterator[ProposedMotion]:
         """Motions between ends from which the arm can be drawn back.
@@ -202,6 +204,7 @@ class _FeedSearch:
             back = [motion for motion in motions if motion.draws_back]
             if not ahead:
                 back += drawn_back_a_little(query, path, self.finishing.task, self.finishing.space)
+                back += self._changing_shape(query, path)
             yield from sorted(back, key=self.finishing.duration)
             if not motions and query.end_on(path) is not None:
                 not_followed.append(path)
@@ -212,10 +215,18 @@ class _FeedSearch:
             others = [path for path in self.found if path not in not_followed]
             yield from self._reshaping_to(query, (not_followed + others)[:most])
 
+    def _changing_shape(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
+        """Changes of shape that are found quickly, to compare with what is drawn back."""
+        share = query.settings.compared_share
+        yield from islice(reshaping(query, path, share), 1)
+        if not self.compared:
+            self.compared = True
+            yield from reshaping_at_once(query, share)
+
     def _reshaping_to(self, query: FeedQuery, paths: list[LeaderPath]) -> Iterator[ProposedMotion]:
         """Motions that change shape to that of some paths."""
         for path in paths:
-            yield from reshaping(query, path)
+            yield from reshaping(query, path, query.settings.reshaping_share)
 
     def _leaders(self, query: FeedQuery) -> Iterator[LeaderPath]:
         """Leaders' paths, most promising first."""

@@ -16,9 +16,12 @@ class LeaderPathSettings:
             sagitta at its joint limit: links are chords of the path and cut its corners by that much. Taste.
         band_margins: kept by elastic bands beyond radius and clearance where there is room, in link lengths.
             Taste.
+        band_gap: the same as a share of the wanted gap, tried first where it is more. Measured in tubes that leave just
+            the wanted gap, at 48 links: at 1 the band has no play, swings, and lasts 1.5 times as long.
         band_spacing: distance between the points of a band, in link lengths. Taste.
-        least_band_spacing: the same as a share of the arm's length, for arms of many links; the larger of both counts,
-            since a step costs the cube of the number of points. Taste.
+        least_band_spacing: the same as a share of the arm's length, for arms of many links; the larger of both counts.
+            Measured on clutter at 48 links: points nearer together turn sharply one by one where corners push them, and
+            a step costs the cube of their number.
         band_evenness: length over which a band's change of curvature weighs as much as its curvature, as a share of
             the arm's length. Taste.
         chord_allowance: share of a path's length by which the arm on it may be longer than its chords. Taste.
@@ -31,8 +34,9 @@ class LeaderPathSettings:
     curvature_share: float = 0.9
     free_space_margins: tuple[float, ...] = (1.0, 0.4, 0.1)
     band_margins: tuple[float, ...] = (0.2, 0.05, 0.01)
+    band_gap: float = 0.8
     band_spacing: float = 1.0 / 3.0
-    least_band_spacing: float = 1.0 / 96.0
+    least_band_spacing: float = 1.0 / 60.0
     band_evenness: float = 1.0 / 16.0
     chord_allowance: float = 1e-2
     curve_stretches: tuple[float, ...] = (1.03, 1.1, 1.25, 1.5, 2.0)
@@ -49,6 +53,7 @@ class FeedPlannerSettings:
         planning_share: share of the time limit that planning may use; timing and verification need the rest. Taste.
         following_share: share of the time limit that paths for a leader may be looked for. Taste.
         reshaping_share: share of the time limit that one change of shape may use. Taste.
+        compared_share: the same of one that is only compared with what is at hand already. Taste.
         paths_reshaped_to: leaders' paths to which a change of shape is tried. Taste.
         least_links_reshaped: shapes of fewer links beyond the hole are not changed. Derived: a single link has no
             shape.
@@ -68,8 +73,11 @@ class FeedPlannerSettings:
         long: times the duration of the straight line between its ends from which on a motion is put off. Taste.
         put_off: motions that are put off before the shortest of them is taken. Taste: looking for one costs as much as
             making its path.
-        keyframes_a_link: of the optimisation, to a link length that the range of the feed carries the arm. Taste: at
-            fewer, joints bend late behind the hole.
+        keyframes_a_link: of the optimisation, to a link length that a motion's feed carries the arm. Taste: at fewer,
+            joints bend late behind the hole.
+        most_keyframes: of the optimisation. Taste: its cost grows with them and with the cube of the links.
+        optimising_share: share of the time limit that the optimisation of one motion may use. Taste: what is not
+            finished then is certified all the same.
         roomier: as many times the room of a plain path make an optimised one worth more time. Taste.
         slower_with_room: as many times the duration that it may last then. Taste.
         room_samples: places of a path at which its room is measured. Taste.
@@ -87,6 +95,7 @@ class FeedPlannerSettings:
     planning_share: float = 0.9
     following_share: float = 0.4
     reshaping_share: float = 0.25
+    compared_share: float = 0.05
     paths_reshaped_to: int = 3
     least_links_reshaped: int = 2
     straightening: float = 5e-4
@@ -99,6 +108,8 @@ class FeedPlannerSettings:
     long: float = 2.5
     put_off: int = 2
     keyframes_a_link: float = 2.0
+    most_keyframes: int = 48
+    optimising_share: float = 0.1
     roomier: float = 1.1
     slower_with_room: float = 1.1
     room_samples: int = 200

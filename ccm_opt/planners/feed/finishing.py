@@ -22,6 +22,7 @@ from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tracking import ReferenceMotion, follow_reference
 from ccm_opt.planners.feed.even_spline import even_spline
+from ccm_opt.planners.feed.fed_task import task_of_optimising
 from ccm_opt.planners.feed.path_time import path_time
 from ccm_opt.planners.feed.proposed_motion import ProposedMotion
 from ccm_opt.planners.feed.query import FeedQuery
@@ -59,7 +60,7 @@ class Finishing:
         certified = len(self.task.certificate.failures(found.headings)) == 0
         plain = self._plain_path(proposed) or (self._smooth(found) if certified else None)
         if certified and self._worthwhile(found, follows=bool(proposed.leaders)):
-            better = optimised_to_end_pose(found, self.task)
+            better = optimised_to_end_pose(found, task_of_optimising(self.task, self.query, found))
             path = self._smooth(better)
             if path is not None and (plain is None or self._preferred(path, plain)):
                 return path
@@ -84,7 +85,7 @@ class Finishing:
     def _on_limits(self, found: Motion) -> JointPath | None:
         """The path of a motion brought onto the user's limits, and optimised under them."""
         for motion in self._kept(found):
-            optimised = optimise(motion, self.task)
+            optimised = optimise(motion, task_of_optimising(self.task, self.query, motion))
             motions = (optimised, motion) if keeps_limits(optimised, self.task) else (motion,)
             paths = [path for each in motions if (path := self._smooth(each)) is not None]
             if paths:

@@ -75,7 +75,7 @@ class LeaderPaths:
         seen = set[float]()
         for free_space, routes in self._routes_in_free_spaces(straight, reach):
             for k, route in enumerate(routes, start=1):
-                for margin in self.settings.leaders.band_margins:
+                for margin in self._band_margins:
                     path = self._band(free_space, route, straight, margin, f"band {k}")
                     # In a duct all margins give the same band; bands are told apart by their length.
                     length = round(path.end, 6)
@@ -100,13 +100,24 @@ class LeaderPaths:
             if curve is not None:
                 yield self._path(straight, curve, f"curve {k} of {metres(length)}")
 
+    @property
+    def _band_margins(self) -> tuple[float, ...]:
+        """What bands keep beyond radius and clearance, widest first [m].
+
+        With short links, shares of them leave less room than is wanted, and turns as tight round corners.
+        """
+        settings = self.settings.leaders
+        margins = self.problem.arm.link_length * np.array(settings.band_margins)
+        wanted = settings.band_gap * self.problem.wanted_gap
+        return (wanted, *margins) if wanted > margins[0] else tuple(margins)
+
     def _band(self, free_space: FreeSpace, route: Route, straight: float, margin: float, name: str) -> LeaderPath:
         """A band from the feed axis along a route to the goal; with a heading there the last link is straight."""
         arm = self.problem.arm
         settings = self.settings.leaders
         band = ElasticBand(
             walls=self.problem.workspace.flat_walls,
-            least=arm.radius + self.problem.workspace.clearance + margin * arm.link_length,
+            least=arm.radius + self.problem.workspace.clearance + margin,
             chord=arm.link_length,
             curvature_limit=self._curvature_limit,
             spacing=max(settings.band_spacing * arm.link_length, settings.least_band_spacing * arm.length),

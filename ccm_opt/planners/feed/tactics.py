@@ -60,7 +60,7 @@ def straightened(query: FeedQuery, end: JointPose, path: LeaderPath | None) -> I
         pose = JointPose(bends, end.feed)
         if query.path_of(pose) is None:
             continue
-        keyframes = _reshaper(query).keyframes(end, bends, query.feed.hole)
+        keyframes = _reshaper(query, query.settings.reshaping_share).keyframes(end, bends, query.feed.hole)
         if keyframes is not None:
             rest = np.tile(pose.configuration(query.arm), (1 + query.settings.separation, 1))
             yield StraightenedEnd(np.concatenate((keyframes[:-1], rest)), pose)
@@ -87,20 +87,31 @@ def _bent_further_out(query: FeedQuery, end: JointPose) -> FloatArray:
     return bends
 
 
-def reshaping_at_once(query: FeedQuery) -> Iterator[ProposedMotion]:
-    """Motions without any feed, for goals that are reached from where the base is."""
+def reshaping_at_once(query: FeedQuery, share: float) -> Iterator[ProposedMotion]:
+    """Motions without any feed, for goals that are reached from where the base is.
+
+    Args:
+        query: what is asked.
+        share: of the time limit that looking for one may use.
+    """
     if query.goal is not None and query.goal.feed != query.start.feed:
         return
     goal = query.problem.goal if query.goal is None else query.goal.bends
     if not isinstance(goal, TipGoal | np.ndarray):
         return
-    keyframes = _reshaper(query).keyframes(query.start, goal, query.feed.hole)
+    keyframes = _reshaper(query, share).keyframes(query.start, goal, query.feed.hole)
     if keyframes is not None:
         yield ProposedMotion(pinned(query, keyframes), (), "change shape at the start's feed")
 
 
-def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
-    """Motions along the start's shape to some feed, there a change to the shape of a path, and on along that."""
+def reshaping(query: FeedQuery, path: LeaderPath, share: float) -> Iterator[ProposedMotion]:
+    """Motions along the start's shape to some feed, there a change to the shape of a path, and on along that.
+
+    Args:
+        query: what is asked.
+        path: to whose shape the arm changes.
+        share: of the time limit that one change of shape may use.
+    """
     end = query.end_on(path)
     if end is None:
         return
@@ -112,7 +123,7 @@ def reshaping(query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         before = JointPose(there[-1, :-1], feed)
         # Where the feed does not move before the change, joints may bend right up to the hole.
         outside = query.feed.hole if len(there) == 1 else query.outside
-        changed = _reshaper(query).keyframes(before, pose_on(arm, path, feed), outside)
+        changed = _reshaper(query, share).keyframes(before, pose_on(arm, path, feed), outside)
         if changed is not None:
             onward = slide(arm, path, feed, end, query.settings.following)
             keyframes = joined_keyframes(there, changed, onward)
@@ -137,7 +148,7 @@ def _to_feed(query: FeedQuery, feed: float) -> FloatArray | None:
     return slide(query.arm, query.start_path, query.start.feed, feed, query.settings.following)
 
 
-def _reshaper(query: FeedQuery) -> Reshaping:
-    """Changes of shape, none of which may use up all the time."""
-    deadline = query.deadline.within(query.settings.reshaping_share * query.problem.planner.time_limit)
+def _reshaper(query: FeedQuery, share: float) -> Reshaping:
+    """Changes of shape, none of which may use more than a share of the time limit."""
+    deadline = query.deadline.within(share * query.problem.planner.time_limit)
     return Reshaping(query.problem, deadline, query.settings)
