@@ -17,6 +17,7 @@ from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.passage_widths import fitting_margins
 from ccm_opt.motion.search_run import SearchRun
+from ccm_opt.motion.shortest_path import ShortestPathStrategy
 from ccm_opt.motion.tree.tree_search import TREES, search_by_trees
 
 
@@ -335,6 +336,7 @@ def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
 STRATEGIES: tuple[SearchStrategy, ...] = (
     DirectStrategy(),
     LimitArcStrategy(),
+    ShortestPathStrategy(),
     ConnectStrategy(Turn.EARLY),
     TreeStrategy(early=True, name=f"{TREES}, shortly"),
     PortfolioStrategy(narrow=False),

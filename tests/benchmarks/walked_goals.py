@@ -36,7 +36,7 @@ class Walk:
             polygons are wide hardly let an arm move.
         legs: places that the tip is led towards, at most.
         paths: of the tip that are tried for each.
-        margin: planning margin, in nominal links.
+        margin: planning margin, in nominal links; none that the search tries, which would only repeat the walk.
         nominal_links: to the arm's length.
     """
 
@@ -44,7 +44,7 @@ class Walk:
     least: float = 0.2
     legs: int = 8
     paths: int = 2
-    margin: float = 0.012
+    margin: float = 0.018
     nominal_links: float = 24.0
 
 
