@@ -121,7 +121,7 @@ def _places(
     pieces = [
         piece
         for piece in shapely.get_parts(shapely.intersection(around_base, within))
-        if isinstance(piece, shapely.Polygon)
+        if isinstance(piece, shapely.Polygon) and not piece.is_empty
     ]
     pieces.sort(key=lambda piece: -piece.area)
     places = [_places_in(piece, middle, base, goal.room[0], settings) for piece in pieces[: settings.pieces]]

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 
 
@@ -38,11 +38,6 @@ def chain_points(arm: Arm, headings: FloatArray, carried: FloatArray) -> FloatAr
 def axis_direction(arm: Arm) -> FloatArray:
     """Unit vector along which the base is carried, shape (2,)."""
     return np.array([np.cos(arm.base_heading), np.sin(arm.base_heading)])
-
-
-_ALONG = 1e-6
-"""Sine of the angle to the way of the base up to which a link lies along it. Taste: over the way between two samples
-it goes aside by far less than any tolerance of contact."""
 
 
 @dataclass(frozen=True)
@@ -120,11 +115,6 @@ class ChainMotion:
     def carried_by(self) -> FloatArray:
         """How far the base is carried in each interval, shape (T − 1,) [m]."""
         return np.asarray(np.abs(np.diff(self.carried)))
-
-    @cached_property
-    def slides(self) -> BoolArray:
-        """Which links the base carries along themselves, shape (T − 1, links), boolean."""
-        return np.asarray(self.aslant <= _ALONG)
 
     @cached_property
     def aslant(self) -> FloatArray:

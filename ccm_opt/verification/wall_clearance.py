@@ -119,12 +119,12 @@ def _prove(
         # A point moves with all links up to its own, so their turns add up; the first entry is what carries the base.
         travel = nodes.half[pairs.node] * arm.link_length * motion.turned[interval, pairs.link + 1]
         # A link that slides along itself sweeps a longer one, and goes aside by next to nothing.
-        slides = motion.slides[interval, pairs.link]
-        carried = np.where(slides, nodes.half[pairs.node] * motion.carried_by[interval], 0.0)
+        aslant = motion.aslant[interval, pairs.link]
+        carried = np.where(aslant <= settings.along, nodes.half[pairs.node] * motion.carried_by[interval], 0.0)
         ahead = carried[:, None] * unit_rows(end - start)
         start = start - ahead
         end = end + ahead
-        travel -= carried * (1.0 - motion.aslant[interval, pairs.link])
+        travel -= carried * (1.0 - aslant)
         distance = segment_distances(start, end, edges.start[pairs.other], edges.end[pairs.other])
         return distance - edges.rounding[pairs.other] - arm.radius, travel
 

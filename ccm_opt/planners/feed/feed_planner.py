@@ -1,18 +1,16 @@
 """The planner of arms on a feed axis: follow the leader into the room beyond the hole, change shape where need be."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, field
 from itertools import islice, product
 
 from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
-from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.length_words import metres, millimetres
-from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Feed
-from ccm_opt.motion.ends import tip_goal
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.user_limit import UserLimit
 from ccm_opt.planners.feed.direct import drawn_back_a_little, straight_to_goal
@@ -20,12 +18,12 @@ from ccm_opt.planners.feed.fed_task import fed_space, fed_task
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.feed.finishing import Finishing
 from ccm_opt.planners.feed.leader_paths import LeaderPaths, Reach
+from ccm_opt.planners.feed.member_problems import member_problems
 from ccm_opt.planners.feed.proposed_motion import ProposedMotion
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.tactics import following, reshaping, reshaping_at_once, straightened
 from ccm_opt.planners.feed.tight_places import ends_of_tight_places
 from ccm_opt.planners.following.leader import LeaderPath
-from ccm_opt.planners.goal_members import goal_members
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import JointPath
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -55,8 +53,15 @@ class FeedPlanner:
         if problem.arm.feed is None:
             raise ProblemError("the feed planner needs an arm with arm.feed, got one whose base is fixed")
         deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
+        members = member_problems(problem, problem.arm.feed)
+        if len(members) == 1:
+            return self._planned(members[0], problem.arm.feed, deadline)
+        # Members differ in how hard they are: all are tried in short before any may take long.
+        for member in members:
+            short = deadline.within(self.settings.member_share * problem.planner.time_limit)
+            with suppress(NoPlanFound):
+                return self._planned(member, problem.arm.feed, short)
         failures: list[NoPlanFound] = []
-        members = self._members(problem, problem.arm.feed)
         for number, member in enumerate(members):
             share = deadline.left / (len(members) - number)
             try:
@@ -64,21 +69,6 @@ class FeedPlanner:
             except NoPlanFound as failure:
                 failures.append(failure)
         raise failures[0]
-
-    def _members(self, problem: Problem, feed: Feed) -> tuple[Problem, ...]:
-        """The problem; where its goal is a set, one for each of some members of it in turn."""
-        if not isinstance(problem.goal, TipGoal):
-            return (problem,)
-        goal = tip_goal(problem, problem.goal)
-        if not goal.is_set:
-            return (problem,)
-        arm = problem.arm
-        room = FreeSpace(problem.workspace, max(arm.radius + problem.workspace.clearance, SHORTEST))
-        # What lies within reach begins at the hole, where the guide tube ends.
-        at_hole = replace(arm, base=arm.base + feed.hole * arm.feed_direction)
-        members = goal_members(at_hole, goal, room, fed=max(feed.high - feed.hole, 0.0))
-        goals = [TipGoal(member.position, member.heading) for member in members]
-        return tuple(replace(problem, goal=each) for each in goals) or (problem,)
 
     def _planned(self, problem: Problem, feed: Feed, deadline: Deadline) -> JointPath:
         """A motion to one member of the goal."""
@@ -160,7 +150,9 @@ class _FeedSearch:
             # Turns say little of how smooth a path is: one that is quicker as it stands is worth a look.
             if best is None or self.finishing.quicker_as_it_is(motion, best):
                 path = self.finishing.path(motion)
-                if path is not None and (best is None or self.finishing.time(path) < self.finishing.time(best)):
+                if path is not None and (
+                    best is None or self.finishing.paths.time(path) < self.finishing.paths.time(best)
+                ):
                     best = path
         motions.clear()
         return best

@@ -51,6 +51,8 @@ class FeedPlannerSettings:
 
     Attributes:
         planning_share: share of the time limit that planning may use; timing and verification need the rest. Taste.
+        member_share: share of the time limit that each member of a goal that is a set may use before any may use more.
+            Taste.
         following_share: share of the time limit that paths for a leader may be looked for. Taste.
         reshaping_share: share of the time limit that one change of shape may use. Taste.
         compared_share: the same of one that is only compared with what is at hand already. Taste.
@@ -78,6 +80,8 @@ class FeedPlannerSettings:
         most_keyframes: of the optimisation. Taste: its cost grows with them and with the cube of the links.
         optimising_share: share of the time limit that the optimisation of one motion may use. Taste: what is not
             finished then is certified all the same.
+        time_samples: places of a path at which its speed is bounded. Derived: several to every span of the paths that
+            occur.
         roomier: as many times the room of a plain path make an optimised one worth more time. Taste.
         slower_with_room: as many times the duration that it may last then. Taste.
         room_samples: places of a path at which its room is measured. Taste.
@@ -93,6 +97,7 @@ class FeedPlannerSettings:
     """
 
     planning_share: float = 0.9
+    member_share: float = 0.02
     following_share: float = 0.4
     reshaping_share: float = 0.25
     compared_share: float = 0.05
@@ -110,6 +115,7 @@ class FeedPlannerSettings:
     keyframes_a_link: float = 2.0
     most_keyframes: int = 48
     optimising_share: float = 0.1
+    time_samples: int = 1500
     roomier: float = 1.1
     slower_with_room: float = 1.1
     room_samples: int = 200

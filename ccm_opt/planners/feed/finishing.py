@@ -1,10 +1,9 @@
 """From a proposed motion of a fed arm to its smooth path: brought onto the user's limits, shortened, given room."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.rounding import TINY
@@ -13,17 +12,13 @@ from ccm_opt.motion.continuation import Stalled
 from ccm_opt.motion.ending import optimised_to_end_pose
 from ccm_opt.motion.fed_space import FedSpace
 from ccm_opt.motion.motion_task import Motion, MotionTask
-from ccm_opt.motion.nearest_curves import nearest_curves
 from ccm_opt.motion.optimisation.more_room import lacks_room
 from ccm_opt.motion.optimisation.optimise import keeps_limits, optimise
 from ccm_opt.motion.settings.motion_settings import MotionSettings
-from ccm_opt.motion.smooth_path import SmoothPath, smooth_path
-from ccm_opt.motion.spline_path import certified_spline, spare_kept
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tracking import ReferenceMotion, follow_reference
-from ccm_opt.planners.feed.even_spline import even_spline
+from ccm_opt.planners.feed.fed_paths import FedPaths
 from ccm_opt.planners.feed.fed_task import task_of_optimising
-from ccm_opt.planners.feed.path_time import path_time
 from ccm_opt.planners.feed.proposed_motion import ProposedMotion
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.problem import Weights
@@ -41,6 +36,7 @@ class Finishing:
         space: of the motions.
         refused: why motions were refused.
         terms: the user's constraints and costs, which are limits of the task; or None.
+        paths: lays the paths.
     """
 
     query: FeedQuery
@@ -48,6 +44,10 @@ class Finishing:
     space: FedSpace
     refused: list[str]
     terms: UserTerms | None = None
+    paths: FedPaths = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.paths = FedPaths(self.query, self.task)
 
     def path(self, proposed: ProposedMotion) -> JointPath | None:
         """The certified path of a motion, optimised where that is worth while; None when there is none."""
@@ -58,10 +58,10 @@ class Finishing:
         if self.task.user_limits:
             return self._on_limits(found)
         certified = len(self.task.certificate.failures(found.headings)) == 0
-        plain = self._plain_path(proposed) or (self._smooth(found) if certified else None)
+        plain = self.paths.plain(proposed) or (self.paths.smooth(found) if certified else None)
         if certified and self._worthwhile(found, follows=bool(proposed.leaders)):
             better = optimised_to_end_pose(found, task_of_optimising(self.task, self.query, found))
-            path = self._smooth(better)
+            path = self.paths.smooth(better)
             if path is not None and (plain is None or self._preferred(path, plain)):
                 return path
         if plain is None:
@@ -87,11 +87,11 @@ class Finishing:
         for motion in self._kept(found):
             optimised = optimise(motion, task_of_optimising(self.task, self.query, motion))
             motions = (optimised, motion) if keeps_limits(optimised, self.task) else (motion,)
-            paths = [path for each in motions if (path := self._smooth(each)) is not None]
+            paths = [path for each in motions if (path := self.paths.smooth(each)) is not None]
             if paths:
                 # What costs weigh is in the optimised motion; constraints alone leave the quicker of the two.
                 weighed = self.terms is not None and len(self.terms.all_costs) > 0
-                return min(paths, key=self._cost if weighed else self.time)
+                return min(paths, key=self._cost if weighed else self.paths.time)
             self.refused.append(f"{motion.candidate}: no smooth path keeps the constraints")
         return None
 
@@ -147,7 +147,7 @@ class Finishing:
         """Whether an optimised path is quicker than the plain one, or has more room and is not much slower."""
         if self.task.weights != Weights():
             return True
-        slower = self.time(better) / max(self.time(plain), TINY)
+        slower = self.paths.time(better) / max(self.paths.time(plain), TINY)
         if slower <= 1.0:
             return True
         settings = self.query.settings
@@ -157,11 +157,7 @@ class Finishing:
     def quicker_as_it_is(self, proposed: ProposedMotion, path: JointPath) -> bool:
         """Whether the spline beside the keyframes of a motion, as they are, is quicker than a path."""
         spline = clamped_spline(proposed.keyframes)
-        return path_time(self.query.arm, self.query.problem.limits, spline) < self.time(path)
-
-    def time(self, path: JointPath) -> float:
-        """Least duration of a path [s]."""
-        return path_time(self.query.arm, self.query.problem.limits, path.spline)
+        return self.paths.spline_time(spline) < self.paths.time(path)
 
     def _cost(self, path: JointPath) -> float:
         """What the user's costs make of a path: their weighted means over its samples."""
@@ -174,57 +170,6 @@ class Finishing:
         """Least gap along a path, as far as the wanted gap sees [m]."""
         samples = np.linspace(0.0, 1.0, self.query.settings.room_samples)
         return self.task.least_gap(self.query.arm.poses(path.spline(samples)))
-
-    # ------------------------------------------------------------ the path
-    def _smooth(self, motion: Motion) -> JointPath | None:
-        """The quickest smooth path along a motion of the optimisation."""
-        arm = self.query.arm
-        curves = nearest_curves(arm, motion.headings[:, : arm.links])
-        keyframes = arm.configurations(motion.headings)
-        paths = []
-        for path in (self._even(motion), smooth_path(motion, self.task) or self._beside_keyframes(motion)):
-            if path is not None:
-                spline = BSpline(path.spline.t, arm.configurations(path.spline.c), path.spline.k)
-                paths.append(JointPath(spline, keyframes, curves, motion.candidate, (), path.spare))
-        return min(paths, key=self.time, default=None)
-
-    def _even(self, motion: Motion) -> SmoothPath | None:
-        """A path that is even where joints come out of the tube; none where it may not leave the keyframes."""
-        if any(limit.shapes_path for limit in self.task.user_limits):
-            return None
-        settings = self.task.settings.smooth_path
-        finer = self.query.settings.finer_samples
-        certificate = self.task.certificate
-        travel = self.query.motions.travel
-        spline = even_spline(self.query.arm, motion.headings, travel, certificate, finer, settings)
-        return None if spline is None else SmoothPath(spline, spare_kept(spline, certificate, settings))
-
-    def _beside_keyframes(self, motion: Motion) -> SmoothPath | None:
-        """A path beside the keyframes where it meets the user's equations all the same.
-
-        A path through knots on equations swings a little everywhere, and so in the guide tube too; one beside keyframes
-        is straight where they are, and meets what is linear in bends and feed.
-        """
-        if not any(limit.shapes_path for limit in self.task.user_limits):
-            return None
-        settings = self.task.settings.smooth_path
-        spline = certified_spline(motion.headings, self.task.certificate, settings)
-        if spline is None:
-            return None
-        u = np.linspace(0.0, 1.0, self.query.settings.room_samples)
-        if any(limit.misses_path(spline(u), u).any() for limit in self.task.user_limits):
-            return None
-        return SmoothPath(spline, spare_kept(spline, self.task.certificate, settings))
-
-    def _plain_path(self, proposed: ProposedMotion) -> JointPath | None:
-        """The path near the keyframes as they are."""
-        certified = self.query.motions.path(proposed.keyframes)
-        if certified is None:
-            return None
-        spline, spare = certified
-        arm = self.query.arm
-        curves = nearest_curves(arm, arm.headings(proposed.keyframes[:, : arm.links]))
-        return JointPath(spline, proposed.keyframes, curves, proposed.name, proposed.leaders, spare)
 
 
 def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
