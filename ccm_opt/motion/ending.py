@@ -14,7 +14,7 @@ from ccm_opt.motion.guides.straight_interpolation import Interpolation
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.bottleneck_joints import weighing_bottlenecks
 from ccm_opt.motion.optimisation.more_room import lacks_room, room_of, shortened, with_more_room
-from ccm_opt.motion.optimisation.optimise import keeps_limits, optimise, path_parameters, thinned, travel
+from ccm_opt.motion.optimisation.optimise import keeps_limits, optimise, path_parameters, travel
 from ccm_opt.motion.step import Stepper
 
 
@@ -33,11 +33,6 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
     settings = task.settings.optimisation
     if task.wanted_gap == 0.0:
         return optimise(motion, task, margin)
-    if _is_long_among_many_walls(motion, task):
-        # Nowhere along such a motion is there all the room that is wanted, and what steps pay for it they do not
-        # shorten; nor is there a choice of poses at the goal.
-        crowded = replace(task, wanted_gap=settings.crowded_gap * task.wanted_gap)
-        return optimise(motion, crowded, margin, settings.crowded_rounds)
     free = optimise(motion, task, margin, settings.free_rounds)
     # The best first: the first that can be reached wins.
     offered = task.end_poses(task.arm, free.headings[-1]) if task.goal_headings is None else ()
@@ -50,13 +45,6 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
                 return _with_room(ended, motion, task, margin)
     ended = optimise(free, weighing_bottlenecks(free, task), margin, settings.end_rounds)
     return _with_room(ended, motion, task, margin)
-
-
-def _is_long_among_many_walls(motion: Motion, task: MotionTask) -> bool:
-    """Whether a motion winds so much among so many walls that each step of its optimisation is dear."""
-    if len(task.workspace.walls) <= task.settings.search.many_walls or task.user_limits:
-        return False
-    return len(thinned(motion, task.certificate)[0]) - 1 > task.settings.straightening.many
 
 
 def _with_room(ended: Motion, found: Motion, task: MotionTask, margin: float | None) -> Motion:

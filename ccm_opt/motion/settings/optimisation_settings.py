@@ -102,8 +102,6 @@ class OptimisationSettings:
         bending_from: places along the motion, as shares of it, from where on it is tried to be bent to another end.
             Taste.
         enough_room: share of the wanted gap, or of what the ends leave of it, that is enough. Taste.
-        crowded_gap: share of the wanted gap that is asked for along a long motion among many walls. Taste.
-        crowded_rounds: most steps of such a motion, counted as ``counted_rounds`` says. Taste.
         finer: as many times the keyframes where a motion lacks room. Measured: of 18 motions among clutter that lacked
             it, few gained much with as many as before, some with half as many more, most with this.
         finest: intervals beyond which a motion is not cut finer for its room. Taste: the cost of a step.
@@ -164,8 +162,6 @@ class OptimisationSettings:
     end_rounds: int = 5
     bending_from: tuple[float, ...] = (0.0, 0.5, 0.8)
     enough_room: float = 0.95
-    crowded_gap: float = 0.5
-    crowded_rounds: int = 6
     finer: float = 2.2
     finest: int = 80
     room_passes: int = 2

@@ -20,7 +20,7 @@ class SearchSettings:
         lift_margin: gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length.
             Taste: about what an arm of 24 links leaves the curve by.
         many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
-            looked for, and long motions are optimised in haste. Taste: among a thousand, such poses take seconds.
+            looked for. Taste: among a thousand, such poses take seconds.
         crowded_margins: planning margins with which the tip is led along its shortest path there, in nominal links.
             Measured: of twelve walked fields the first gets through three and the second through six more, but their
             walks were led with it; of three fields of 1000 with walks of another margin none gets through any.
