@@ -127,33 +127,40 @@ class _FeedSearch:
             NoPlanFound: when none is.
         """
         put_off: list[ProposedMotion] = []
+        best: JointPath | None = None
+        others = 0
         for motion in self._motions():
+            others += best is not None
             # A motion that is much longer than it might be waits for a few others: perhaps one of them is better.
             if self.finishing.is_long(motion):
                 put_off.append(motion)
                 path = self._first_path(put_off) if len(put_off) > self.query.settings.put_off else None
             else:
                 path = self.finishing.path(motion)
-            if path is not None:
-                return path
+            best = self._better(best, path)
+            # So does one that grazes walls.
+            if best is not None and (others >= self.query.settings.put_off or not self.finishing.grazes(best)):
+                return best
             if self.query.deadline.passed():
                 break
-        path = self._first_path(put_off)
-        if path is None:
+        best = self._better(best, self._first_path(put_off))
+        if best is None:
             raise self._nothing_found()
-        return path
+        return best
+
+    def _better(self, one: JointPath | None, other: JointPath | None) -> JointPath | None:
+        """The path that is preferred, where there are two."""
+        if one is None or other is None:
+            return other if one is None else one
+        return other if self.finishing.preferred(other, one) else one
 
     def _first_path(self, motions: list[ProposedMotion]) -> JointPath | None:
-        """The path of the shortest of some motions that has one; they are used up."""
+        """The path of the quickest of some motions that have one, in which room counts too; they are used up."""
         best: JointPath | None = None
         for motion in sorted(motions, key=self.finishing.duration):
             # Turns say little of how smooth a path is: one that is quicker as it stands is worth a look.
             if best is None or self.finishing.quicker_as_it_is(motion, best):
-                path = self.finishing.path(motion)
-                if path is not None and (
-                    best is None or self.finishing.paths.time(path) < self.finishing.paths.time(best)
-                ):
-                    best = path
+                best = self._better(best, self.finishing.path(motion))
         motions.clear()
         return best
 

@@ -36,7 +36,7 @@ class LeaderPathSettings:
     band_margins: tuple[float, ...] = (0.2, 0.05, 0.01)
     band_gap: float = 0.8
     band_spacing: float = 1.0 / 3.0
-    least_band_spacing: float = 1.0 / 60.0
+    least_band_spacing: float = 1.0 / 90.0
     band_evenness: float = 1.0 / 16.0
     chord_allowance: float = 1e-2
     curve_stretches: tuple[float, ...] = (1.03, 1.1, 1.25, 1.5, 2.0)
@@ -73,8 +73,8 @@ class FeedPlannerSettings:
         worth_shortening: times the duration of the straight line between its ends from which on a motion is
             optimised. Taste: a motion that follows its leader without drawing back is as long as its feed.
         long: times the duration of the straight line between its ends from which on a motion is put off. Taste.
-        put_off: motions that are put off before the shortest of them is taken. Taste: looking for one costs as much as
-            making its path.
+        put_off: motions that are put off before the shortest of them is taken, and others that are tried where one
+            grazes walls. Taste: looking for one costs as much as making its path.
         keyframes_a_link: of the optimisation, to a link length that a motion's feed carries the arm. Taste: at fewer,
             joints bend late behind the hole.
         most_keyframes: of the optimisation. Taste: its cost grows with them and with the cube of the links.
@@ -82,8 +82,11 @@ class FeedPlannerSettings:
             finished then is certified all the same.
         time_samples: places of a path at which its speed is bounded. Derived: several to every span of the paths that
             occur.
-        roomier: as many times the room of a plain path make an optimised one worth more time. Taste.
-        slower_with_room: as many times the duration that it may last then. Taste.
+        grazing: share of the wanted gap, or of what the ends have of it, below which a path waits for a few others.
+            Taste.
+        room_exponent: of paths that are compared, the one with a certain share of another's room may last that share
+            to this power as long. Taste.
+        least_room: share of the wanted gap that counts for paths with less. Taste.
         room_samples: places of a path at which its room is measured. Taste.
         finer_samples: samples to a keyframe of an optimised motion, beside which an even path is laid. Taste.
         tight_gap: room on either side of the arm, in link lengths, below which a place of the axis is tight: no joint
@@ -116,8 +119,9 @@ class FeedPlannerSettings:
     most_keyframes: int = 48
     optimising_share: float = 0.1
     time_samples: int = 1500
-    roomier: float = 1.1
-    slower_with_room: float = 1.1
+    grazing: float = 0.5
+    room_exponent: float = 0.5
+    least_room: float = 0.02
     room_samples: int = 200
     finer_samples: int = 4
     tight_gap: float = 0.05

@@ -62,7 +62,7 @@ class Finishing:
         if certified and self._worthwhile(found, follows=bool(proposed.leaders)):
             better = optimised_to_end_pose(found, task_of_optimising(self.task, self.query, found))
             path = self.paths.smooth(better)
-            if path is not None and (plain is None or self._preferred(path, plain)):
+            if path is not None and (plain is None or self.task.weights != Weights() or self.preferred(path, plain)):
                 return path
         if plain is None:
             self.refused.append(f"{proposed.name}: not certified")
@@ -143,16 +143,25 @@ class Finishing:
         longer = duration_estimate(found) > self.query.settings.worth_shortening * _straight_line(found)
         return longer or self.task.weights != Weights() or (not follows and lacks_room(found, self.task))
 
-    def _preferred(self, better: JointPath, plain: JointPath) -> bool:
-        """Whether an optimised path is quicker than the plain one, or has more room and is not much slower."""
-        if self.task.weights != Weights():
-            return True
-        slower = self.paths.time(better) / max(self.paths.time(plain), TINY)
-        if slower <= 1.0:
-            return True
+    def preferred(self, one: JointPath, other: JointPath) -> bool:
+        """Whether one path is quicker than another, or has so much more room that it makes up for it."""
+        return self._time_for_room(one) < self._time_for_room(other)
+
+    def grazes(self, path: JointPath) -> bool:
+        """Whether a path passes walls much closer than its ends lie and than is wanted."""
+        ends = self.query.arm.poses(path.spline(np.array([0.0, 1.0])))
+        most = min(self.task.wanted_gap, self.task.least_gap(ends))
+        return self._room(path) < self.query.settings.grazing * most
+
+    def _time_for_room(self, path: JointPath) -> float:
+        """The least duration of a path [s], longer by the room that it lacks: half the room counts as √2 times."""
+        time = self.paths.time(path)
+        wanted = self.task.wanted_gap
+        if wanted == 0.0:
+            return time
+        share = self._room(path) / wanted
         settings = self.query.settings
-        roomier = self._room(better) > settings.roomier * self._room(plain)
-        return roomier and slower <= settings.slower_with_room
+        return time * float(np.clip(share, settings.least_room, 1.0) ** -settings.room_exponent)
 
     def quicker_as_it_is(self, proposed: ProposedMotion, path: JointPath) -> bool:
         """Whether the spline beside the keyframes of a motion, as they are, is quicker than a path."""
