@@ -71,4 +71,4 @@ class FreeSpaceSettings:
 DEFAULT_FREE_SPACE = FreeSpaceSettings()
 """The numbers that are used unless others are passed."""
 FINE_FREE_SPACE = FreeSpaceSettings(corner_quad_segs=24, dent=0.0)
-"""For passages that hardly let the arm through: many vertices, but next to nothing given away."""
+"""Many vertices, but next to nothing given away, where passages hardly let the arm through."""
