@@ -11,6 +11,7 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.box_tree import BoxTree
 from ccm_opt.ground.compiled_source import compiled_source
 from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.tree_for_c import TreeForC, TreeStruct
 
 SYMBOLS = ("near_pairs",)
 _POINTER = ctypes.c_void_p
@@ -20,12 +21,6 @@ _RUN = 8
 """``RUN`` of near_pairs.c."""
 
 
-class _TreeStruct(ctypes.Structure):
-    """``Tree`` of near_pairs.c."""
-
-    _fields_ = (("levels", _LONG), ("items", _POINTER), ("boxes", _POINTER), ("offsets", _POINTER))
-
-
 class _QueryStruct(ctypes.Structure):
     """``Query`` of near_pairs.c."""
 
@@ -33,8 +28,8 @@ class _QueryStruct(ctypes.Structure):
         *((name, _LONG) for name in ("links", "mount_link", "first_self_pair")),
         *((name, _DOUBLE) for name in ("mount_at", "link_length", "radius", "reach", "margin")),
         *((name, _POINTER) for name in ("error_room", "pair_room", "pair_margin")),
-        ("edge_tree", _TreeStruct),
-        ("vertex_tree", _TreeStruct),
+        ("edge_tree", TreeStruct),
+        ("vertex_tree", TreeStruct),
         *((name, _POINTER) for name in ("edges", "edge_wall", "vertices", "vertex_wall", "wall_gap")),
         ("walls", _LONG),
         ("largest_gap", _DOUBLE),
@@ -121,11 +116,10 @@ class CompiledPairs:
         query.first_at, query.second_at, query.gap, query.pair_margins = (row.ctypes.data for row in self._real)
         query.normal = self._normal.ctypes.data
 
-    def _tree(self, tree: BoxTree) -> _TreeStruct:
-        items = self._address(tree.items, np.int64)
-        offsets = self._address(tree.offsets, np.int64)
-        levels = len(tree.offsets) - 1 if len(tree.items) else 0
-        return _TreeStruct(levels, items, self._address(tree.boxes, np.float64), offsets)
+    def _tree(self, tree: BoxTree) -> TreeStruct:
+        for_c = TreeForC.of(tree)
+        self._kept.append(for_c)
+        return for_c.struct
 
     def _address(self, array: FloatArray | IntArray, kind: type[np.float64 | np.int64]) -> int:
         for_c = np.ascontiguousarray(array, dtype=kind)

@@ -12,6 +12,7 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.box_tree import BoxTree
 from ccm_opt.ground.compiled_source import compiled_source
 from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.tree_for_c import TreeForC, TreeStruct
 
 SYMBOLS = ("sweep_planes",)
 _POINTER = ctypes.c_void_p
@@ -23,12 +24,6 @@ _PLANES = 8
 """Half-planes about a sweep that there is room for at first."""
 
 
-class _TreeStruct(ctypes.Structure):
-    """``Tree`` of sweep_planes.c."""
-
-    _fields_ = (("levels", _LONG), ("items", _POINTER), ("boxes", _POINTER), ("offsets", _POINTER))
-
-
 class _QueryStruct(ctypes.Structure):
     """``Query`` of sweep_planes.c."""
 
@@ -36,7 +31,7 @@ class _QueryStruct(ctypes.Structure):
         ("sweeps", _LONG),
         ("corners", _POINTER),
         ("halfway", _POINTER),
-        ("tree", _TreeStruct),
+        ("tree", TreeStruct),
         ("ends", _POINTER),
         ("rounding", _POINTER),
         *((name, _DOUBLE) for name in ("far", "shortest", "behind")),
@@ -82,7 +77,9 @@ def compiled_planes(asked: SweptLinks) -> tuple[IntArray, FloatArray, FloatArray
     if library is None:
         return None
     query = _QueryStruct(sweeps=len(asked.corners), far=asked.far, shortest=asked.shortest, behind=asked.behind)
-    query.tree.levels = len(asked.tree.offsets) - 1 if len(asked.tree.items) else 0
+    # C has the addresses of these.
+    tree = TreeForC.of(asked.tree)
+    query.tree = tree.struct
     working = np.empty((len(asked.ends), _PLANE), dtype=np.uint8)
     for_c: dict[str, npt.NDArray[Any]] = {
         "corners": np.ascontiguousarray(asked.corners, dtype=np.float64),
@@ -91,15 +88,8 @@ def compiled_planes(asked: SweptLinks) -> tuple[IntArray, FloatArray, FloatArray
         "rounding": np.ascontiguousarray(asked.rounding, dtype=np.float64),
         "planes": working,
     }
-    of_tree = {
-        "items": np.ascontiguousarray(asked.tree.items, dtype=np.int64),
-        "boxes": np.ascontiguousarray(asked.tree.boxes, dtype=np.float64),
-        "offsets": np.ascontiguousarray(asked.tree.offsets, dtype=np.int64),
-    }
     for name, array in for_c.items():
         setattr(query, name, array.ctypes.data)
-    for name, array in of_tree.items():
-        setattr(query.tree, name, array.ctypes.data)
 
     capacity = _PLANES * len(asked.corners)
     while True:
