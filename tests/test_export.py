@@ -15,7 +15,9 @@ import pytest
 from ccm_opt.cli.checking import check_folders
 from ccm_opt.errors import Diagnosis, ProblemError, VerificationError
 from ccm_opt.files.export import folder as folder_module
-from ccm_opt.files.export.folder import check_target, write_failure, write_folder, write_solution
+from ccm_opt.files.export.earlier_results import FAILED, UNFINISHED, place_beside
+from ccm_opt.files.export.failure_folder import write_failure
+from ccm_opt.files.export.folder import check_target, solution_files, write_folder, write_solution
 from ccm_opt.files.export.reading_back import SHAPES, load_motion, load_problem_data
 from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.problem import Problem, TipGoal
@@ -105,11 +107,15 @@ def test_the_ros_message_has_a_point_for_every_sample(written: Path, small_solut
     np.testing.assert_allclose(json.loads(lines[-4].split(":")[1]), small_solution.joints.angles[-1], rtol=1e-11)
 
 
-def test_a_failure_leaves_its_record_alone(small_problem: Problem, tmp_path: Path, written: Path) -> None:
-    """A failed run replaces the files of the run before by ``solution.json`` with status and diagnosis."""
+def test_a_failure_leaves_its_record_beside_an_earlier_plan(
+    small_problem: Problem, tmp_path: Path, written: Path
+) -> None:
+    """A failed run leaves the plan of the run before to the last byte, and its own status and diagnosis beside it."""
+    before = {path.name: path.read_bytes() for path in written.iterdir()}
     diagnosis = Diagnosis("no way round 'post'", "routes", ("move it",), {"gap": np.float64(0.01)})
     target = write_failure(small_problem, "timed-out", diagnosis, tmp_path / "runs")
-    assert target == written
+    assert {path.name: path.read_bytes() for path in written.iterdir()} == before
+    assert target == written.with_name("small.failed")
     assert [path.name for path in target.iterdir()] == ["solution.json"]
     record = json.loads((target / "solution.json").read_text())
     assert record["status"] == "timed-out"
@@ -123,6 +129,26 @@ def test_a_failure_leaves_its_record_alone(small_problem: Problem, tmp_path: Pat
     }
     with pytest.raises(VerificationError, match="timed-out'; no way round"):
         load_problem_data(target)
+
+
+def test_a_failure_replaces_the_record_of_an_earlier_one(small_problem: Problem, tmp_path: Path) -> None:
+    """Without a plan there is one record, in the folder's own place, whose newest content counts."""
+    for reason in ("first", "second"):
+        target = write_failure(small_problem, "timed-out", Diagnosis(reason, "routes"), tmp_path)
+        assert target == tmp_path / "small"
+        assert json.loads((target / "solution.json").read_text())["diagnosis"]["reason"] == reason
+    assert [path.name for path in tmp_path.iterdir()] == ["small"]
+
+
+def test_nothing_beside_an_earlier_plan_is_replaced(written: Path, small_solution: Solution) -> None:
+    """Plans that were cut short are numbered, and a folder of the user that has the name of the next one is passed."""
+    places = [place_beside(written, UNFINISHED)]
+    write_folder(places[0], solution_files(small_solution))
+    written.with_name("small.unfinished-2").mkdir()
+    places.append(place_beside(written, UNFINISHED))
+    written.with_name("small.failed").write_text("mine")
+    places.append(place_beside(written, FAILED))
+    assert [place.name for place in places] == ["small.unfinished", "small.unfinished-3", "small.failed-2"]
 
 
 def test_files_of_the_user_stay(written: Path, small_solution: Solution) -> None:

@@ -1,7 +1,9 @@
 """A verified plan is never lost: whatever the simulation, a picture or Ctrl-C does, it is written and judged."""
 
 import json
+import os
 import re
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -275,3 +277,45 @@ def test_disturbances_never_raise(swing: Solution) -> None:
         assert np.isfinite(motion.angles).all()
         assert np.isfinite(motion.torques).all()
         assert not np.isnan([figure for name, figure in figures.items() if name != "tracking_error_rad"]).any()
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), RuntimeError("no ink")])
+def test_an_earlier_plan_stays_where_the_next_is_cut_short(
+    error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The new plan, without pictures, is written beside the earlier one, of which no byte changes."""
+    assert solve_text(SWING, tmp_path)[0] == 0
+    folder = tmp_path / "runs" / "swing"
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+
+    def fails(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(solving, "_pictures", fails)
+    said = solve_text(SWING, tmp_path)[2]
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert (folder.with_name("swing.unfinished") / "solution.npz").is_file()
+    assert "keeps its earlier result" in said
+
+
+@pytest.mark.parametrize("step", ["write_folder", "print_solution"])
+def test_ctrl_c_when_the_folder_is_all_but_done_is_too_late(
+    step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The problem is solved, with pictures, and its exit code says so; the file after it is not tried."""
+    usual = getattr(solving, step)
+
+    def interrupted(*arguments: object) -> object:
+        os.kill(os.getpid(), signal.SIGINT)
+        return usual(*arguments)
+
+    monkeypatch.setattr(solving, step, interrupted)
+    assert solve_text(SWING, tmp_path)[0] == 0
+    assert (tmp_path / "runs" / "swing" / "report.html").is_file()
+    other = tmp_path / "other.toml"
+    other.write_text(SWING.replace('"swing"', '"other"'))
+    files = [str(tmp_path / "swing.toml"), str(other)]
+    code, _, said = run("solve", *files, "--out", str(tmp_path / "runs"), "--no-pictures")
+    assert (code, "cancelled" in said) == (130, True)
+    assert not (tmp_path / "runs" / "other").exists()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -1,12 +1,18 @@
-"""What ``ccm-opt solve`` leaves where something fails: the record of why there is no plan, or else the plan."""
+"""What ``ccm-opt solve`` leaves where something fails or is cancelled: the record of why there is no plan, or the plan.
 
-from collections.abc import Callable, Iterator
+An earlier plan of the same name stays as it is; whatever is no whole result of its own is then written beside it.
+"""
+
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
-from ccm_opt.files.export.folder import write_failure, write_solution
+from ccm_opt.files.export.earlier_results import UNFINISHED, place_beside
+from ccm_opt.files.export.failure_folder import write_failure
+from ccm_opt.files.export.folder import solution_files, write_folder
 from ccm_opt.problem import Problem
 
 
@@ -24,33 +30,61 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock) -> Iterato
         VerificationError: likewise.
         KeyboardInterrupt: a record with the status ``cancelled`` is written, or the plan where there is one already.
     """
+
+    def record(status: str, diagnosis: Diagnosis) -> None:
+        folder = write_failure(problem, status, diagnosis, out, clock.timings)
+        tell_where(folder, out / problem.name, "why there is no new one is recorded")
+
     try:
         yield
     except NoPlanFound as error:
-        write_failure(problem, error.status, error.diagnosis, out, clock.timings)
+        record(error.status, error.diagnosis)
         raise
     except VerificationError as error:
-        diagnosis = Diagnosis("the verifier refuses the plan: " + "; ".join(error.failures), "verification")
-        write_failure(problem, NoPlanFound.unproved_status, diagnosis, out, clock.timings)
+        refused = Diagnosis("the verifier refuses the plan: " + "; ".join(error.failures), "verification")
+        record(NoPlanFound.unproved_status, refused)
         raise
     except CancelledWithPlan as cancelled:
-        write_solution(cancelled.solution, out)
+        write_unfinished(out / problem.name, solution_files(cancelled.solution))
         raise
     except KeyboardInterrupt:
-        diagnosis = Diagnosis("cancelled by the user", clock.current or "planning")
-        write_failure(problem, "cancelled", diagnosis, out, clock.timings)
+        record("cancelled", Diagnosis("cancelled by the user", clock.current or "planning"))
         raise
 
 
 @contextmanager
-def kept_without_pictures(write: Callable[[], object]) -> Iterator[None]:
+def kept_without_pictures(target: Path, files: Mapping[str, bytes]) -> Iterator[None]:
     """Draw inside it; a plan whose drawing fails or is cancelled is written without pictures before the error goes on.
 
     Args:
-        write: writes the plan alone.
+        target: the folder of the plan.
+        files: content of the plan's files by file name.
     """
     try:
         yield
     except BaseException:
-        write()
+        write_unfinished(target, files)
         raise
+
+
+def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
+    """Write a verified plan that was cut short, in its place or beside an earlier one.
+
+    Args:
+        target: the folder of the plan.
+        files: content of the plan's files by file name.
+    """
+    folder = write_folder(place_beside(target, UNFINISHED), files)
+    tell_where(folder, target, "the new one, as far as it came, is written")
+
+
+def tell_where(folder: Path, target: Path, what: str) -> None:
+    """Say that an earlier result stays, and where something else was written for that reason.
+
+    Args:
+        folder: where it was written.
+        target: where it would be without an earlier result.
+        what: what was written, as the beginning of the sentence's second half.
+    """
+    if folder != target:
+        warn(f"{target} keeps its earlier result; {what} in {folder}")

@@ -24,7 +24,7 @@ from typing import TextIO, TypeVar
 from rich.console import Console
 from rich.markup import escape
 
-from ccm_opt.cli.cancelling import CANCELLED
+from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupts_as_usual
 from ccm_opt.cli.sentences import folded
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.solution import SimulationVerdict
@@ -47,12 +47,15 @@ def run_all(items: Iterable[Item], run: Callable[[Item], int]) -> int:
         items: for example files; they stand in front of the messages about them.
         run: of one item; returns its exit code.
     """
-    codes = []
+    codes: list[int] = []
     for item in items:
-        code = _guarded(run, item)
-        codes.append(code)
-        if code == CANCELLED:
+        if codes and cancelled_meanwhile():
+            complain("cancelled")
+            codes.append(CANCELLED)
+        if CANCELLED in codes:
             break
+        with interrupts_as_usual():
+            codes.append(_guarded(run, item))
     return min(codes, key=WORST_FIRST.index, default=SOLVED)
 
 

@@ -6,14 +6,17 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from ccm_opt.cli.cancelling import last_steps_uninterrupted
+from ccm_opt.cli.failure_record import tell_where
 from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import report_console, stage_line, value_table
 from ccm_opt.cli.term_references import NO_TERMS, TermReferences
 from ccm_opt.errors import Diagnosis, NoPlanFound
+from ccm_opt.files.export.failure_folder import write_pose_failure
 from ccm_opt.files.export.folder import POSE_RECORD, check_target
-from ccm_opt.files.export.pose_folder import write_pose, write_pose_failure
+from ccm_opt.files.export.pose_folder import write_pose
 from ccm_opt.files.export.pose_json import segment_words
 from ccm_opt.problem import Problem
 from ccm_opt.solution import StaticPose
@@ -50,7 +53,9 @@ def _pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool)
     with stage_display(problem.name) as clock:
         found = _found_or_recorded(problem, out, clock, terms)
         clock("writing")
-        folder = write_pose(found, out, _pictures(found) if pictures else {})
+        drawn = _pictures(found) if pictures else {}
+        last_steps_uninterrupted()
+        folder = write_pose(found, out, drawn)
         clock.finish()
     return print_result(lambda: _print(found, clock, folder), SOLVED)
 
@@ -69,14 +74,18 @@ def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: Te
         constraints = load_terms(terms.constraints, Constraint)
         costs = load_terms(terms.costs, Cost)
         find_pose = partial(find_pose, constraints=constraints, costs=costs)
+
+    def record(status: str, diagnosis: Diagnosis) -> None:
+        folder = write_pose_failure(problem, status, diagnosis, out, clock.timings)
+        tell_where(folder, out / problem.name, "why there is no new one is recorded")
+
     try:
         return find_pose(problem, progress=clock)
     except NoPlanFound as error:
-        write_pose_failure(problem, error.status, error.diagnosis, out, clock.timings)
+        record(error.status, error.diagnosis)
         raise
     except KeyboardInterrupt:
-        diagnosis = Diagnosis("cancelled by the user", clock.current or "configuration")
-        write_pose_failure(problem, "cancelled", diagnosis, out, clock.timings)
+        record("cancelled", Diagnosis("cancelled by the user", clock.current or "configuration"))
         raise
 
 

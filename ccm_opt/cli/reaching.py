@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
+from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
@@ -68,7 +69,9 @@ def reach_files(files: Sequence[Path], options: ReachOptions) -> int:
             found = reach_map(
                 problem, step=options.step, headings=options.headings, workers=options.crew, progress=progress
             )
-        folder = write_reach(found, options.out, _pictures(found) if options.pictures else {})
+        drawn = _pictures(found) if options.pictures else {}
+        last_steps_uninterrupted()
+        folder = write_reach(found, options.out, drawn)
         return print_result(lambda: _print(found, folder), SOLVED)
 
     return run_all(files, reach_one)

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import get_args
 
+from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.failure_record import failures_recorded, kept_without_pictures
 from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
@@ -14,8 +14,8 @@ from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.cli.tables import print_solution
 from ccm_opt.cli.term_references import NO_TERMS, TermReferences
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.folder import check_target, write_solution
-from ccm_opt.files.export.pareto_folder import write_pareto
+from ccm_opt.files.export.folder import check_target, solution_files, write_folder
+from ccm_opt.files.export.pareto_folder import pareto_files
 from ccm_opt.problem import MethodName, Problem
 from ccm_opt.solution import ParetoPlans, Solution
 
@@ -75,7 +75,8 @@ def _known_method(method: str | None) -> MethodName | None:
 
 
 def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool, explain: bool) -> int:
-    check_target(out / problem.name)
+    target = out / problem.name
+    check_target(target)
     with stage_display(problem.name) as clock:
         clock("loading")
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
@@ -84,17 +85,20 @@ def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool
         with failures_recorded(problem, out, clock):
             solution = solve(problem, progress=clock, explain=explain, **arguments)
         clock("writing")
-        with kept_without_pictures(partial(write_solution, solution, out)):
+        files = solution_files(solution)
+        with kept_without_pictures(target, files):
             drawn = _pictures(solution) if pictures else {}
-        folder = write_solution(solution, out, drawn)
+        last_steps_uninterrupted()
+        write_folder(target, {**files, **drawn})
         clock.finish()
     code = code_of_simulation(problem.name, solution.simulation.verdict)
-    return print_result(lambda: print_solution(solution, clock, str(folder)), code)
+    return print_result(lambda: print_solution(solution, clock, str(target)), code)
 
 
 def _solve_several(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool, explain: bool) -> int:
     """Plans from the fastest to the roomiest, all written, the recommended one in the place of the only one."""
-    check_target(out / problem.name)
+    target = out / problem.name
+    check_target(target)
     with stage_display(problem.name) as clock:
         clock("loading")
         from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - loads casadi and toppra
@@ -108,12 +112,14 @@ def _solve_several(problem: Problem, out: Path, terms: TermReferences, *, pictur
                 **arguments,
             )
         clock("writing")
-        with kept_without_pictures(partial(write_pareto, found, out)):
+        files = pareto_files(found)
+        with kept_without_pictures(target, files):
             drawn = _pareto_pictures(found) if pictures else {}
-        folder = write_pareto(found, out, drawn)
+        last_steps_uninterrupted()
+        write_folder(target, {**files, **drawn})
         clock.finish()
     code = code_of_simulation(problem.name, found.best.simulation.verdict)
-    return print_result(lambda: print_pareto(found, clock, str(folder)), code)
+    return print_result(lambda: print_pareto(found, clock, str(target)), code)
 
 
 def _pictures(solution: Solution) -> Mapping[str, bytes]:

@@ -6,13 +6,12 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from ccm_opt.errors import Diagnosis, ProblemError
+from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.arrays_npz import arrays_npz, solution_arrays
 from ccm_opt.files.export.mjcf import mjcf_text
-from ccm_opt.files.export.solution_json import failure_json, solution_json
+from ccm_opt.files.export.solution_json import solution_json
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 
 RECORD = "solution.json"
@@ -22,7 +21,8 @@ TEXTS = (RECORD, "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml"
 PICTURES = ("plan.png", "motion.gif", "report.html", "simulation.png")
 POSE_RECORD = "pose.json"
 """Of the folder of a pose; always there."""
-POSE_FILES = (POSE_RECORD, "pose.npz", "pose.png")
+POSE_ARRAYS = "pose.npz"
+POSE_FILES = (POSE_RECORD, POSE_ARRAYS, "pose.png")
 REACH_RECORD = "reach.json"
 """Of the folder of a map of reach; always there."""
 REACH_FILES = (REACH_RECORD, "reach.npz", "reach.png")
@@ -55,28 +55,6 @@ def solution_files(solution: Solution) -> dict[str, bytes]:
     """Content of every file of a solved problem but the pictures, by file name."""
     files = {name: text.encode() for name, text in solution_texts(solution).items()}
     return {**files, ARRAYS: arrays_npz(solution_arrays(solution))}
-
-
-def write_failure(
-    problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float] | None = None
-) -> Path:
-    """Write the folder of a problem without a plan: ``solution.json`` alone.
-
-    Args:
-        problem: what was asked.
-        status: how the search ended.
-        diagnosis: why there is no plan.
-        out: the directory that holds the folder.
-        timings: of the stages that ran [s].
-
-    Returns:
-        The folder.
-
-    Raises:
-        ProblemError: when the folder cannot be written, or another folder is in its place.
-    """
-    record = failure_json(problem, status, diagnosis, timings or {})
-    return write_folder(out / problem.name, {RECORD: record.encode()})
 
 
 def solution_texts(solution: Solution) -> dict[str, str]:

@@ -1,9 +1,8 @@
 """The folder of several plans of one problem: that of the recommended plan, with a folder for each plan in it."""
 
 from collections.abc import Mapping
-from pathlib import Path
 
-from ccm_opt.files.export.folder import solution_files, write_folder
+from ccm_opt.files.export.folder import solution_files
 from ccm_opt.files.export.room_json import place_data
 from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.solution import ParetoPlan, ParetoPlans
@@ -12,19 +11,10 @@ SCHEMA = 1
 """Version of the layout of ``pareto.json``."""
 
 
-def write_pareto(found: ParetoPlans, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
-    """Write the recommended plan as ``solve`` would, with all plans in the folder ``pareto`` beside it.
+def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
+    """Content of every file but the pictures, by file name.
 
-    Args:
-        found: the plans.
-        out: the directory that holds the problem's folder.
-        pictures: content of pictures by file name.
-
-    Returns:
-        The problem's folder.
-
-    Raises:
-        ProblemError: when it cannot be written, or another folder is in its place.
+    The recommended plan's are those that ``solve`` would write; those of all plans are in the folder ``pareto``.
     """
     files = solution_files(found.best)
     files["pareto.json"] = pareto_json(found).encode()
@@ -32,7 +22,7 @@ def write_pareto(found: ParetoPlans, out: Path, pictures: Mapping[str, bytes] | 
         if plan.solution is not None:
             inner = solution_files(plan.solution)
             files |= {f"{folder_of(number)}/{name}": content for name, content in inner.items()}
-    return write_folder(out / found.problem.name, {**files, **(pictures or {})})
+    return files
 
 
 def folder_of(number: int) -> str:

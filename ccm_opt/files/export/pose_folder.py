@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ccm_opt.errors import Diagnosis
 from ccm_opt.files.export.arrays_npz import arrays_npz, curve_arrays
-from ccm_opt.files.export.folder import POSE_RECORD, write_folder
-from ccm_opt.files.export.pose_json import pose_failure_json, pose_json
-from ccm_opt.problem import Problem
+from ccm_opt.files.export.folder import POSE_ARRAYS, POSE_RECORD, write_folder
+from ccm_opt.files.export.pose_json import pose_json
 from ccm_opt.solution import StaticPose
 
 
@@ -28,20 +26,8 @@ def write_pose(found: StaticPose, out: Path, pictures: Mapping[str, bytes] | Non
     Raises:
         ProblemError: when the folder cannot be written, or another folder is in its place.
     """
-    files = {POSE_RECORD: pose_json(found).encode(), "pose.npz": arrays_npz(pose_arrays(found))}
+    files = {POSE_RECORD: pose_json(found).encode(), POSE_ARRAYS: arrays_npz(pose_arrays(found))}
     return write_folder(out / found.problem.name, {**files, **(pictures or {})}, POSE_RECORD)
-
-
-def write_pose_failure(
-    problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float]
-) -> Path:
-    """Write the folder of a problem at whose goal no pose was found: ``pose.json`` alone.
-
-    Raises:
-        ProblemError: as for ``write_pose``.
-    """
-    record = pose_failure_json(problem, status, diagnosis, timings)
-    return write_folder(out / problem.name, {POSE_RECORD: record.encode()}, POSE_RECORD)
 
 
 def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:

@@ -1,0 +1,55 @@
+"""The record of why there is no plan or no pose: in the place of the result, or beside an earlier one, which stays."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from ccm_opt.errors import Diagnosis
+from ccm_opt.files.export.earlier_results import FAILED, place_beside
+from ccm_opt.files.export.folder import POSE_RECORD, RECORD, write_folder
+from ccm_opt.files.export.pose_json import pose_failure_json
+from ccm_opt.files.export.solution_json import failure_json
+from ccm_opt.problem import Problem
+
+
+def write_failure(
+    problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float] | None = None
+) -> Path:
+    """Write the folder of a problem without a plan: ``solution.json`` alone.
+
+    Args:
+        problem: what was asked.
+        status: how the search ended.
+        diagnosis: why there is no plan.
+        out: the directory that holds the folder.
+        timings: of the stages that ran [s].
+
+    Returns:
+        The folder: ``out / <problem's name>``, or with ``.failed`` at its end where an earlier plan has that place.
+
+    Raises:
+        ProblemError: when the folder cannot be written, or another folder is in its place.
+    """
+    record = failure_json(problem, status, diagnosis, timings or {})
+    return write_folder(place_beside(out / problem.name, FAILED), {RECORD: record.encode()})
+
+
+def write_pose_failure(
+    problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float]
+) -> Path:
+    """Write the folder of a problem at whose goal no pose was found: ``pose.json`` alone.
+
+    Args:
+        problem: what was asked.
+        status: how the search ended.
+        diagnosis: why there is no pose.
+        out: the directory that holds the folder.
+        timings: of the stages that ran [s].
+
+    Returns:
+        The folder, chosen as for ``write_failure``.
+
+    Raises:
+        ProblemError: as for ``write_failure``.
+    """
+    record = pose_failure_json(problem, status, diagnosis, timings)
+    return write_folder(place_beside(out / problem.name, FAILED), {POSE_RECORD: record.encode()}, POSE_RECORD)
