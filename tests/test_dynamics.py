@@ -23,9 +23,10 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
+from ccm_opt.ground import compiled_source
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, find_compiler
-from ccm_opt.ground.library_cache import CACHE_VARIABLE
+from ccm_opt.ground.library_cache import CACHE_VARIABLE, cache_folder_of
 from ccm_opt.jointed.arm import Arm, Axes, Feed
 from ccm_opt.jointed.jacobian import tip_jacobian
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
@@ -245,7 +246,7 @@ def test_without_a_compiler_the_virtual_machine_gives_the_same(
     arm, (q, qd, qdd) = swan_neck(12), random_states(36)
     expected = InverseDynamics(arm, GRAVITY)(q, qd, qdd), ForwardDynamics(arm, GRAVITY)(q, qd, qdd)
     monkeypatch.setenv(COMPILER_VARIABLE, "")
-    compiled_library._log_uncompiled.cache_clear()
+    compiled_source._log_uncompiled.cache_clear()
     with caplog.at_level(logging.WARNING):
         got = InverseDynamics(arm, GRAVITY)(q, qd, qdd), ForwardDynamics(arm, GRAVITY)(q, qd, qdd)
     assert relative_error(got[0], expected[0]) < TOLERANCE
@@ -261,7 +262,7 @@ def test_a_failing_compiler_is_no_failure(
     broken.write_text("#!/bin/sh\necho 'out of paper' >&2\nexit 1\n")
     broken.chmod(0o755)
     monkeypatch.setenv(COMPILER_VARIABLE, str(broken))
-    compiled_library._log_uncompiled.cache_clear()
+    compiled_source._log_uncompiled.cache_clear()
     torques = InverseDynamics(swan_neck(2), GRAVITY)(*np.zeros((3, 6)))
     assert np.all(np.isfinite(torques))
     assert "the C compiler failed: out of paper" in caplog.text
@@ -271,8 +272,8 @@ def test_a_warm_cache_compiles_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path
     """Other masses, lengths and gravity use the library that is there; nothing else is left in the folder."""
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     InverseDynamics(swan_neck(2), GRAVITY)
-    assert len(list(compiled_library.cache_folder().iterdir())) == 1
-    monkeypatch.setattr(compiled_library, "_compile", _refuse_to_compile)
+    assert len(list(cache_folder_of(compiled_library.KIND).iterdir())) == 1
+    monkeypatch.setattr(compiled_source, "compile_into", _refuse_to_compile)
     inverse = InverseDynamics(swan_neck(2, varied=True), -GRAVITY)
     assert np.all(np.isfinite(inverse(*np.zeros((3, 6)))))
 
@@ -286,12 +287,14 @@ def test_a_damaged_library_is_compiled_again(
 ) -> None:
     """A file that cannot be loaded is replaced, without falling back."""
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
-    compiled_library.cache_folder().mkdir(parents=True)
+    cache_folder_of(compiled_library.KIND).mkdir(parents=True)
     compiler = find_compiler()
     if compiler is None:
         pytest.skip("no C compiler")
-    compiled_library.library_path(arm_structure(swan_neck(2)), compiler).write_bytes(b"not a library")
-    compiled_library._log_uncompiled.cache_clear()
+    compiled_source.library_path(compiled_library.recipe_of(arm_structure(swan_neck(2))), compiler).write_bytes(
+        b"not a library"
+    )
+    compiled_source._log_uncompiled.cache_clear()
     assert np.all(np.isfinite(InverseDynamics(swan_neck(2), GRAVITY)(*np.zeros((3, 6)))))
     assert not caplog.records
 
@@ -394,16 +397,16 @@ def test_one_library_serves_arms_of_any_length(monkeypatch: pytest.MonkeyPatch, 
         arm = replace(swan_neck(links), payload=0.1 * links)
         ForwardDynamics(arm, GRAVITY)
         InverseDynamics(arm, GRAVITY)
-    assert len(list(compiled_library.cache_folder().iterdir())) == 1
+    assert len(list(cache_folder_of(compiled_library.KIND).iterdir())) == 1
     ForwardDynamics(replace(swan_neck(2), rotor_inertia=1e-4), GRAVITY)
-    assert len(list(compiled_library.cache_folder().iterdir())) == 2
+    assert len(list(cache_folder_of(compiled_library.KIND).iterdir())) == 2
 
 
 def test_what_is_prepared_is_there_when_it_is_needed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Compiling begins in the background; the first use waits for it and does not compile again."""
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
-    compiles, compile_once = [], compiled_library._compile
-    monkeypatch.setattr(compiled_library, "_compile", lambda *args: (compiles.append(1), compile_once(*args)))
+    compiles, compile_once = [], compiled_source.compile_into
+    monkeypatch.setattr(compiled_source, "compile_into", lambda *args: (compiles.append(1), compile_once(*args)))
     compiled_library.prepare(swan_neck(2))
     assert np.all(np.isfinite(InverseDynamics(swan_neck(2), GRAVITY)(*np.zeros((3, 6)))))
     assert len(compiles) == 1
@@ -416,4 +419,4 @@ def test_many_at_once_share_one_library(monkeypatch: pytest.MonkeyPatch, tmp_pat
         built = list(pool.map(lambda _: InverseDynamics(swan_neck(2), GRAVITY), range(4)))
     torques = [inverse(*np.zeros((3, 6))) for inverse in built]
     assert all(np.array_equal(torque, torques[0]) for torque in torques)
-    assert len(list(compiled_library.cache_folder().iterdir())) == 1
+    assert len(list(cache_folder_of(compiled_library.KIND).iterdir())) == 1

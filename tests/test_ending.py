@@ -13,7 +13,6 @@ from ccm_opt.motion.clamped_spline import clamped_spline, smoothing_matrix
 from ccm_opt.motion.ending import bent_to
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.limits.clearance_rows import motion_rows
-from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.bottleneck_joints import weighing_bottlenecks
@@ -62,7 +61,7 @@ def test_rows_ask_for_the_room_of_the_smooth_path(seed: int, intervals: int) -> 
     sweep = Sweep(space, np.vstack((start, start + np.cumsum(steps, axis=0))))
     smooth = Sweep(space, smoothing_matrix(intervals + 1) @ sweep.coordinates)
     workspace = mixed_walls()
-    segments = WallSegments.from_workspace(workspace)
+    segments = workspace.wall_segments
     contact = motion_rows(sweep, workspace, segments, MARGIN, 0.3)
     room = motion_rows(sweep, workspace, segments, MARGIN, 0.3, wanted=WANTED)
     assert np.array_equal(room.normal, contact.normal)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.motion.limits.clearance_rows import IntervalRows, joined_rows, motion_rows, representatives
-from ccm_opt.motion.limits.sweep_regions import WallSegments, sweep_regions
+from ccm_opt.motion.limits.sweep_regions import sweep_regions
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
@@ -37,7 +37,7 @@ def random_sweep(seed: int, intervals: int = 3, size: float = 0.3) -> Sweep:
 def some_rows(sweep: Sweep) -> IntervalRows:
     """Rows of a sweep among walls of every kind."""
     workspace = mixed_walls()
-    return motion_rows(sweep, workspace, WallSegments.from_workspace(workspace), 1e-3, 0.3)
+    return motion_rows(sweep, workspace, workspace.wall_segments, 1e-3, 0.3)
 
 
 @cache
@@ -103,8 +103,8 @@ def test_half_planes_leave_walls_outside(seed: int) -> None:
     """Behind every half-plane lies a wall, and every wall near a link's sweep is behind one of its half-planes."""
     sweep = random_sweep(seed, 1)
     workspace = mixed_walls()
-    planes = sweep_regions(sweep, WallSegments.from_workspace(workspace), 0, 0.2)
-    segments = WallSegments.from_workspace(workspace)
+    planes = sweep_regions(sweep, workspace.wall_segments, 0, 0.2)
+    segments = workspace.wall_segments
     for link in np.unique(planes.link):
         own = planes.take(planes.link == link)
         depth = np.einsum("eid,pd->pei", segments.ends, own.normal).min(axis=2) - segments.rounding - own.bound[:, None]

@@ -14,7 +14,6 @@ from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.limits.clearance_rows import motion_rows
-from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.motion_task import JointSlowness, Motion, MotionTask
 from ccm_opt.motion.optimisation import interior_point
 from ccm_opt.motion.optimisation.nearness import WallNearness
@@ -126,7 +125,7 @@ def test_interior_point_weighs_the_same() -> None:
 def nearness(sweep: Sweep) -> WallNearness:
     """What nearness to walls costs along a motion."""
     workspace = found()[0].workspace
-    rows = motion_rows(sweep, workspace, WallSegments.from_workspace(workspace), 1e-3, 0.08)
+    rows = motion_rows(sweep, workspace, workspace.wall_segments, 1e-3, 0.08)
     return WallNearness(rows.take(rows.minus == 0), 2.0, 0.04)
 
 

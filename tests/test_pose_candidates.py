@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.angles import WHOLE_TURN
 from ccm_opt.motion.ends import resolve_ends
-from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.planners.goal_pose import GoalPoseSearch
 from ccm_opt.planners.pose_classes import landmarks, same_class, windings
@@ -37,9 +36,7 @@ def draws_in(scene: Scene) -> PoseDraws:
     space, _ = LinkSpace.through(scene.arm, scene.goal)
     energy = PoseEnergy.of(space, scene.start, EnergyWeights(0.02, 0.5))
     goal = scene.goal_tip
-    return PoseDraws(
-        energy, WallSegments.from_workspace(scene.workspace), goal.position, goal.heading, scene.start, scene.goal
-    )
+    return PoseDraws(energy, scene.workspace.wall_segments, goal.position, goal.heading, scene.start, scene.goal)
 
 
 @given(SEEDS)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.motion.limits.compiled_planes import SweptLinks, compiled_planes
-from ccm_opt.motion.limits.sweep_regions import BEHIND, WallSegments, planes_by_numpy
+from ccm_opt.motion.limits.sweep_regions import BEHIND, planes_by_numpy
 from tests.scenes import clutter, mixed_walls
 
 
@@ -22,7 +22,7 @@ from tests.scenes import clutter, mixed_walls
 def test_compiled_half_planes_are_those_of_numpy(seed: int, far: float, size: float, *, cluttered: bool) -> None:
     """Whatever the sweeps, the walls and the reach, C and numpy find the same half-planes in the same order."""
     workspace = clutter(seed % 7, 30).workspace if cluttered else mixed_walls()
-    walls = WallSegments.from_workspace(workspace)
+    walls = workspace.wall_segments
     rng = np.random.default_rng(seed)
     corners = rng.uniform(-1.0, 1.0, (40, 1, 2)) + rng.normal(0.0, size, (40, 6, 2))
     asked = SweptLinks(corners, corners[:, 2:4], walls.ends, walls.rounding, walls.boxes, far, SHORTEST, BEHIND)
@@ -43,7 +43,7 @@ def test_compiled_half_planes_are_those_of_numpy(seed: int, far: float, size: fl
 
 def test_links_far_from_all_walls_have_no_half_planes() -> None:
     """Nothing near, nothing found; and no sweeps at all are no question."""
-    walls = WallSegments.from_workspace(mixed_walls())
+    walls = mixed_walls().wall_segments
     corners = np.full((3, 6, 2), 50.0)
     for count in (3, 0):
         some = corners[:count]

@@ -130,5 +130,6 @@ class CompiledPairs:
 def compiled_pairs(question: PairQuestion) -> CompiledPairs | None:
     """A compiled search; None where there is no compiling."""
     source = Path(__file__).with_name("near_pairs.c")
-    library = compiled_source(source, SYMBOLS, "collision", "near pairs are looked for by numpy, several times slower")
+    otherwise = "near pairs are looked for by numpy, several times slower"
+    library = compiled_source(source, SYMBOLS, "collision", otherwise, ("box_tree.h",))
     return None if library is None else CompiledPairs(library, question)

@@ -8,21 +8,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "box_tree.h"
+
 #if defined(_WIN32)
 #define PUBLIC __declspec(dllexport)
 #else
 #define PUBLIC __attribute__((visibility("default")))
 #endif
 
-#define DEEPEST 64 /* levels of a tree: more than any number of items needs */
-#define RUN 8      /* links that share a box */
-
-typedef struct {
-    int64_t levels;
-    const int64_t *items;   /* (n,) */
-    const double *boxes;    /* (nodes, 4) */
-    const int64_t *offsets; /* (levels + 1,) */
-} Tree;
+#define RUN 8 /* links that share a box */
 
 typedef struct {
     int64_t links, mount_link, first_self_pair; /* the last is the number of links where links may meet */
@@ -86,30 +80,12 @@ static void sort(int64_t *numbers, int64_t count)
 }
 
 /* Items of a tree whose boxes meet a box, in increasing order; returns how many. */
-static int64_t meeting(const Tree *tree, double x0, double y0, double x1, double y1, int64_t *found)
+static int64_t meeting(const Tree *tree, const double *box, int64_t *found)
 {
     int64_t count = 0;
-    int64_t node[2 * DEEPEST], level[2 * DEEPEST];
-    int top;
-    if (tree->levels == 0) return 0;
-    node[0] = 0;
-    level[0] = 0;
-    top = 1;
-    while (top) {
-        top--;
-        int64_t n = node[top], l = level[top];
-        const double *box = tree->boxes + 4 * (tree->offsets[l] + n);
-        if (box[0] > x1 || box[1] > y1 || box[2] < x0 || box[3] < y0) continue;
-        if (l == tree->levels - 1) {
-            found[count++] = tree->items[n];
-            continue;
-        }
-        for (int64_t child = 2 * n + 1; child >= 2 * n; child--)
-            if (child < tree->offsets[l + 2] - tree->offsets[l + 1]) {
-                node[top] = child;
-                level[top++] = l + 1;
-            }
-    }
+    Walk walk;
+    begin_walk(&walk, tree, box);
+    for (int64_t item = next_item(&walk); item >= 0; item = next_item(&walk)) found[count++] = item;
     sort(found, count);
     return count;
 }
@@ -133,7 +109,7 @@ static void links_with_vertices(Query *q)
         double least = link == q->mount_link ? q->mount_at : 0.0;
         double box[4];
         box_about(q, link, box);
-        int64_t near = meeting(&q->vertex_tree, box[0], box[1], box[2], box[3], q->found);
+        int64_t near = meeting(&q->vertex_tree, box, q->found);
         for (int64_t k = 0; k < near; k++) {
             int64_t vertex = q->found[k];
             const double *v = q->vertices + 2 * vertex;
@@ -194,7 +170,7 @@ static void joints_with_edges(Query *q)
         }
         double box[4];
         box_about(q, link, box);
-        int64_t near = meeting(&q->edge_tree, box[0], box[1], box[2], box[3], q->found);
+        int64_t near = meeting(&q->edge_tree, box, q->found);
         for (int64_t k = 0; k < near; k++) {
             const double *a = q->edges + 4 * q->found[k];
             if (!q->crosses && cut(start, p + 2, a, a + 2)) q->crosses = 1;

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from ccm_opt.freespace.wall_segments import WallSegments
 from ccm_opt.freespace.walls import Walls
 
 BOUNDARY_NAME = "workspace boundary"
@@ -58,6 +59,11 @@ class Workspace:
     def flat_walls(self) -> Walls:
         """The same as arrays of edges and vertices, in the same order."""
         return Walls.of(self.walls)
+
+    @cached_property
+    def wall_segments(self) -> WallSegments:
+        """The same as one list of segments."""
+        return WallSegments.of(self.walls, self.flat_walls)
 
     def near(self, shape: shapely.Geometry, distance: float) -> "Workspace":
         """The room with those obstacles alone that come within a distance [m] of a shape."""

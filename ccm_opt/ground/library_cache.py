@@ -10,7 +10,7 @@ import os
 import subprocess
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import platformdirs
@@ -70,8 +70,13 @@ def open_with_symbols(path: Path, symbols: Sequence[str]) -> ctypes.PyDLL:
     return library
 
 
-def compile_into(path: Path, source_text: str, compiler: str) -> None:
+def compile_into(path: Path, files: Mapping[str, str], compiler: str) -> None:
     """Compile C, and put the finished library in its place in one step, so that readers see all or nothing.
+
+    Args:
+        path: of the library.
+        files: texts by their names; the first is compiled and may include the others.
+        compiler: path of the compiler.
 
     Raises:
         OSError, SubprocessError: it cannot be compiled or written.
@@ -79,10 +84,10 @@ def compile_into(path: Path, source_text: str, compiler: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     # Beside its destination, since a rename is atomic within one file system only.
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        source = Path(folder) / "library.c"
+        for name, text in files.items():
+            (Path(folder) / name).write_text(text, encoding="utf-8")
         output = Path(folder) / path.name
-        source.write_text(source_text, encoding="utf-8")
-        compile_library(compiler, source, output)
+        compile_library(compiler, Path(folder) / next(iter(files)), output)
         output.replace(path)
 
 

@@ -10,7 +10,7 @@ from ccm_opt.ground.box_tree import BoxTree
 
 
 class TreeStruct(ctypes.Structure):
-    """``Tree`` of near_pairs.c and sweep_planes.c."""
+    """``Tree`` of box_tree.h."""
 
     _fields_ = (
         ("levels", ctypes.c_int64),

@@ -11,7 +11,6 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.ends import Ends
 from ccm_opt.motion.goal import GoalPose
-from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.nearest_curves import nearest_curve
 from ccm_opt.nlp.arm_pose.pose_program import PoseProgram, PoseSize, pose_program
@@ -166,7 +165,8 @@ class GoalPoseSearch:
         energy = PoseEnergy.of(space, self.near, EnergyWeights(*weights[1:3].tolist()))
         goal = self._member_near(start)
         seed = self.problem.planner.seed
-        return PoseDraws(energy, self._walls, goal.position, goal.heading, self.near, start, seed, self.draw_settings)
+        walls = self.problem.workspace.wall_segments
+        return PoseDraws(energy, walls, goal.position, goal.heading, self.near, start, seed, self.draw_settings)
 
     def _member_near(self, headings: FloatArray) -> GoalPose:
         """Of a goal that is a set the member at or nearest to a pose, shape (links,) [rad]; else the goal itself."""
@@ -175,10 +175,6 @@ class GoalPoseSearch:
             return goal
         points = self.problem.arm.joint_positions(headings)
         return goal.nearest_member(points[-1], float(headings[-1]))
-
-    @cached_property
-    def _walls(self) -> WallSegments:
-        return WallSegments.from_workspace(self.problem.workspace)
 
     def improved(self, start: FloatArray) -> tuple[ArmPose, ...]:
         """Solutions of the NLP from a pose, each from the one before with its regions drawn anew about it.
@@ -243,7 +239,7 @@ class GoalPoseSearch:
         """One solution, its regions drawn with settings of their own."""
         problem = self.problem
         arm = problem.arm
-        regions = link_regions(arm, problem.workspace, start, region_settings, self._walls)
+        regions = link_regions(arm, problem.workspace, start, region_settings, problem.workspace.wall_segments)
         torque = problem.limits.torque
         goal = self.ends.goal
         task = PoseTask(

@@ -4,11 +4,12 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from ccm_opt.collision.neighbour_pairs import closest_on_segments
+from ccm_opt.freespace.wall_segments import WallSegments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.rounding import TINY
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.motion.limits.sweep_regions import WallSegments, sweep_regions
+from ccm_opt.motion.limits.sweep_regions import sweep_regions
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
@@ -39,7 +40,7 @@ def link_regions(
         settings: how far away walls and links make sides, and numbers of sides that programs are built for.
         walls: of the room, when they are known already.
     """
-    walls = WallSegments.from_workspace(workspace) if walls is None else walls
+    walls = workspace.wall_segments if walls is None else walls
     reach = settings.reach * arm.length
     parts = [_wall_sides(arm, walls, workspace.clearance, headings, reach)]
     if arm.self_collision:

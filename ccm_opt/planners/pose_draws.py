@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import shapely
 
+from ccm_opt.freespace.wall_segments import WallSegments
 from ccm_opt.ground.angles import WHOLE_TURN
 from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import fit_coordinates
 from ccm_opt.planners.pose_draw_settings import PoseDrawSettings
 from ccm_opt.planners.pose_energy import PoseEnergy

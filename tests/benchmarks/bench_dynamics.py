@@ -36,7 +36,7 @@ from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.files.plotting.arm_3d import ArmView
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, FLAGS, compile_library, find_compiler
-from ccm_opt.ground.library_cache import CACHE_VARIABLE
+from ccm_opt.ground.library_cache import CACHE_VARIABLE, open_with_symbols
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
 from ccm_opt.jointed.inverse_kinematics import ball_angles
@@ -136,7 +136,7 @@ def compare_sines(count: int = 1000) -> None:
             for flag in ("-DFAR=1e5", "-DFAR=-1.0"):  # with -1 every angle is too far for our reduction
                 output = Path(folder) / f"{len(back_ends)}{name.strip()}.so".replace(" ", "-")
                 compile_library(compiler, source, output, (*FLAGS, flag))
-                back_ends.append(CompiledBackEnd(compiled_library.open_library(output)))
+                back_ends.append(CompiledBackEnd(open_with_symbols(output, compiled_library.SYMBOLS)))
             for kind in ("inverse_dynamics", "forward_dynamics"):
                 ours, theirs = (DynamicsFunction(kind, model, back_end) for back_end in back_ends)
                 states = random_states(36, count)

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.collision.neighbour_pairs import closest_on_segments
+from ccm_opt.freespace.wall_segments import WallSegments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
 from ccm_opt.motion.clamped_spline import smoothing_matrix
-from ccm_opt.motion.limits.sweep_regions import HalfPlanes, WallSegments, sweep_regions
+from ccm_opt.motion.limits.sweep_regions import HalfPlanes, sweep_regions
 from ccm_opt.motion.swept_motion import Sweep
 
 

@@ -73,7 +73,8 @@ def compiled_planes(asked: SweptLinks) -> tuple[IntArray, FloatArray, FloatArray
         Shapes (k,), (k, 2) and (k,) [m]; n·x ≤ b is on the sweep's side.
     """
     source = Path(__file__).with_name("sweep_planes.c")
-    library = compiled_source(source, SYMBOLS, "motion", "sweep regions are made by numpy, several times slower")
+    otherwise = "sweep regions are made by numpy, several times slower"
+    library = compiled_source(source, SYMBOLS, "motion", otherwise, ("box_tree.h", "segments.h"))
     if library is None:
         return None
     query = _QueryStruct(sweeps=len(asked.corners), far=asked.far, shortest=asked.shortest, behind=asked.behind)

@@ -5,7 +5,6 @@ between keyframes the certificate bounds how far links may stray.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,6 @@ from ccm_opt.collision.contacts import WALL, Contacts
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.limits.clearance_rows import IntervalRows, motion_rows
 from ccm_opt.motion.limits.limit import UNBOUNDED, Limit, LimitRows
-from ccm_opt.motion.limits.sweep_regions import WallSegments
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.settings.step_settings import StepSettings
@@ -86,12 +84,10 @@ class ContactLimit(Limit):
         workspace = self.certificate.workspace
         finder = self.finder
         link_margins = finder.settings.link_margins
-        rows = motion_rows(sweep, workspace, self._segments, finder.margin, finder.reach, link_margins, self.wanted)
+        rows = motion_rows(
+            sweep, workspace, workspace.wall_segments, finder.margin, finder.reach, link_margins, self.wanted
+        )
         return (rows,)
-
-    @cached_property
-    def _segments(self) -> WallSegments:
-        return WallSegments.from_workspace(self.certificate.workspace)
 
     def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals in which something may touch."""

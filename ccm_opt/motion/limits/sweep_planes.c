@@ -7,21 +7,16 @@
 #include <stdint.h>
 #include <stdlib.h>
 
+#include "box_tree.h"
+#include "segments.h"
+
 #if defined(_WIN32)
 #define PUBLIC __declspec(dllexport)
 #else
 #define PUBLIC __attribute__((visibility("default")))
 #endif
 
-#define DEEPEST 64 /* levels of a tree: more than any number of items needs */
-#define CORNERS 6  /* of a sweep: both ends of a link at three times */
-
-typedef struct {
-    int64_t levels;
-    const int64_t *items;   /* (n,) */
-    const double *boxes;    /* (nodes, 4) */
-    const int64_t *offsets; /* (levels + 1,) */
-} Tree;
+#define CORNERS 6 /* of a sweep: both ends of a link at three times */
 
 typedef struct {
     double gap, normal[2], bound;
@@ -44,48 +39,6 @@ typedef struct {
     int64_t *sweep;
     double *normal, *bound;
 } Query;
-
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1]; }
-
-static double cross(const double *o, const double *a, const double *b)
-{
-    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]);
-}
-
-/* The shortest vector from a point to a segment; returns its squared length. */
-static double to_segment(const double *p, const double *a, const double *b, double *line)
-{
-    double d[2] = {b[0] - a[0], b[1] - a[1]}, from[2] = {p[0] - a[0], p[1] - a[1]};
-    double square = dot(d, d);
-    double at = square > 0.0 ? fmin(fmax(dot(from, d) / square, 0.0), 1.0) : 0.0;
-    line[0] = at * d[0] - from[0];
-    line[1] = at * d[1] - from[1];
-    return dot(line, line);
-}
-
-static int crosses(const double *a, const double *b, const double *c, const double *d)
-{
-    double at_c = cross(a, b, c), at_d = cross(a, b, d), at_a = cross(c, d, a), at_b = cross(c, d, b);
-    return ((at_c > 0.0) != (at_d > 0.0)) && ((at_a > 0.0) != (at_b > 0.0));
-}
-
-/* The shortest vector from one segment to another; returns its squared length. */
-static double between(const double *a, const double *b, const double *c, const double *d, double *line)
-{
-    double best = 0.0, other[2];
-    line[0] = line[1] = 0.0;
-    if (crosses(a, b, c, d)) return best;
-    best = to_segment(a, c, d, line);
-    for (int k = 0; k < 3; k++) {
-        /* From b to the second, then from its ends to the first, turned round. */
-        double square = k == 0 ? to_segment(b, c, d, other) : to_segment(k == 1 ? c : d, a, b, other);
-        if (square >= best) continue;
-        best = square;
-        line[0] = k == 0 ? other[0] : -other[0];
-        line[1] = k == 0 ? other[1] : -other[1];
-    }
-    return best;
-}
 
 static int by_place(const void *one, const void *two)
 {
@@ -160,40 +113,28 @@ static void plane_of(const Query *q, int64_t sweep, const double *line, double l
 static int64_t near_walls(const Query *q, int64_t sweep, Plane *planes)
 {
     const double *corners = q->corners + 2 * CORNERS * sweep;
-    double hull[4 * CORNERS], low[2], high[2];
+    double hull[4 * CORNERS], box[4];
     int size = hull_of(corners, hull);
     for (int d = 0; d < 2; d++) {
-        low[d] = high[d] = corners[d];
+        box[d] = box[2 + d] = corners[d];
         for (int k = 1; k < CORNERS; k++) {
-            low[d] = fmin(low[d], corners[2 * k + d]);
-            high[d] = fmax(high[d], corners[2 * k + d]);
+            box[d] = fmin(box[d], corners[2 * k + d]);
+            box[2 + d] = fmax(box[2 + d], corners[2 * k + d]);
         }
-        low[d] -= q->far;
-        high[d] += q->far;
+        box[d] -= q->far;
+        box[2 + d] += q->far;
     }
 
-    int64_t count = 0, node[2 * DEEPEST] = {0}, level[2 * DEEPEST] = {0};
-    int top = q->tree.levels > 0;
-    while (top) {
-        top--;
-        int64_t n = node[top], l = level[top];
-        const double *box = q->tree.boxes + 4 * (q->tree.offsets[l] + n);
-        if (box[0] > high[0] || box[1] > high[1] || box[2] < low[0] || box[3] < low[1]) continue;
-        if (l == q->tree.levels - 1) {
-            double line[2];
-            int64_t wall = q->tree.items[n];
-            double length = from_hull(hull, size, q->ends + 4 * wall, line);
-            if (length > q->far) continue;
-            planes[count].wall = wall;
-            plane_of(q, sweep, line, length, q->rounding[wall], planes + count);
-            count++;
-            continue;
-        }
-        for (int64_t child = 2 * n; child < 2 * n + 2; child++)
-            if (child < q->tree.offsets[l + 2] - q->tree.offsets[l + 1]) {
-                node[top] = child;
-                level[top++] = l + 1;
-            }
+    int64_t count = 0;
+    Walk walk;
+    begin_walk(&walk, &q->tree, box);
+    for (int64_t wall = next_item(&walk); wall >= 0; wall = next_item(&walk)) {
+        double line[2];
+        double length = from_hull(hull, size, q->ends + 4 * wall, line);
+        if (length > q->far) continue;
+        planes[count].wall = wall;
+        plane_of(q, sweep, line, length, q->rounding[wall], planes + count);
+        count++;
     }
     return count;
 }

@@ -6,58 +6,19 @@ a chosen half-plane are skipped (the inflation of Deits and Tedrake 2014, with a
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.freespace.wall_segments import WallSegments
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.ground.box_tree import BoxTree
 from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.motion.limits.compiled_planes import SweptLinks, compiled_planes
 from ccm_opt.motion.swept_motion import Sweep
 
 BEHIND = 1e-9
 """By which a wall may stand out of a half-plane that it counts as behind [m]. Derived: rounding."""
-
-
-@dataclass(frozen=True)
-class WallSegments:
-    """The edges of all walls, and the points of those that have no edge.
-
-    Attributes:
-        ends: shape (E, 2, 2) [m].
-        rounding: radius of the disc that sweeps each, shape (E,) [m].
-    """
-
-    ends: FloatArray
-    rounding: FloatArray
-
-    @classmethod
-    def from_workspace(cls, workspace: Workspace) -> "WallSegments":
-        """The segments of a workspace's walls."""
-        walls = workspace.flat_walls
-        # A round obstacle is a point swept by a disc: it has no edge, and becomes a segment of length 0.
-        lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
-        points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)
-        owner = np.concatenate((walls.edge_wall, walls.vertex_wall[lone]))
-        return cls(np.concatenate((walls.edges, points)), walls.rounding[owner])
-
-    @cached_property
-    def tree(self) -> shapely.STRtree:
-        """Spatial index of the segments."""
-        # A line of length 0 is no valid geometry, so such segments enter the tree as points.
-        lone = np.all(self.ends[:, 0] == self.ends[:, 1], axis=1)
-        lines: Any = shapely.linestrings(self.ends)
-        lines[lone] = shapely.points(self.ends[lone, 0])
-        return shapely.STRtree(lines)
-
-    @cached_property
-    def boxes(self) -> BoxTree:
-        """The same index as flat arrays, for C."""
-        return BoxTree.over(self.ends.min(axis=1), self.ends.max(axis=1))
 
 
 @dataclass(frozen=True)
