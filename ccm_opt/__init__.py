@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ccm_opt.driver.solve_settings import Settings
     from ccm_opt.driver.surviving import tolerance_of
     from ccm_opt.files.problem_file import load_problem
+    from ccm_opt.ground.progress import Progress
     from ccm_opt.problem import Problem
     from ccm_opt.solution import Solution
     from ccm_opt.user_terms.quantities import Quantities
@@ -33,6 +34,7 @@ __all__ = [
     "Cost",
     "Interval",
     "Problem",
+    "Progress",
     "Quantities",
     "Settings",
     "Solution",
@@ -58,6 +60,7 @@ _HOMES = {
     "constraint": ("ccm_opt.user_terms.terms", "constraint"),
     "cost": ("ccm_opt.user_terms.terms", "cost"),
     "Problem": ("ccm_opt.problem", "Problem"),
+    "Progress": ("ccm_opt.ground.progress", "Progress"),
     "Settings": ("ccm_opt.driver.solve_settings", "Settings"),
     "Solution": ("ccm_opt.solution", "Solution"),
     "check": ("ccm_opt.verification", "verify"),

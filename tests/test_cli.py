@@ -8,6 +8,7 @@ import types
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ccm_opt import __version__
+from ccm_opt.cli import choices
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.outcome import run_all
 from ccm_opt.cli.sentences import folded
@@ -27,12 +29,12 @@ from ccm_opt.errors import (
     UnreachableGoal,
     VerificationError,
 )
-from ccm_opt.problem import Problem
+from ccm_opt.ground.progress import Progress
+from ccm_opt.problem import ControllerName, MethodName, Problem
 from ccm_opt.solution import SimulationOutcome, SimulationVerdict, Solution
 
 from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution
 
-Progress = Callable[[str], None]
 PROOF = Finding("too short", "the goal is out of reach")
 
 
@@ -45,9 +47,9 @@ def run(*arguments: object) -> tuple[int, str]:
 def stand_in(monkeypatch: pytest.MonkeyPatch, solve: Callable[[Problem], Solution]) -> None:
     """Put a made-up solver in the place of the pipeline."""
 
-    def staged(problem: Problem, *, progress: Progress, explain: bool) -> Solution:
+    def staged(problem: Problem, *, progress: Callable[[Progress], None], explain: bool) -> Solution:
         del explain
-        progress("thinking")
+        progress(Progress("thinking"))
         return solve(problem)
 
     module = types.ModuleType("ccm_opt.driver.pipeline")
@@ -299,7 +301,13 @@ def test_an_unwritable_place_is_refused_before_solving(problem_path: Path, monke
 def test_other_methods_are_refused(problem_path: Path) -> None:
     """``--method`` takes what this version can do."""
     code, output = run("solve", problem_path, "--method", "magic")
-    assert (code, "is unknown" in output) == (2, True)
+    assert (code, "'magic'" in output) == (2, True)
+
+
+def test_choices_are_those_of_the_problem_file() -> None:
+    """Options that stand for a key of the problem file take what the key takes."""
+    assert get_args(choices.MethodChoice) == get_args(MethodName)
+    assert get_args(choices.ControllerChoice) == get_args(ControllerName)
 
 
 def test_check_verifies_from_files_alone(problem_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

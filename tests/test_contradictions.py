@@ -1,5 +1,7 @@
 """Constraints that contradict the goal: proved before the search, or named first after it, never wrongly refused."""
 
+from typing import TYPE_CHECKING
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -14,6 +16,9 @@ from ccm_opt.user_terms.contradictions import GoalPlaces, contradictions
 from ccm_opt.user_terms.interval_values import Intervals, NotBounded, interval_values
 
 from .camera_room import camera_room, left_of_the_goal, valve_in_view
+
+if TYPE_CHECKING:
+    from ccm_opt.ground.progress import Progress
 
 X = ca.SX.sym("x", 2)
 FORMS = {
@@ -87,13 +92,13 @@ def test_a_constraint_of_the_middle_is_left_to_the_search() -> None:
 @pytest.mark.parametrize("ask", [ccm_opt.solve, ccm_opt.find_pose])
 def test_a_contradiction_is_named_before_any_search(ask: object) -> None:
     """The reason names the constraint and its miss, and is proved; no stage of planning has run."""
-    stages: list[str] = []
+    heard: list[Progress] = []
     with pytest.raises(UnreachableGoal) as caught:
-        ask(camera_room(), constraints=[valve_in_view, left_of_the_goal], progress=stages.append)  # type: ignore[operator]
+        ask(camera_room(), constraints=[valve_in_view, left_of_the_goal], progress=heard.append)  # type: ignore[operator]
     diagnosis = caught.value.diagnosis
     assert diagnosis.reason.startswith("constraint 'left of the goal' cannot hold at the goal: off by 0.1 ")
     assert diagnosis.findings[0].proved
-    assert set(stages) <= {"dynamics model", "necessary checks"}
+    assert {progress.stage for progress in heard} <= {"dynamics model", "necessary checks"}
 
 
 def test_a_soft_constraint_contradicts_nothing() -> None:

@@ -106,8 +106,8 @@ def tip_error(solution: Solution, goal: TipGoal) -> tuple[float, float]:
 @pytest.mark.parametrize("name", ["open-space", "swan-neck"])
 def test_a_solution_is_verified_and_complete(name: str) -> None:
     """A problem is solved: checks pass, the tip is on the goal, the motion starts at the start, figures are told."""
-    problem, told = load(name), []
-    solution = solve(problem, progress=told.append)
+    problem, heard = load(name), []
+    solution = solve(problem, progress=heard.append)
     assert_sound(solution)
     if not isinstance(problem.goal, TipGoal):
         return
@@ -117,7 +117,13 @@ def test_a_solution_is_verified_and_complete(name: str) -> None:
     start = problem.start
     bends = start.bends if isinstance(start, JointPose) else mapped_bends(problem.arm, start)
     np.testing.assert_allclose(solution.trajectory.bend_angles[0], bends, atol=1e-9)
+    told = [progress.stage for progress in heard if not progress.candidate]
     assert told[-len(STAGES) :] == STAGES
+    assert all(progress.elapsed >= 0.0 for progress in heard)
+    assert {progress.limit for progress in heard} == {problem.planner.time_limit}
+    tried = [progress for progress in heard if progress.candidate]
+    assert tried[0].candidate == 1
+    assert tried[0].name
     assert list(solution.timings) == list(dict.fromkeys(told))
     assert {"free space", "motion"} <= set(told)
     assert solution.metrics["duration_s"] == solution.trajectory.duration > 0.0
@@ -267,7 +273,7 @@ def test_a_goal_out_of_reach_is_refused() -> None:
 def test_stages_are_told_and_timed() -> None:
     """Each stage is announced when it starts; times of the same name add up, also when the block fails."""
     told: list[str] = []
-    stages = Stages(told.append)
+    stages = Stages(lambda progress: told.append(progress.stage))
     with stages("one"):
         sum(range(200_000))
     first = stages.timings["one"]

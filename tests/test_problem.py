@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ import pytest
 import ccm_opt
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
+
+if TYPE_CHECKING:
+    from ccm_opt.ground.progress import Progress
 
 SWAN_NECK = Path(__file__).parent.parent / "problems" / "swan-neck.toml"
 
@@ -52,10 +56,10 @@ def test_a_list_is_not_an_array(problem: Problem) -> None:
 def test_unstable_gains_are_refused_before_planning(problem: Problem) -> None:
     """Gains that no motion can be simulated with are refused as input, not after a plan was found."""
     options = replace(problem.simulation, controller="pd", proportional_gain=200.0, derivative_gain=5.0)
-    stages: list[str] = []
+    heard: list[Progress] = []
     with pytest.raises(ProblemError, match="the simulation cannot run: pd with"):
-        ccm_opt.solve(replace(problem, simulation=options), progress=stages.append)
-    assert stages == ["dynamics model"]
+        ccm_opt.solve(replace(problem, simulation=options), progress=heard.append)
+    assert [progress.stage for progress in heard] == ["dynamics model"]
 
 
 def test_a_goal_whose_last_link_is_in_a_wall_is_refused_at_once(problem: Problem) -> None:

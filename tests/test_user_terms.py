@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.cli.solving import solve_files
+from ccm_opt.cli.checking import check_folders
+from ccm_opt.cli.solving import SolveOptions, solve_files
 from ccm_opt.cli.term_references import TermReferences
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
@@ -127,6 +128,23 @@ def test_a_bound_over_the_whole_motion_holds_at_every_sample() -> None:
     assert solution.metrics["residual_high_middle"] == check.worst
 
 
+def checks_of_own_terms(folder: Path, file: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Checked later, a constraint that is not given is named, and one that is given is held against the motion."""
+    capfd.readouterr()
+    assert check_folders([folder]) == 0
+    assert "1 constraint was not checked: 'high middle'; give it with --constraint" in capfd.readouterr().err
+    assert check_folders([folder], (f"{file}:high",)) == 0
+    told = capfd.readouterr()
+    assert "not checked" not in told.err
+    assert "constraint high middle" in told.out
+    file.write_text(file.read_text().replace("lower=-0.1", "lower=0.5").replace("q.tip[0]", "q.path_parameter"))
+    assert check_folders([folder], (f"{file}:high",)) == 3
+    assert "constraint high middle fails" in capfd.readouterr().out
+    file.write_text("import ccm_opt\nlate = ccm_opt.Constraint('late', lambda q: q.path_parameter, lower=0.0)\n")
+    assert check_folders([folder], (f"{file}:late",)) == 2
+    assert "depends on the path parameter q.path_parameter" in capfd.readouterr().err
+
+
 def test_the_command_line_takes_own_terms(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """``--constraint`` and ``--cost`` reach the record of the output folder."""
     file = tmp_path / "mine.py"
@@ -137,12 +155,12 @@ def test_the_command_line_takes_own_terms(tmp_path: Path, capfd: pytest.CaptureF
     )
     out = tmp_path / "out"
     own = TermReferences((f"{file}:high",), (f"{file}:reach",))
-    assert solve_files([OPEN_SPACE], out, None, own, pictures=False) == 0
+    assert solve_files([OPEN_SPACE], SolveOptions(out, own, pictures=False)) == 0
     record = json.loads((out / "open-space" / "solution.json").read_text())
     assert "constraint high middle" in [check["name"] for check in record["checks"]]
     assert record["metrics"]["cost_reach"] == pytest.approx(0.0, abs=1.0)
-    capfd.readouterr()
-    assert solve_files([OPEN_SPACE], out, None, TermReferences(("nowhere:x",)), pictures=False) == 2
+    checks_of_own_terms(out / "open-space", file, capfd)
+    assert solve_files([OPEN_SPACE], SolveOptions(out, TermReferences(("nowhere:x",)), pictures=False)) == 2
     assert "nowhere:x" in capfd.readouterr().err
 
 

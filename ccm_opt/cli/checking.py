@@ -1,39 +1,107 @@
 """``ccm-opt check``: verify a written plan again, from its files alone."""
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
-from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all
+import numpy as np
+
+from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.tables import checks_table, print_room, report_console
-from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
+from ccm_opt.cli.term_references import TermReferences
+from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem, recorded_constraints
+from ccm_opt.files.export.room_json import room_data
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Check
 from ccm_opt.verification import verify
 from ccm_opt.verification.room_over_time import room_over_time
 
 
-def check_folders(folders: Sequence[Path]) -> int:
+def check_folders(folders: Sequence[Path], constraints: tuple[str, ...] = ()) -> int:
     """Verify every folder; all are tried.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
+        constraints: of the user, each ``module:function`` or ``file.py:function``, that every plan is held against.
 
     Returns:
         The exit code.
     """
-    return run_all(folders, _check)
+    return run_all(folders, lambda folder: _check(folder, constraints))
 
 
-def _check(folder: Path) -> int:
+def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     problem = load_recorded_problem(folder)
     motion = load_motion(folder, problem.arm)
-    checks = verify(problem, motion.trajectory, motion.joints)
+    own = verify(problem, motion.trajectory, motion.joints)
+    of_terms = _checks_of_constraints(problem, motion, constraints) if constraints else ()
+    checks = (*own, *of_terms)
     passed = all(check.passed for check in checks)
-    title = f"{problem.name}: {'every check holds' if passed else 'refused'}"
+    verdict = "every check holds" if passed else "refused"
     # The room of a motion that is refused is in the checks that refuse it.
-    room = room_over_time(problem, motion.trajectory, problem.wanted_gap, checks) if passed else None
+    room = room_over_time(problem, motion.trajectory, problem.wanted_gap, own) if passed else None
+    unchecked = _unchecked(recorded_constraints(folder), of_terms)
+    if unchecked:
+        _warn_of_unchecked(problem.name, unchecked)
 
     def show() -> None:
         console = report_console()
-        console.print(checks_table(title, checks))
+        console.print(checks_table(f"{problem.name}: {verdict}", checks))
         print_room(console, room)
 
-    return print_result(show, SOLVED if passed else NO_PLAN)
+    def data() -> dict[str, object]:
+        return {
+            "name": problem.name,
+            "status": verdict,
+            "checks": [{name: value for name, value in asdict(check).items() if name != "place"} for check in checks],
+            "unchecked_constraints": list(unchecked),
+            "room": None if room is None else room_data(room),
+        }
+
+    return print_result(show, SOLVED if passed else NO_PLAN, data)
+
+
+def _checks_of_constraints(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
+    """One check for every constraint; in a plan with stops one for every constraint and leg, as when it was made.
+
+    Raises:
+        ProblemError: when a constraint cannot be loaded, or not be checked from files alone.
+    """
+    from ccm_opt.user_terms.compiled_terms import compile_terms  # noqa: PLC0415 - loads casadi
+    from ccm_opt.user_terms.term_checks import checks_without_path  # noqa: PLC0415 - likewise
+
+    terms = compile_terms(problem.arm, TermReferences(references).loaded()["constraints"], ())
+    whole = motion.trajectory
+    ends = np.unique([0, *whole.stops, len(whole.time) - 1])
+    found = []
+    for leg, (first, last) in enumerate(itertools.pairwise(ends), start=1):
+        piece = slice(int(first), int(last) + 1)
+        trajectory = replace(
+            whole,
+            time=whole.time[piece],
+            positions=whole.positions[piece],
+            velocities=whole.velocities[piece],
+            accelerations=whole.accelerations[piece],
+            stops=(),
+        )
+        ending = f", goal {leg}" if len(ends) > 2 else ""
+        checks = checks_without_path(terms, problem.arm, trajectory, motion.keyframes)
+        found += [replace(check, name=f"{check.name}{ending}") for check in checks]
+    return tuple(found)
+
+
+def _unchecked(recorded: Sequence[str], checked: Sequence[Check]) -> tuple[str, ...]:
+    """Names of the constraints that the plan was made to keep and that were not checked now."""
+    names = {check.name.partition("constraint ")[2] for check in checked}
+    return tuple(name for name in recorded if name not in names)
+
+
+def _warn_of_unchecked(problem: str, names: Sequence[str]) -> None:
+    """Say which constraints were left out, since a folder holds their names and not what they ask for."""
+    one = len(names) == 1
+    listed = ", ".join(f"'{name}'" for name in names)
+    warn(
+        f"{problem}: {len(names)} constraint{' was' if one else 's were'} not checked: {listed}; "
+        f"give {'it' if one else 'them'} with --constraint"
+    )

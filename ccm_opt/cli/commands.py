@@ -1,43 +1,41 @@
 """Every command and option of ``ccm-opt``: one function a command, which hands over to the module of its name.
 
-What each exit code means is in ``outcome``, what happens on Ctrl-C in ``cancelling``.
+Each returns its exit code, whose meaning is in ``outcome``; what happens on Ctrl-C is in ``cancelling``, and the
+options that every command has are in ``command_group``.
 """
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from typer.core import TyperGroup
 
 from ccm_opt import __version__
-from ccm_opt.cli.cancelling import report_cancelled
+from ccm_opt.cli.choices import ControllerChoice, ExportFormat, MethodChoice
+from ccm_opt.cli.command_group import CommandGroup, command
 
-
-class CommandGroup(TyperGroup):
-    """All commands; Ctrl-C while one of them loads its modules ends with exit code 130, where Typer's own is 1."""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command that was asked for."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt as interrupt:
-            raise typer.Exit(report_cancelled()) from interrupt
-
-
-ProblemFiles = Annotated[list[Path], typer.Argument(help="Problem files.", metavar="FILE…", show_default=False)]
+ProblemFiles = Annotated[
+    list[Path],
+    typer.Argument(help="Problem files; - stands for standard input.", metavar="FILE…", show_default=False),
+]
 Constraints = Annotated[
     list[str] | None, typer.Option(help="User constraint, as module:function or file.py:function. May be repeated.")
 ]
 Costs = Annotated[
     list[str] | None, typer.Option(help="User cost, as module:function or file.py:function. May be repeated.")
 ]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Set a key of the problem files, as in arm.radius=0.02. May be repeated."
+    ),
+]
+Folders = Annotated[list[Path], typer.Argument(help="Folders that solve wrote.", metavar="FOLDER…", show_default=False)]
 
 app = typer.Typer(
     name="ccm-opt",
     cls=CommandGroup,
     help="Plan, time and verify motions of highly redundant manipulators.",
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
@@ -59,12 +57,29 @@ def _root(
     """Plan, time and verify motions of highly redundant manipulators."""
 
 
-@app.command("solve")
+@command(
+    app,
+    "solve",
+    (
+        "ccm-opt solve problems/swan-neck.toml",
+        "ccm-opt solve problems/*.toml --out runs --no-pictures",
+        "ccm-opt solve mine.toml --set arm.radius=0.02 --time-limit 10",
+        "ccm-opt solve mine.toml --constraint terms.py:camera_sees_valve",
+        "cat mine.toml | ccm-opt solve - --json",
+    ),
+)
 def solve_command(
     files: ProblemFiles,
     *,
     out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs"),
-    method: Annotated[str | None, typer.Option(help="Planner to use instead of the one in the file.")] = None,
+    method: Annotated[MethodChoice | None, typer.Option(help="Planner to use instead of the one in the file.")] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(help="CPU time for planning, in s.", show_default="the file's planner.time_limit")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed of the search.", show_default="the file's planner.seed")
+    ] = None,
+    changes: Changes = None,
     constraint: Constraints = None,
     cost: Costs = None,
     pareto: Annotated[
@@ -74,39 +89,54 @@ def solve_command(
     no_diagnosis: Annotated[
         bool, typer.Option("--no-diagnosis", help="When there is no plan, do not look for what would help.")
     ] = False,
-) -> None:
+) -> int:
     """Solve problems; write OUT/<name>/ for each."""
-    from ccm_opt.cli.solving import solve_files  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.solving import SolveOptions, solve_files, with_planner_options  # noqa: PLC0415 - loads numpy
     from ccm_opt.cli.term_references import TermReferences  # noqa: PLC0415
 
-    terms = TermReferences(tuple(constraint or ()), tuple(cost or ()))
-    raise typer.Exit(
-        solve_files(files, out, method, terms, pictures=not no_pictures, explain=not no_diagnosis, several=pareto)
+    options = SolveOptions(
+        out=out,
+        terms=TermReferences(tuple(constraint or ()), tuple(cost or ())),
+        changes=with_planner_options(changes or (), method=method, time_limit=time_limit, seed=seed),
+        pictures=not no_pictures,
+        explain=not no_diagnosis,
+        several=pareto,
     )
+    return solve_files(files, options)
 
 
-@app.command("pose")
+@command(
+    app,
+    "pose",
+    ("ccm-opt pose problems/swan-neck.toml",),
+)
 def pose_command(
     files: ProblemFiles,
     *,
     out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/poses"),
+    changes: Changes = None,
     constraint: Constraints = None,
     cost: Costs = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
-) -> None:
+) -> int:
     """Find the best pose at the goal, without a motion to it; write OUT/<name>/ for each."""
     from ccm_opt.cli.posing import pose_files  # noqa: PLC0415 - loads numpy
     from ccm_opt.cli.term_references import TermReferences  # noqa: PLC0415
 
     terms = TermReferences(tuple(constraint or ()), tuple(cost or ()))
-    raise typer.Exit(pose_files(files, out, terms, pictures=not no_pictures))
+    return pose_files(files, out, terms, changes or (), pictures=not no_pictures)
 
 
-@app.command("reach")
+@command(
+    app,
+    "reach",
+    ("ccm-opt reach problems/swan-neck.toml --step 0.05",),
+)
 def reach_command(
     files: ProblemFiles,
     *,
     out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/reach"),
+    changes: Changes = None,
     step: Annotated[
         float | None, typer.Option(help="Width of a cell, in m.", show_default="a sixteenth of the arm's length")
     ] = None,
@@ -118,27 +148,41 @@ def reach_command(
         str | None, typer.Option(help="Address of a Dask scheduler, to run on its cluster instead.")
     ] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
-) -> None:
+) -> int:
     """Map where the tip can be in the room, and with which headings; write OUT/<name>/ for each."""
     from ccm_opt.cli.reaching import ReachOptions, reach_files  # noqa: PLC0415 - loads numpy
 
     options = ReachOptions(out, step, headings, workers, dask, pictures=not no_pictures)
-    raise typer.Exit(reach_files(files, options))
+    return reach_files(files, options, changes or ())
 
 
-@app.command("check")
+@command(
+    app,
+    "check",
+    (
+        "ccm-opt check runs/swan-neck",
+        "ccm-opt check runs/swan-neck --constraint terms.py:camera_sees_valve",
+    ),
+)
 def check_command(
-    folders: Annotated[
-        list[Path], typer.Argument(help="Folders that solve wrote.", metavar="FOLDER…", show_default=False)
-    ],
-) -> None:
+    folders: Folders,
+    *,
+    constraint: Constraints = None,
+) -> int:
     """Verify written plans again, from their files alone."""
     from ccm_opt.cli.checking import check_folders  # noqa: PLC0415 - loads numpy
 
-    raise typer.Exit(check_folders(folders))
+    return check_folders(folders, tuple(constraint or ()))
 
 
-@app.command("compare")
+@command(
+    app,
+    "compare",
+    (
+        "ccm-opt compare --suite open-space --count 10",
+        "ccm-opt compare mine.toml --method nlp --method hill-climbing --workers 4",
+    ),
+)
 def compare_command(
     files: Annotated[
         list[Path] | None, typer.Argument(help="Problem files.", metavar="[FILE…]", show_default=False)
@@ -168,7 +212,7 @@ def compare_command(
         typer.Option(min=0.001, help="CPU time for every planner, in s.", show_default="the problem's"),
     ] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
-) -> None:
+) -> int:
     """Run planners on the same problems and compare what they find; continue where an earlier run stopped."""
     from ccm_opt.cli.comparing import CompareOptions, compare_methods  # noqa: PLC0415 - loads numpy
 
@@ -185,26 +229,34 @@ def compare_command(
         time_limit=time_limit,
         pictures=not no_pictures,
     )
-    raise typer.Exit(compare_methods(options))
+    return compare_methods(options)
 
 
-@app.command("describe")
+@command(
+    app,
+    "describe",
+    ("ccm-opt describe problems/swan-neck.toml",),
+)
 def describe_command(
     files: ProblemFiles,
-) -> None:
+    *,
+    changes: Changes = None,
+) -> int:
     """Print the arm of problems: link parameters, drives, masses."""
     from ccm_opt.cli.describing import describe_files  # noqa: PLC0415 - loads numpy
 
-    raise typer.Exit(describe_files(files))
+    return describe_files(files, changes or ())
 
 
-@app.command("simulate")
+@command(
+    app,
+    "simulate",
+    ("ccm-opt simulate runs/swan-neck --payload 0.2 --no-pictures",),
+)
 def simulate_command(
-    folders: Annotated[
-        list[Path], typer.Argument(help="Folders that solve wrote.", metavar="FOLDER…", show_default=False)
-    ],
+    folders: Folders,
     *,
-    controller: Annotated[str | None, typer.Option(help="Controller: computed-torque or pd.")] = None,
+    controller: Annotated[ControllerChoice | None, typer.Option(help="Controller.")] = None,
     step: Annotated[float | None, typer.Option(min=1e-6, help="Integration step, in s.")] = None,
     bandwidth: Annotated[
         float | None, typer.Option(min=1e-3, help="Bandwidth of computed torque and of the feed axis, in 1/s.")
@@ -223,7 +275,7 @@ def simulate_command(
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the noise.")] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
-) -> None:
+) -> int:
     """Simulate written plans again, with other settings and disturbances."""
     from math import radians  # noqa: PLC0415
 
@@ -239,35 +291,40 @@ def simulate_command(
         "start_delay": start_delay,
         "seed": seed,
     }
-    raise typer.Exit(simulate_folders(folders, Overrides(options, disturbances), pictures=not no_pictures))
+    return simulate_folders(folders, Overrides(options, disturbances), pictures=not no_pictures)
 
 
-@app.command("tolerance")
+@command(
+    app,
+    "tolerance",
+    ("ccm-opt tolerance runs/swan-neck",),
+)
 def tolerance_command(
-    folders: Annotated[
-        list[Path], typer.Argument(help="Folders that solve wrote.", metavar="FOLDER…", show_default=False)
-    ],
+    folders: Folders,
     *,
     no_simulation: Annotated[
         bool, typer.Option("--no-simulation", help="Leave out payload and friction, which are found by simulations.")
     ] = False,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
-) -> None:
+) -> int:
     """Say which errors of joints, links, base, walls and loads written plans survive."""
     from ccm_opt.cli.tolerating import tolerance_of_folders  # noqa: PLC0415 - loads numpy
 
-    code = tolerance_of_folders(folders, simulated=not no_simulation, pictures=not no_pictures)
-    raise typer.Exit(code)
+    return tolerance_of_folders(folders, simulated=not no_simulation, pictures=not no_pictures)
 
 
-@app.command("export")
+@command(
+    app,
+    "export",
+    ("ccm-opt export runs/swan-neck --format urdf --out arm.urdf",),
+)
 def export_command(
     folder: Annotated[Path, typer.Argument(help="Folder that solve wrote.", show_default=False)],
     *,
-    kind: Annotated[str, typer.Option("--format", help="Format: urdf, mjcf, yaml or csv.")],
+    kind: Annotated[ExportFormat, typer.Option("--format", help="Format.")],
     out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
-) -> None:
+) -> int:
     """Write the arm or the motion of a written plan for other programs."""
     from ccm_opt.cli.exporting import export_folder  # noqa: PLC0415 - loads numpy
 
-    raise typer.Exit(export_folder(folder, kind, out))
+    return export_folder(folder, kind, out)

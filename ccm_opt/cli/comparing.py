@@ -1,5 +1,6 @@
 """``ccm-opt compare``: run methods on the same problems, print what came of it, write tables and pictures."""
 
+import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,7 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from ccm_opt.cli.cancelling import CANCELLED
 from ccm_opt.cli.comparison_tables import print_comparison
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all
-from ccm_opt.comparison.comparison_files import JOURNAL, write_comparison
+from ccm_opt.cli.output import output
+from ccm_opt.comparison.comparison_files import JOURNAL, comparison_json, write_comparison
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import DEFAULT, check_methods
 from ccm_opt.comparison.running import Comparison, compare
@@ -63,7 +65,7 @@ def compare_methods(options: CompareOptions) -> int:
     Returns:
         The exit code: 0 when every run ended in a result, be it that there is no plan; 1 when one crashed.
     """
-    code = run_all([options], _compare)
+    code = run_all([options], _compare, lambda _: "comparison")
     if code == CANCELLED:
         complain(f"every finished run is in {options.out / JOURNAL}; the same command goes on from there")
     return code
@@ -79,7 +81,11 @@ def _compare(options: CompareOptions) -> int:
         comparison = compare(cases, methods, workers, journal, time_limit=options.time_limit, progress=progress)
     write_comparison(comparison, options.out, _pictures(comparison) if options.pictures else {})
     crashed = any(run.outcome == "crashed" for run in comparison.failures)
-    return print_result(lambda: print_comparison(comparison, options.out), BUG if crashed else SOLVED)
+    return print_result(
+        lambda: print_comparison(comparison, options.out),
+        BUG if crashed else SOLVED,
+        lambda: {"folder": str(options.out), "status": "compared", **json.loads(comparison_json(comparison))},
+    )
 
 
 def chosen_cases(options: CompareOptions) -> tuple[Case, ...]:
@@ -101,7 +107,7 @@ def chosen_cases(options: CompareOptions) -> tuple[Case, ...]:
 def _display(count: int) -> Iterator[Callable[[Run], None]]:
     """Count the runs on stderr when that is a terminal."""
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if output().quiet or not console.is_terminal:
         yield lambda _: None
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())

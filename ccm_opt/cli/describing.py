@@ -9,6 +9,7 @@ from rich.table import Table
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.files.problem_file import load_problem
+from ccm_opt.files.problem_file.problem_data import problem_data
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import dh_table, joint_names
 from ccm_opt.problem import Limits, Problem
@@ -17,16 +18,17 @@ _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [
 """Columns of a revolute's drive."""
 
 
-def describe_files(files: Sequence[Path]) -> int:
+def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
     """Describe the arm of every file; all are tried.
 
     Args:
         files: problem files.
+        changes: keys of the problem files that are set to other values, each ``key.path=value``.
 
     Returns:
         The exit code.
     """
-    return run_all(files, lambda file: _describe(load_problem(file)))
+    return run_all(files, lambda file: _describe(load_problem(file, changes=changes)))
 
 
 def _describe(problem: Problem) -> int:
@@ -37,7 +39,17 @@ def _describe(problem: Problem) -> int:
         console.print(parameter_table(problem.arm, problem.limits))
         console.print(link_table(problem.arm))
 
-    return print_result(show, SOLVED)
+    return print_result(show, SOLVED, lambda: _data(problem))
+
+
+def _data(problem: Problem) -> dict[str, object]:
+    """The arm in the layout of a problem file, and its link parameters in SI units and radians, for programs."""
+    whole = problem_data(problem)
+    rows = zip(joint_names(problem.arm), dh_table(problem.arm), strict=True)
+    parameters = [{"joint": name, **row._asdict()} for name, row in rows]
+    return {"status": "described", "name": problem.name, "arm": whole["arm"], "limits": whole["limits"]} | {
+        "link_parameters": parameters
+    }
 
 
 def arm_lines(problem: Problem) -> list[str]:

@@ -4,14 +4,12 @@ import sys
 from pathlib import Path
 
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.cli.output import output
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
-
-FORMATS = ("urdf", "mjcf", "yaml", "csv")
-"""What ``--format`` accepts."""
 
 
 def export_folder(folder: Path, kind: str, out: Path | None) -> int:
@@ -19,7 +17,7 @@ def export_folder(folder: Path, kind: str, out: Path | None) -> int:
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
-        kind: one of FORMATS.
+        kind: one of ``EXPORT_FORMATS``.
         out: the file; standard output when None.
 
     Returns:
@@ -32,10 +30,8 @@ def exported_text(folder: Path, kind: str) -> str:
     """The text of a format, made anew from the folder's record and arrays.
 
     Raises:
-        ProblemError: for an unknown format or an unreadable folder.
+        ProblemError: for an unreadable folder.
     """
-    if kind not in FORMATS:
-        raise ProblemError(f"--format {kind} is unknown; expected {', '.join(FORMATS)}")
     problem = load_recorded_problem(folder)
     if kind == "urdf":
         return urdf_text(problem.arm, problem.name, problem.limits)
@@ -49,14 +45,11 @@ def exported_text(folder: Path, kind: str) -> str:
 def _export(folder: Path, kind: str, out: Path | None) -> int:
     text = exported_text(folder, kind)
     if out is None:
-        return print_result(lambda: _print(text), SOLVED)
+        return print_result(lambda: sys.stdout.write(text), SOLVED, lambda: {"status": "exported", "text": text})
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ProblemError(f"cannot write {out}: {error.strerror or error}; choose another --out") from error
+    output().note({"status": "exported", "file": str(out)})
     return SOLVED
-
-
-def _print(text: str) -> None:
-    sys.stdout.write(text)

@@ -1,5 +1,6 @@
 """Problems of several files, whose output folders are named after them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,9 +14,11 @@ class NamedProblems:
     """Reads problem files, and refuses a second problem of the same name, which would replace the first one's folder.
 
     Attributes:
+        changes: keys set on the command line, for every file.
         taken: the file of every name so far.
     """
 
+    changes: Sequence[str] = ()
     taken: dict[str, Path] = field(default_factory=dict)
 
     def read(self, file: Path) -> Problem:
@@ -24,7 +27,7 @@ class NamedProblems:
         Raises:
             ProblemError: the file is wrong, or names its problem as an earlier file does.
         """
-        problem = load_problem(file)
+        problem = load_problem(file, changes=self.changes)
         first = self.taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")

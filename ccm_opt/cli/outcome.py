@@ -17,16 +17,19 @@ Of several files all are tried; the exit code is that of the worst outcome: 1, t
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import asdict
 from typing import TextIO, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
 
 from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupts_as_usual
+from ccm_opt.cli.output import output
 from ccm_opt.cli.sentences import folded
-from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
+from ccm_opt.errors import NoPlanFound, ProblemError, ProblemFileError, VerificationError
+from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.solution import SimulationVerdict
 
 SOLVED = 0
@@ -40,12 +43,13 @@ WORST_FIRST = (BUG, CANCELLED, NO_PLAN, BAD_INPUT, NOT_FOLLOWED, SOLVED)
 Item = TypeVar("Item")
 
 
-def run_all(items: Iterable[Item], run: Callable[[Item], int]) -> int:
+def run_all(items: Iterable[Item], run: Callable[[Item], int], name: Callable[[Item], str] = str) -> int:
     """Run every item and return the worst exit code; only Ctrl-C stops early.
 
     Args:
         items: for example files; they stand in front of the messages about them.
         run: of one item; returns its exit code.
+        name: of an item.
     """
     codes: list[int] = []
     for item in items:
@@ -54,18 +58,22 @@ def run_all(items: Iterable[Item], run: Callable[[Item], int]) -> int:
             codes.append(CANCELLED)
         if CANCELLED in codes:
             break
+        output().begin(name(item))
         with interrupts_as_usual():
-            codes.append(_guarded(run, item))
+            codes.append(_guarded(run, item, name(item)))
+        output().note({"exit_code": codes[-1]})
     return min(codes, key=WORST_FIRST.index, default=SOLVED)
 
 
 def complain(message: str) -> None:
     """Print an error for people, on stderr."""
+    output().add_message("errors", message)
     _print_on_stderr("error:", "red", message)
 
 
 def warn(message: str) -> None:
     """Print one line that people should read, on stderr."""
+    output().add_message("warnings", message)
     _print_on_stderr("warning:", "yellow", message)
 
 
@@ -78,16 +86,30 @@ def code_of_simulation(name: str, verdict: SimulationVerdict) -> int:
     return NOT_FOLLOWED
 
 
-def print_result(show: Callable[[], None], code: int) -> int:
+def print_result(show: Callable[[], object], code: int, data: Callable[[], Mapping[str, object]]) -> int:
     """Print a result on stdout, without giving up the work when nobody reads it.
 
     Args:
-        show: prints.
+        show: prints it for people.
         code: exit code of the result.
+        data: the same for programs; asked for where they are to read it.
 
     Returns:
         The code, also when the reader has gone; 1 when stdout cannot be written for another reason.
     """
+    if output().as_json:
+        output().note(data())
+    if not output().tables:
+        return code
+    return _printed(show, code)
+
+
+def print_document(document: Mapping[str, object]) -> None:
+    """Print what programs are given, on stdout."""
+    _printed(lambda: sys.stdout.write(strict_text(document)), SOLVED)
+
+
+def _printed(show: Callable[[], object], code: int) -> int:
     try:
         show()
         sys.stdout.flush()
@@ -120,21 +142,30 @@ def _silence(stream: TextIO) -> None:
         os.close(null)
 
 
-def _guarded(run: Callable[[Item], int], item: Item) -> int:
+def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
     """Run one item; whatever error it ends with becomes a message and an exit code."""
     try:
         return run(item)
     except ProblemError as error:
+        defects = [asdict(issue) for issue in error.issues] if isinstance(error, ProblemFileError) else []
+        output().note({"status": "bad input"} | ({"defects": defects} if defects else {}))
         complain(str(error))
         return BAD_INPUT
-    except (NoPlanFound, VerificationError) as error:
-        complain(f"{item}: {error}")
+    except NoPlanFound as error:
+        output().note({"status": error.status, "diagnosis": asdict(error.diagnosis)})
+        complain(f"{name}: {error}")
+        return NO_PLAN
+    except VerificationError as error:
+        output().note({"status": "refused"})
+        complain(f"{name}: {error}")
         return NO_PLAN
     except KeyboardInterrupt:
+        output().note({"status": "cancelled"})
         complain("cancelled")
         return CANCELLED
     except Exception:  # noqa: BLE001 - the other files are still tried; the traceback is shown
         with suppress(OSError):  # the message below is worth trying even where stderr cannot be written
             traceback.print_exc()
+        output().note({"status": "bug"})
         complain("this is a bug in ccm-opt; please report it with the lines above")
         return BUG

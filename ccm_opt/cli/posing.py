@@ -1,5 +1,6 @@
 """``ccm-opt pose``: the best pose at the goal of a problem, drawn and written, or a record of why there is none."""
 
+import json
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.files.export.failure_folder import write_pose_failure
 from ccm_opt.files.export.folder import POSE_RECORD, check_target
 from ccm_opt.files.export.pose_folder import write_pose
-from ccm_opt.files.export.pose_json import segment_words
+from ccm_opt.files.export.pose_json import pose_json, segment_words
 from ccm_opt.problem import Problem
 from ccm_opt.solution import StaticPose
 from ccm_opt.user_terms.references import load_terms
@@ -27,19 +28,27 @@ ROWS_SHOWN = 5
 """Multipliers that the table shows; all are in the record."""
 
 
-def pose_files(files: Sequence[Path], out: Path, terms: TermReferences = NO_TERMS, *, pictures: bool) -> int:
+def pose_files(
+    files: Sequence[Path],
+    out: Path,
+    terms: TermReferences = NO_TERMS,
+    changes: Sequence[str] = (),
+    *,
+    pictures: bool,
+) -> int:
     """Find the best pose for every file; all are tried.
 
     Args:
         files: problem files.
         out: directory of the output folders.
         terms: user constraints and costs.
+        changes: keys of the problem files that are set to other values, each ``key.path=value``.
         pictures: whether to draw.
 
     Returns:
         The exit code.
     """
-    problems = NamedProblems()
+    problems = NamedProblems(changes)
 
     def pose_one(file: Path) -> int:
         problem = problems.read(file)
@@ -52,12 +61,12 @@ def _pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool)
     check_target(out / problem.name, POSE_RECORD)
     with stage_display(problem.name) as clock:
         found = _found_or_recorded(problem, out, clock, terms)
-        clock("writing")
+        clock.begin("writing")
         drawn = _pictures(found) if pictures else {}
         last_steps_uninterrupted()
         folder = write_pose(found, out, drawn)
         clock.finish()
-    return print_result(lambda: _print(found, clock, folder), SOLVED)
+    return print_result(lambda: _print(found, clock, folder), SOLVED, lambda: _data(found, folder))
 
 
 def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: TermReferences) -> StaticPose:
@@ -67,7 +76,7 @@ def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: Te
         NoPlanFound: its diagnosis is written to ``pose.json``.
         KeyboardInterrupt: a record with the status ``cancelled`` is written.
     """
-    clock("loading")
+    clock.begin("loading")
     from ccm_opt.driver.finding_pose import find_pose  # noqa: PLC0415 - loads casadi
 
     if terms != NO_TERMS:
@@ -87,6 +96,13 @@ def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: Te
     except KeyboardInterrupt:
         record("cancelled", Diagnosis("cancelled by the user", clock.current or "configuration"))
         raise
+
+
+def _data(found: StaticPose, folder: Path) -> dict[str, object]:
+    """The record of the pose without the problem, for programs."""
+    record: dict[str, object] = json.loads(pose_json(found))
+    del record["problem"]
+    return {"folder": str(folder), **record}
 
 
 def _pictures(found: StaticPose) -> Mapping[str, bytes]:

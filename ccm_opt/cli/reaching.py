@@ -1,5 +1,6 @@
 """``ccm-opt reach``: where the tip can be in the room of a problem, as a table line, arrays and a picture."""
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,9 +14,10 @@ from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.files.export.folder import REACH_RECORD, check_target
-from ccm_opt.files.export.reach_folder import write_reach
+from ccm_opt.files.export.reach_folder import reach_json, write_reach
 from ccm_opt.ground.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
 from ccm_opt.solution import ReachMap
 
@@ -48,17 +50,18 @@ class ReachOptions:
         return ThisProcess() if self.workers == 1 else LocalWorkers(self.workers)
 
 
-def reach_files(files: Sequence[Path], options: ReachOptions) -> int:
+def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[str] = ()) -> int:
     """Map the reach in every file's room; all are tried.
 
     Args:
         files: problem files.
         options: the options.
+        changes: keys of the problem files that are set to other values, each ``key.path=value``.
 
     Returns:
         The exit code.
     """
-    problems = NamedProblems()
+    problems = NamedProblems(changes)
 
     def reach_one(file: Path) -> int:
         problem = problems.read(file)
@@ -72,7 +75,7 @@ def reach_files(files: Sequence[Path], options: ReachOptions) -> int:
         drawn = _pictures(found) if options.pictures else {}
         last_steps_uninterrupted()
         folder = write_reach(found, options.out, drawn)
-        return print_result(lambda: _print(found, folder), SOLVED)
+        return print_result(lambda: _print(found, folder), SOLVED, lambda: _data(found, folder))
 
     return run_all(files, reach_one)
 
@@ -81,11 +84,18 @@ def reach_files(files: Sequence[Path], options: ReachOptions) -> int:
 def _display(name: str) -> Iterator[Callable[[int, int], None]]:
     """How many cells are reached, on stderr when that is a terminal."""
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if output().quiet or not console.is_terminal:
         yield lambda _reached, _cells: None
         return
     with console.status(escape(name), refresh_per_second=DISPLAY.status_refreshes) as status:
         yield lambda reached, cells: status.update(escape(f"{name}: {reached} of at most {cells} cells reached"))
+
+
+def _data(found: ReachMap, folder: Path) -> dict[str, object]:
+    """The record of the map without the problem, for programs."""
+    record: dict[str, object] = json.loads(reach_json(found))
+    del record["problem"]
+    return {"folder": str(folder), "status": "mapped", **record}
 
 
 def _pictures(found: ReachMap) -> Mapping[str, bytes]:

@@ -1,7 +1,7 @@
 """``ccm-opt simulate``: run a written plan through the closed loop again, with other settings and disturbances."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,19 @@ def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
     if pictures:
         _draw(folder, problem, motion, simulated)
     code = code_of_simulation(problem.name, simulated.verdict)
-    return print_result(lambda: _print(problem, motion, simulated, figures), code)
+    return print_result(
+        lambda: _print(problem, motion, simulated, figures), code, lambda: _data(problem, simulated, figures)
+    )
+
+
+def _data(problem: Problem, simulated: SimulatedMotion, figures: Mapping[str, float]) -> dict[str, object]:
+    """What the simulated arm did, for programs."""
+    return {
+        "name": problem.name,
+        "status": simulated.verdict.outcome,
+        "simulation": asdict(simulated.verdict),
+        "metrics": dict(figures),
+    }
 
 
 def _draw(folder: Path, problem: Problem, motion: SavedMotion, simulated: SimulatedMotion) -> None:

@@ -1,9 +1,9 @@
 """``ccm-opt solve``: read a problem, solve it, draw and write the plan, or leave a record of why there is none."""
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.failure_record import failures_recorded, kept_without_pictures
@@ -13,113 +13,111 @@ from ccm_opt.cli.pareto_table import print_pareto
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.cli.tables import print_solution
 from ccm_opt.cli.term_references import NO_TERMS, TermReferences
-from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.folder import check_target, solution_files, write_folder
+from ccm_opt.files.export.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.files.export.pareto_folder import pareto_files
-from ccm_opt.problem import MethodName, Problem
+from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlans, Solution
 
-METHODS: tuple[MethodName, ...] = get_args(MethodName)
-"""What ``--method`` accepts."""
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """What the command line asks for.
+
+    Attributes:
+        out: directory of the output folders.
+        terms: user constraints and costs.
+        changes: keys of the problem files that are set to other values, each ``key.path=value``.
+        pictures: whether to draw.
+        explain: whether a problem without a plan is explained in the time that is left.
+        several: whether plans from the fastest to the roomiest are made in place of one.
+    """
+
+    out: Path
+    terms: TermReferences = NO_TERMS
+    changes: tuple[str, ...] = ()
+    pictures: bool = True
+    explain: bool = True
+    several: bool = False
 
 
-def solve_files(
-    files: Sequence[Path],
-    out: Path,
-    method: str | None,
-    terms: TermReferences = NO_TERMS,
-    *,
-    pictures: bool,
-    explain: bool = True,
-    several: bool = False,
-) -> int:
+def with_planner_options(
+    changes: Sequence[str], *, method: str | None, time_limit: float | None, seed: int | None
+) -> tuple[str, ...]:
+    """The changes of a command line, with those of its options that stand for keys of the table ``planner``."""
+    options = {"method": method, "time_limit": time_limit, "seed": seed}
+    return (*changes, *(f"planner.{key}={value}" for key, value in options.items() if value is not None))
+
+
+def solve_files(files: Sequence[Path], options: SolveOptions) -> int:
     """Solve every file; all are tried.
 
     Args:
         files: problem files.
-        out: directory of the output folders.
-        method: planner asked for on the command line, or None.
-        terms: user constraints and costs.
-        pictures: whether to draw.
-        explain: whether a problem without a plan is explained in the time that is left.
-        several: whether plans from the fastest to the roomiest are made in place of one.
+        options: the options.
 
     Returns:
         The exit code.
     """
-    problems = NamedProblems()
-
-    def solve_one(file: Path) -> int:
-        asked = _known_method(method)
-        problem = problems.read(file)
-        if asked is not None:
-            problem = replace(problem, planner=replace(problem.planner, method=asked))
-        solve = _solve_several if several else _solve
-        return solve(problem, out, terms, pictures=pictures, explain=explain)
-
-    return run_all(files, solve_one)
+    problems = NamedProblems(options.changes)
+    solve = _solve_several if options.several else _solve
+    return run_all(files, lambda file: solve(problems.read(file), options))
 
 
-def _known_method(method: str | None) -> MethodName | None:
-    """The method asked for on the command line.
-
-    Raises:
-        ProblemError: there is none of that name.
-    """
-    if method is None:
-        return None
-    for known in METHODS:
-        if method == known:
-            return known
-    raise ProblemError(f"--method {method} is unknown; expected {' or '.join(METHODS)}")
-
-
-def _solve(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool, explain: bool) -> int:
-    target = out / problem.name
+def _solve(problem: Problem, options: SolveOptions) -> int:
+    target = options.out / problem.name
     check_target(target)
     with stage_display(problem.name) as clock:
-        clock("loading")
+        clock.begin("loading")
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
-        arguments = terms.loaded()
-        with failures_recorded(problem, out, clock):
-            solution = solve(problem, progress=clock, explain=explain, **arguments)
-        clock("writing")
+        arguments = options.terms.loaded()
+        with failures_recorded(problem, options.out, clock):
+            solution = solve(problem, progress=clock, explain=options.explain, **arguments)
+        clock.begin("writing")
         files = solution_files(solution)
         with kept_without_pictures(target, files):
-            drawn = _pictures(solution) if pictures else {}
+            drawn = _pictures(solution) if options.pictures else {}
         last_steps_uninterrupted()
         write_folder(target, {**files, **drawn})
         clock.finish()
     code = code_of_simulation(problem.name, solution.simulation.verdict)
-    return print_result(lambda: print_solution(solution, clock, str(target)), code)
+    return print_result(lambda: print_solution(solution, clock, str(target)), code, lambda: _data(files, target))
 
 
-def _solve_several(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool, explain: bool) -> int:
+def _solve_several(problem: Problem, options: SolveOptions) -> int:
     """Plans from the fastest to the roomiest, all written, the recommended one in the place of the only one."""
-    target = out / problem.name
+    target = options.out / problem.name
     check_target(target)
     with stage_display(problem.name) as clock:
-        clock("loading")
+        clock.begin("loading")
         from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - loads casadi and toppra
 
-        arguments = terms.loaded()
-        with failures_recorded(problem, out, clock):
+        arguments = options.terms.loaded()
+        with failures_recorded(problem, options.out, clock):
             found = pareto(
                 problem,
-                progress=lambda stage: clock(stage.partition(":")[0]),
-                explain=explain,
+                progress=clock,
+                explain=options.explain,
                 **arguments,
             )
-        clock("writing")
+        clock.begin("writing")
         files = pareto_files(found)
         with kept_without_pictures(target, files):
-            drawn = _pareto_pictures(found) if pictures else {}
+            drawn = _pareto_pictures(found) if options.pictures else {}
         last_steps_uninterrupted()
         write_folder(target, {**files, **drawn})
         clock.finish()
     code = code_of_simulation(problem.name, found.best.simulation.verdict)
-    return print_result(lambda: print_pareto(found, clock, str(target)), code)
+    return print_result(lambda: print_pareto(found, clock, str(target)), code, lambda: _data(files, target))
+
+
+def _data(files: Mapping[str, bytes], target: Path) -> dict[str, object]:
+    """The record of a plan without the problem, and of several plans their trade-off, for programs."""
+    record: dict[str, object] = json.loads(files[RECORD])
+    del record["problem"]
+    if PARETO_RECORD in files:
+        record["pareto"] = json.loads(files[PARETO_RECORD])
+    return {"folder": str(target), **record}
 
 
 def _pictures(solution: Solution) -> Mapping[str, bytes]:

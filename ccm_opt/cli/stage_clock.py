@@ -1,15 +1,18 @@
 """How long each stage of a run takes, and the line on a terminal that shows the present one."""
 
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from rich.console import Console
 from rich.markup import escape
 
 from ccm_opt.cli.display_settings import DISPLAY
+from ccm_opt.cli.output import output
+from ccm_opt.ground.progress import Progress
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class _Moment:
 
 
 class StageClock:
-    """Notes how long each stage takes; call it with a stage's name when the stage starts.
+    """Notes how long each stage takes; ``begin`` tells it of one, and it can be the ``progress`` of a solve.
 
     Attributes:
         current: the present stage; empty before the first and after ``finish``.
@@ -35,19 +38,25 @@ class StageClock:
         cpu: user and system time by stage, of finished child processes too [s].
     """
 
-    def __init__(self, show: Callable[[str], None] | None = None) -> None:
+    def __init__(self, show: Callable[[Progress], None] | None = None) -> None:
         self.current = ""
         self.wall: dict[str, float] = {}
         self.cpu: dict[str, float] = {}
         self._show = show
         self._since = _Moment.present()
 
-    def __call__(self, stage: str) -> None:
+    def begin(self, stage: str) -> None:
         """End the present stage and start the next."""
-        self.finish()
-        self.current = stage
+        self(Progress(stage))
+
+    def __call__(self, progress: Progress) -> None:
+        """Hear how far a solve has come; plans of several are counted as one."""
+        stage = progress.stage.rpartition(": ")[2]
+        if stage != self.current:
+            self.finish()
+            self.current = stage
         if self._show is not None:
-            self._show(stage)
+            self._show(progress)
 
     def finish(self) -> None:
         """End the present stage."""
@@ -68,10 +77,38 @@ class StageClock:
 
 @contextmanager
 def stage_display(title: str) -> Iterator[StageClock]:
-    """A clock whose stages are shown on stderr when that is a terminal, and nowhere else."""
+    """A clock that tells on stderr how far the work has come.
+
+    On a terminal one line says so, and changes. Elsewhere plain lines are printed, from the moment on when people would
+    ask; with ``--verbose`` there is a line for every stage. With ``--quiet`` there is nothing.
+
+    Args:
+        title: stands in front of every line.
+    """
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if output().quiet:
         yield StageClock()
-        return
-    with console.status(escape(title), refresh_per_second=DISPLAY.status_refreshes) as status:
-        yield StageClock(lambda stage: status.update(escape(f"{title}: {stage}")))
+    elif output().verbose or not console.is_terminal:
+        yield StageClock(_PlainLines(title, everything=output().verbose))
+    else:
+        with console.status(escape(title), refresh_per_second=DISPLAY.status_refreshes) as status:
+            yield StageClock(lambda progress: status.update(escape(f"{title}: {progress}")))
+
+
+class _PlainLines:
+    """Prints how far the work has come, line by line, not more often than people read it."""
+
+    def __init__(self, title: str, *, everything: bool) -> None:
+        self._title = title
+        self._everything = everything
+        self._next = time.monotonic() + DISPLAY.first_line_after
+        self._stage = ""
+
+    def __call__(self, progress: Progress) -> None:
+        new_stage = progress.stage != self._stage
+        self._stage = progress.stage
+        if (self._everything and new_stage) or time.monotonic() >= self._next:
+            self._next = time.monotonic() + DISPLAY.line_every
+            with suppress(OSError):  # nobody reads it, which is no reason to stop
+                sys.stderr.write(f"{self._title}: {progress}\n")
+                sys.stderr.flush()

@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.display_settings import DISPLAY
+from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.ground.arrays import FloatArray
@@ -53,6 +54,8 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     table.add_row("simulation", *verdict_cells(solution.simulation.verdict))
     console = report_console()
     console.print(table)
+    if output().verbose:
+        console.print(checks_table("every check", solution.checks))
     print_room(console, solution.room)
     console.print(f"all {len(solution.checks)} checks of the verifier hold")
     console.print(escape(stage_line(clock)), soft_wrap=True)

@@ -13,7 +13,7 @@ from ccm_opt.driver.verified_plan import verified
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import TOLERANCE_FILES
 from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem
-from ccm_opt.files.export.tolerance_json import tolerance_json
+from ccm_opt.files.export.tolerance_json import tolerance_data, tolerance_json
 from ccm_opt.problem import Problem
 from ccm_opt.solution import SurvivedError
 
@@ -44,7 +44,11 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
     _write(folder / record, tolerance_json(problem.name, errors).encode())
     if pictures:
         _write(folder / picture, _picture(problem, motion, errors[0]))
-    return print_result(lambda: report_console().print(tolerance_table(problem, errors)), SOLVED)
+    return print_result(
+        lambda: report_console().print(tolerance_table(problem, errors)),
+        SOLVED,
+        lambda: {"name": problem.name, "status": "certified", "tolerance": tolerance_data(errors)},
+    )
 
 
 def _picture(problem: Problem, motion: SavedMotion, joints: SurvivedError) -> bytes:

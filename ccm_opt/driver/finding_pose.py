@@ -10,6 +10,7 @@ from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.length_words import words_for_unit
+from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.binding_sides import binding_sides
 from ccm_opt.planners.own_units import OwnUnits
@@ -25,7 +26,7 @@ def find_pose(
     *,
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     settings: Settings | None = None,
 ) -> StaticPose:
     """Find the best pose of the arm at a problem's goal, by the goal-pose NLP from every route to it.
@@ -36,7 +37,7 @@ def find_pose(
         problem: with a goal for the tip, and an arm whose base stands still.
         constraints: of the user; those that cover the goal are rows of the NLP.
         costs: of the user; those that cover the goal are terms of its objective.
-        progress: called with the name of each stage when it starts.
+        progress: told when a stage starts, and when the search begins with another candidate.
         settings: numbers of the stages; the defaults when None.
 
     Returns:
@@ -46,7 +47,7 @@ def find_pose(
         ProblemError: the goal is for the whole arm, so that there is nothing to find, or the base moves.
         NoPlanFound: no pose was found; the diagnosis says what is missed, and whether that is proved.
     """
-    stages = Stages(progress)
+    stages = Stages(progress, problem.planner.time_limit)
     numbers = settings or DEFAULT_SETTINGS
     refuse_other_questions(problem)
     terms = compiled_terms(problem.arm, constraints, costs)

@@ -8,6 +8,7 @@ from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
+from ccm_opt.ground.progress import Progress
 from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.user_terms.terms import Constraint, Cost
@@ -17,7 +18,7 @@ from ccm_opt.verification.room_over_time import room_over_time
 def pareto(
     problem: Problem,
     *,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
     explain: bool = True,
@@ -32,7 +33,7 @@ def pareto(
 
     Args:
         problem: what to solve; its own ``wanted_gap`` is not used.
-        progress: called with the name of each stage when it starts, the number of the plan before it.
+        progress: as for ``solve``, with the number of the plan before the name of the stage.
         constraints: of the user, as ``solve`` takes them.
         costs: of the user, likewise.
         explain: whether it is explained why there is no plan when there is none at all.
@@ -77,7 +78,7 @@ class _Run:
     """Solves one problem with different wanted gaps; attributes as for ``pareto``."""
 
     problem: Problem
-    progress: Callable[[str], None] | None
+    progress: Callable[[Progress], None] | None
     constraints: Sequence[Constraint]
     costs: Sequence[Cost]
     settings: Settings
@@ -86,9 +87,9 @@ class _Run:
         """The plan for a wanted gap [m]; raises as ``solve`` does."""
         options = replace(self.problem.planner, wanted_gap=wanted_gap)
 
-        def numbered(stage: str) -> None:
+        def numbered(told: Progress) -> None:
             if self.progress is not None:
-                self.progress(f"plan {number}: {stage}")
+                self.progress(replace(told, stage=f"plan {number}: {told.stage}"))
 
         return solve(
             replace(self.problem, planner=options, source=""),

@@ -13,6 +13,7 @@ from ccm_opt.dynamics.runtime.compiled_library import prepare
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
@@ -23,7 +24,7 @@ from ccm_opt.user_terms.terms import Constraint, Cost
 def solve(
     problem: Problem,
     *,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     planner: Planner | None = None,
     retimer: Retimer | None = None,
     constraints: Sequence[Constraint] = (),
@@ -35,7 +36,7 @@ def solve(
 
     Args:
         problem: what to solve.
-        progress: called with the name of each stage when it starts.
+        progress: told when a stage starts, and when the search begins with another candidate.
         planner: another planner; when None the feed planner for an arm on a feed axis, else the curve planner.
         retimer: another way to time the path; the one that the problem names when None.
         constraints: of the user; another planner is not given them, but its plan is held against them.
@@ -52,7 +53,7 @@ def solve(
         VerificationError: the verifier refuses the plan; a defect of the planner.
         CancelledWithPlan: on Ctrl-C once there is a verified plan, which it holds; a ``KeyboardInterrupt``.
     """
-    stages = Stages(progress)
+    stages = Stages(progress, problem.planner.time_limit)
     numbers = settings or DEFAULT_SETTINGS
     deadline = Deadline.after(problem.planner.time_limit)
 

@@ -15,6 +15,7 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verifie
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import CancelledWithPlan, ProblemError
+from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.legs import Leg, whole_path
 from ccm_opt.planners.protocols import Planner
@@ -32,7 +33,7 @@ def retarget(
     planner: Planner | None = None,
     constraints: Sequence[Constraint] = (),
     costs: Sequence[Cost] = (),
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
     settings: Settings | None = None,
 ) -> Solution:
     """Change the goal of a motion that is under way.
@@ -46,7 +47,7 @@ def retarget(
         constraints: of the user, for the way from rest, as ``solve`` takes them. A solution does not keep those that
             it was solved with, so they are given again here.
         costs: of the user, likewise.
-        progress: called with the name of each stage when it starts.
+        progress: told when a stage starts, and when the search begins with another candidate.
         settings: numbers of the stages, as ``solve`` takes them; the defaults when None.
 
     Returns:
@@ -60,7 +61,7 @@ def retarget(
     """
     problem = solution.problem
     arm = problem.arm
-    stages = Stages(progress)
+    stages = Stages(progress, problem.planner.time_limit)
     numbers = settings or DEFAULT_SETTINGS
     _check(solution, time)
 

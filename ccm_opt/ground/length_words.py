@@ -23,6 +23,11 @@ def words_for_unit(metres: float) -> Iterator[None]:
         _UNIT.reset(token)
 
 
+def in_metres(length: float) -> float:
+    """A length in metres."""
+    return length * _UNIT.get()
+
+
 def metres(length: float) -> str:
     """A length in metres: to a millimetre as a rule, with three digits where that says nothing."""
     value = length * _UNIT.get()

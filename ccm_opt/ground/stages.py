@@ -1,9 +1,12 @@
 """Names and times the stages of a solve; the only place that looks at the clock for the record."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+from ccm_opt.ground.progress import CandidateNews, Progress, listening
 
 
 @dataclass
@@ -11,14 +14,17 @@ class Stages:
     """Announces each stage and records its CPU time.
 
     Attributes:
-        progress: called with the stage's name when it starts, or None.
+        progress: called when a stage starts, and when a candidate of the search does, or None.
+        limit: CPU time after which planning ends [s].
         timings: CPU time of this process by stage, without the stages inside it [s].
     """
 
-    progress: Callable[[str], None] | None = None
+    progress: Callable[[Progress], None] | None = None
+    limit: float = math.inf
     timings: dict[str, float] = field(default_factory=dict)
     _running: list[str] = field(default_factory=list)
     _since: float = 0.0
+    _beginning: float = field(default_factory=time.process_time)
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
@@ -27,7 +33,8 @@ class Stages:
         self._running.append(name)
         self._announce()
         try:
-            yield
+            with listening(self._hear if self.progress is not None else None):
+                yield
         finally:
             self._account()
             self._running.pop()
@@ -42,4 +49,12 @@ class Stages:
 
     def _announce(self) -> None:
         if self.progress is not None and self._running:
-            self.progress(self._running[-1])
+            self.progress(self._present())
+
+    def _hear(self, news: CandidateNews) -> None:
+        if self.progress is not None and self._running:
+            told = replace(self._present(), candidate=news.candidate, name=news.name, distance=news.distance)
+            self.progress(told)
+
+    def _present(self) -> Progress:
+        return Progress(self._running[-1], time.process_time() - self._beginning, self.limit)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.progress import tell_candidate
 from ccm_opt.motion.backward import pose_at_goal
 from ccm_opt.motion.continuation import Guide, Stalled, follow, settle, without_pauses
 from ccm_opt.motion.drawn_order import drawn_order
@@ -106,6 +107,8 @@ class SearchRun:
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
         """The finished motion of the first candidate that arrives and is certified, or None."""
         for candidate in tried:
+            nearest = min((failure.remaining for failure in failures), default=np.inf)
+            tell_candidate(len(failures) + 1, candidate.name, nearest)
             try:
                 poses = self._led(candidate)
                 arriving = self._arrive(poses[-1])[1:]

@@ -1,7 +1,7 @@
 """A motion-planning problem: frozen data, SI units, radians. ``problem_file`` makes one from TOML."""
 
 from ccm_opt.jointed.drive_limits import DriveLimits, Limits, PointLimit
-from ccm_opt.problem.definition import Problem
+from ccm_opt.problem.definition import LengthUnit, Problem
 from ccm_opt.problem.options import (
     ControllerName,
     Disturbances,
@@ -22,6 +22,7 @@ __all__ = [
     "DriveLimits",
     "Goal",
     "JointPose",
+    "LengthUnit",
     "Limits",
     "MethodName",
     "OptimiserName",

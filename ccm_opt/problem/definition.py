@@ -1,6 +1,7 @@
 """One planning problem: what is known before a motion is sought."""
 
 from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
@@ -10,6 +11,8 @@ from ccm_opt.problem.defects import defects
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions
 from ccm_opt.problem.poses import Goal, Start, Stop, Tolerances
 
+LengthUnit: TypeAlias = Literal["m", "mm", "in"]
+"""What lengths in a problem file may be given in."""
 CONTACT_SHARE_OF_LENGTH = 1e-6
 """Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made
 to, and above what the certificate and the chords between samples leave to rounding."""
@@ -38,6 +41,8 @@ class Problem:
         joint_error: of every joint at any time, with which the motion has to touch nothing [rad]; 0 asks for none.
         verification: how strictly plans are judged.
         source: the text of the problem file, kept for the record; empty when built in Python.
+        length_unit: in which people are told lengths, that of the problem file: ``m``, ``mm`` or ``in``. All values
+            are in metres whatever it is.
     """
 
     name: str
@@ -54,6 +59,7 @@ class Problem:
     joint_error: float = 0.0
     verification: VerificationOptions = field(default_factory=VerificationOptions)
     source: str = ""
+    length_unit: LengthUnit = "m"
 
     @property
     def contact_tolerance(self) -> float:

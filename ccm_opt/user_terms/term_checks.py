@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BPoly
 
+from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import Check, JointPath, JointTrajectory
@@ -73,7 +74,41 @@ def checks_of_terms(
     """
     # Poses are shared by all terms, since finding their path parameters is what takes time.
     every = poses_at_rate(terms, arm, path, trajectory, settings)
-    keyframes = poses_at_keyframes(arm, path, settings)
+    keyframes = poses_at_keyframes(arm, path.keyframes, nearest_path_parameters(path, _bends(arm, path), settings))
+    return _checks(terms, every, keyframes, settings)
+
+
+def checks_without_path(
+    terms: UserTerms,
+    arm: Arm,
+    trajectory: JointTrajectory,
+    keyframes: FloatArray,
+    settings: TermCheckSettings = TERM_CHECKS,
+) -> tuple[Check, ...]:
+    """The same for a motion of which only samples and keyframes are known, as of one read from its folder.
+
+    Args:
+        terms: constraints and costs.
+        arm: the arm.
+        trajectory: the timed motion.
+        keyframes: of the planner, shape (K, coordinates).
+        settings: tolerance and rate.
+
+    Raises:
+        ProblemError: for terms that depend on the path parameter, which is not known.
+    """
+    if _parametric(terms):
+        raise ProblemError(
+            "a constraint or cost depends on the path parameter q.path_parameter, which is not in the folder of a plan; "
+            "it can be checked only by solving again"
+        )
+    every = poses_at_rate(terms, arm, None, trajectory, settings)
+    return _checks(terms, every, poses_at_keyframes(arm, keyframes, np.linspace(0.0, 1.0, len(keyframes))), settings)
+
+
+def _checks(
+    terms: UserTerms, every: CheckedPoses, keyframes: CheckedPoses, settings: TermCheckSettings
+) -> tuple[Check, ...]:
     checks = []
     for compiled in terms.constraints:
         poses = keyframes if compiled.constraint.where == "keyframes" else every
@@ -105,9 +140,13 @@ def metrics_of_terms(
 
 
 def poses_at_rate(
-    terms: UserTerms, arm: Arm, path: JointPath, trajectory: JointTrajectory, settings: TermCheckSettings = TERM_CHECKS
+    terms: UserTerms,
+    arm: Arm,
+    path: JointPath | None,
+    trajectory: JointTrajectory,
+    settings: TermCheckSettings = TERM_CHECKS,
 ) -> CheckedPoses:
-    """The written samples and those at 1 kHz between them."""
+    """The written samples and those at 1 kHz between them; without a path all between its ends are alike."""
     time = _times_at_rate(trajectory.time, settings.rate)
     known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
     # Positions, velocities and accelerations of the samples are all met, unlike by a line between them.
@@ -117,20 +156,30 @@ def poses_at_rate(
     bends = positions[:, arm.coordinates.bends]
     feed = arm.coordinates.advance(positions)
     # Path parameters cost a search along the path, so they are found only where a term depends on them.
-    parametric = terms.parametric or any(timed.parametric for timed in terms.timed)
-    u = nearest_path_parameters(path, bends, settings) if parametric else np.linspace(0.0, 1.0, len(time))
+    u = np.linspace(0.0, 1.0, len(time))
+    if path is not None and _parametric(terms):
+        u = nearest_path_parameters(path, bends, settings)
     # Headings are running sums of the bends, and so are their rates.
     heading_rates = np.cumsum(rates[:, arm.coordinates.bends], axis=1)
     return CheckedPoses(time, arm.headings(bends), u, feed, heading_rates, arm.coordinates.advance(rates))
 
 
-def poses_at_keyframes(arm: Arm, path: JointPath, settings: TermCheckSettings = TERM_CHECKS) -> CheckedPoses:
-    """The planner's keyframes; their time is unknown."""
-    bends = path.keyframes[:, arm.coordinates.bends]
-    feed = arm.coordinates.advance(path.keyframes)
+def _parametric(terms: UserTerms) -> bool:
+    """Whether any of the terms depends on the path parameter."""
+    return terms.parametric or any(timed.parametric for timed in terms.timed)
+
+
+def _bends(arm: Arm, path: JointPath) -> FloatArray:
+    """Bends at the planner's keyframes, shape (K, links) [rad]."""
+    return path.keyframes[:, arm.coordinates.bends]
+
+
+def poses_at_keyframes(arm: Arm, keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
+    """The planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
+    bends = keyframes[:, arm.coordinates.bends]
+    feed = arm.coordinates.advance(keyframes)
     # NaN rather than zero: a constraint on speeds that is evaluated here must fail, not pass.
     unknown = np.full(len(bends), np.nan)
-    u = nearest_path_parameters(path, bends, settings)
     return CheckedPoses(unknown, arm.headings(bends), u, feed, np.full_like(bends, np.nan), unknown)
 
 

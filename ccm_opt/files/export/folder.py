@@ -26,7 +26,8 @@ POSE_FILES = (POSE_RECORD, POSE_ARRAYS, "pose.png")
 REACH_RECORD = "reach.json"
 """Of the folder of a map of reach; always there."""
 REACH_FILES = (REACH_RECORD, "reach.npz", "reach.png")
-PARETO_FILES = ("pareto.json", "pareto.png", "pareto")
+PARETO_RECORD = "pareto.json"
+PARETO_FILES = (PARETO_RECORD, "pareto.png", "pareto")
 """Beside the recommended one of several plans; the last is a folder with a folder for each plan."""
 TOLERANCE_FILES = ("tolerance.json", "tolerance.png")
 """What ``ccm-opt tolerance`` writes beside a plan; a new plan takes them away."""

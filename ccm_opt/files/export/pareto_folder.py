@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from ccm_opt.files.export.folder import solution_files
+from ccm_opt.files.export.folder import PARETO_RECORD, solution_files
 from ccm_opt.files.export.room_json import place_data
 from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.solution import ParetoPlan, ParetoPlans
@@ -17,7 +17,7 @@ def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
     The recommended plan's are those that ``solve`` would write; those of all plans are in the folder ``pareto``.
     """
     files = solution_files(found.best)
-    files["pareto.json"] = pareto_json(found).encode()
+    files[PARETO_RECORD] = pareto_json(found).encode()
     for number, plan in enumerate(found.plans, start=1):
         if plan.solution is not None:
             inner = solution_files(plan.solution)

@@ -23,6 +23,9 @@ from ccm_opt.solution import JointStates, JointTrajectory
 POSITION_TOLERANCE = 1e-9
 """Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
 
+CONSTRAINT_PREFIX = "constraint "
+"""In front of the name of a user's constraint, in the name of its check."""
+
 Shapes = Mapping[str, tuple[str | int, ...]]
 
 SHAPES: Shapes = {
@@ -50,16 +53,24 @@ FEED_SHAPES: Shapes = {
     "feed_velocities": ("samples",),
     "feed_accelerations": ("samples",),
     "feed_forces": ("samples",),
+    "keyframe_feeds": ("keyframes",),
 }
 """Further arrays of an arm with a feed axis."""
 
 
 @dataclass(frozen=True)
 class SavedMotion:
-    """The motion in an output folder."""
+    """The motion in an output folder.
+
+    Attributes:
+        trajectory: in time.
+        joints: the same for all drives.
+        keyframes: of the planner, shape (K, coordinates).
+    """
 
     trajectory: JointTrajectory
     joints: JointStates
+    keyframes: FloatArray
 
 
 def load_problem_data(folder: Path) -> Mapping[str, object]:
@@ -103,6 +114,21 @@ def load_recorded_problem(folder: Path) -> Problem:
     return problem_from_mapping(load_problem_data(folder), str(folder / RECORD))
 
 
+def recorded_constraints(folder: Path) -> tuple[str, ...]:
+    """Names of the user's constraints that a folder's plan was made to keep, in the order of its record.
+
+    Args:
+        folder: an output folder.
+
+    Raises:
+        ProblemError: when there is no readable record.
+    """
+    checks = _read_record(folder / RECORD).get("checks", [])
+    listed = checks if isinstance(checks, list) else []
+    names = [str(check.get("name", "")) for check in listed if isinstance(check, Mapping)]
+    return tuple(name.removeprefix(CONSTRAINT_PREFIX) for name in names if name.startswith(CONSTRAINT_PREFIX))
+
+
 def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     """The motion in a folder's ``solution.npz``.
 
@@ -143,15 +169,16 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         arm.coordinates,
         tuple(int(k) for k in numbers["stops"]),
     )
-    motion = SavedMotion(trajectory, joints)
+    feeds = _columns(numbers, of_base, "keyframe_feeds", "keyframes")
+    motion = SavedMotion(trajectory, joints, np.column_stack((numbers["keyframes"], feeds)))
     _check_positions(motion, numbers["joint_positions"], arm, path)
     return motion
 
 
-def _columns(numbers: Mapping[str, FloatArray], names: Iterable[str], wanted: str) -> FloatArray:
-    """One array among some as a column, shape (T, 1); (T, 0) when it is not among them."""
+def _columns(numbers: Mapping[str, FloatArray], names: Iterable[str], wanted: str, rows_of: str = "time") -> FloatArray:
+    """One array among some as a column, shape (T, 1); (T, 0) when it is not among them; T rows as another array."""
     columns = [numbers[name] for name in names if name == wanted]
-    return np.column_stack([np.zeros((len(numbers["time"]), 0)), *columns])
+    return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
 
 
 def _read_record(path: Path) -> Mapping[str, object]:

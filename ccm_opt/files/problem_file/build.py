@@ -88,6 +88,7 @@ def build_problem(tables: Tables, source: str) -> Problem:
         joint_error=tables.tolerance.joint_error_deg,
         verification=VerificationOptions(tables.verification.contact_tolerance),
         source=source,
+        length_unit=tables.root.units,
     )
 
 

@@ -1,33 +1,49 @@
 """Reads problem files: ``load_problem`` reads a file, ``parse_problem`` its text, ``problem_from_mapping`` its data."""
 
 import re
+import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from ccm_opt.errors import FileIssue, ProblemFileError
+from ccm_opt.files.problem_file.changed_keys import with_keys_set
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.lines import locate_keys
 from ccm_opt.files.problem_file.table_reading import check_data
 from ccm_opt.problem import Problem
 
+STANDARD_INPUT = "-"
+"""Stands for standard input in the place of a file."""
 
-def load_problem(path: str | Path) -> Problem:
+
+def load_problem(path: str | Path, *, changes: Sequence[str] = ()) -> Problem:
     """Read a problem from a TOML file.
 
     Args:
-        path: the file.
+        path: the file, or ``-`` for standard input; paths in that begin in the working folder.
+        changes: keys that are set to other values than the file's, each ``key.path=value``, see ``with_keys_set``.
 
     Returns:
         The problem, in SI units and radians.
 
     Raises:
         ProblemFileError: with every defect of the file, its key path and its line.
+        ProblemError: for a change that leads to no place.
     """
-    return parse_problem(_read_text(Path(path)), str(path), Path(path).parent)
+    if str(path) == STANDARD_INPUT:
+        path_name = "standard input"
+        text = _decoded(sys.stdin.buffer.read(), path_name)
+    else:
+        path_name = str(path)
+        text = _read_text(Path(path))
+    if changes:
+        _parse_toml(text, path_name)
+        text = with_keys_set(text, changes)
+    return parse_problem(text, path_name, Path(path).parent)
 
 
 def parse_problem(text: str, path_name: str = "problem", folder: Path | None = None) -> Problem:
@@ -84,6 +100,11 @@ def _read_text(path: Path) -> str:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise _refused(path, f"the file cannot be read: {reason}") from error
+    return _decoded(raw, str(path))
+
+
+def _decoded(raw: bytes, path: str) -> str:
+    """The text of a file's bytes, or one clear sentence why there is none."""
     try:
         text = raw.decode("utf-8-sig")  # editors on Windows put a byte order mark in front
     except UnicodeDecodeError as error:

@@ -33,6 +33,7 @@ from ccm_opt.jointed.arm import Arm, Axes, MappingName
 from ccm_opt.problem import (
     ControllerName,
     Disturbances,
+    LengthUnit,
     MethodName,
     OptimiserName,
     PlannerOptions,
@@ -306,7 +307,7 @@ class RootTable(Table):
     schema_version: Literal[1] = Field(alias="schema")
     name: Annotated[str, AfterValidator(_folder_name)]
     description: str = ""
-    units: Literal["m", "mm", "in"] = "m"
+    units: LengthUnit = "m"
     workspace: dict[str, object]
     arm: dict[str, object]
     limits: dict[str, object]
