@@ -99,7 +99,7 @@ def checks_without_path(
     """
     if _parametric(terms):
         raise ProblemError(
-            "a constraint or cost depends on the path parameter q.path_parameter, which is not in the folder of a plan; "
+            "a constraint or cost depends on q.path_parameter, which is not in the folder of a plan; "
             "it can be checked only by solving again"
         )
     every = poses_at_rate(terms, arm, None, trajectory, settings)
