@@ -119,6 +119,7 @@ class TrialSettings:
         least_time: no try begins with less time than this [s]. Taste.
         try_share: share of the time left that one try may use. Taste.
         longest_try: CPU time that one try may use at most [s]. Taste.
+        longest_further_try: the same when something that helps is known [s]. Taste.
         longest_search: CPU time that all tries may use together, however much is left [s]. Taste.
         patience: CPU time after which nothing new is begun when something that helps is known [s]. Taste.
         enough: relaxations that are reported. Taste.
@@ -134,6 +135,7 @@ class TrialSettings:
     least_time: float = 0.05
     try_share: float = 0.5
     longest_try: float = 2.5
+    longest_further_try: float = 1.0
     longest_search: float = 8.0
     patience: float = 1.5
     enough: int = 4

@@ -59,6 +59,7 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray) -> Parameter:
         whole=problem.arm.length,
         # The edge of the tolerance may be there already.
         bound=max(distance - problem.tolerances.position, 0.1 * distance),
+        paths_stay=False,
     )
 
 
@@ -75,6 +76,7 @@ def _heading(goal: TipGoal, turn: float) -> Parameter:
         lambda _: float(np.rad2deg(1.0)),
         whole=np.pi,
         bound=abs(turn),
+        paths_stay=False,
     )
 
 

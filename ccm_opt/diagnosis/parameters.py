@@ -27,6 +27,7 @@ class Parameter:
         unit: what a value is multiplied by to be in SI units; 1 but for shares.
         whole: what the size of a change is compared with; the given value when None.
         bound: the value that it must reach at least as far as is known; None where the findings say.
+        paths_stay: whether a path that was found for one value leads from the start to the goal for others, too.
     """
 
     key: str
@@ -39,6 +40,7 @@ class Parameter:
     unit: Callable[[Problem], float] = lambda _: 1.0
     whole: float | None = None
     bound: float | None = None
+    paths_stay: bool = True
 
     def rounded(self, problem: Problem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:
         """A value rounded to some figures, to the easier side: so what is reported is what was solved."""
@@ -180,6 +182,7 @@ LENGTH = Parameter(
     lambda p, v: f"length ? {p.arm.links * v:.4g} m (arm.link_length = {1e3 * v:.6g} mm)",
     lambda p: p.arm.links,
     _no_curves,
+    paths_stay=False,
 )
 JOINT_LIMIT = Parameter(
     "arm.joint_limit_deg",

@@ -28,10 +28,16 @@ CERTAIN = frozenset(("torque", "contact", "joint limit"))
 """Kinds of findings that are measured on a pose or a path; not proved, they leave other poses within tolerance."""
 SolveWithout: TypeAlias = Callable[[Problem, str], object]
 """The same with one constraint or cost of the user's dropped, by its name."""
+HoldAgain: TypeAlias = Callable[[Problem, object], object]
+"""Times and verifies what was returned for one problem as a plan for another, or raises."""
 
 
 def _nothing_to_drop(problem: Problem, name: str) -> object:
     raise ProblemError(f"problem '{problem.name}' has no constraint or cost '{name}'")
+
+
+def _never_holds(problem: Problem, plan: object) -> object:
+    raise ProblemError(f"{type(plan).__name__} is no plan for problem '{problem.name}'")
 
 
 @dataclass(frozen=True)
@@ -43,16 +49,20 @@ class Trials:
         until: when all must end.
         terms: kind and name of each constraint and cost of the user's, the likelier ones to be in the way first.
         solve_without: solves a problem less one of these, or raises.
+        hold_again: holds what solved one problem against another.
         begun: CPU time of this process at which the trials began [s].
         settings: steps, and shares of the time.
+        plans: what solved the problems that were tried, in their order.
     """
 
     solve: Solve
     until: Deadline
     terms: tuple[tuple[str, str], ...] = ()
     solve_without: SolveWithout = _nothing_to_drop
+    hold_again: HoldAgain = _never_holds
     begun: float = field(default_factory=time.process_time)
     settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
+    plans: list[object] = field(default_factory=list)
 
     @property
     def spent(self) -> float:
@@ -64,22 +74,42 @@ class Trials:
         """CPU time that is left [s]."""
         return min(self.until.left, self.settings.longest_search - self.spent)
 
-    def succeeds(self, problem: Problem, dropped: str = "") -> bool:
-        """Whether a problem, perhaps less a term of the user's, is solved within its share of the time."""
+    def succeeds(self, problem: Problem, dropped: str = "", *, hurried: bool = False) -> bool:
+        """Whether a problem, perhaps less a term of the user's, is solved within its share of the time.
+
+        Args:
+            problem: what is tried.
+            dropped: name of a constraint or cost that is left out besides.
+            hurried: whether something else helps already.
+        """
         settings = self.settings
+        longest = settings.longest_further_try if hurried else settings.longest_try
         # A share of what is left, so that several things can be tried.
-        limit = min(settings.try_share * self.left, settings.longest_try)
+        limit = min(settings.try_share * self.left, longest)
         if limit < settings.least_time:
             return False
+        limited = _in_haste(problem, limit)
         try:
-            limited = replace(problem, planner=replace(problem.planner, time_limit=limit))
-            if dropped:
-                self.solve_without(limited, dropped)
-            else:
-                self.solve(limited)
+            plan = self.solve_without(limited, dropped) if dropped else self.solve(limited)
+        except (NoPlanFound, VerificationError, ProblemError):
+            return False
+        self.plans.append(plan)
+        return True
+
+    def holds(self, problem: Problem) -> bool:
+        """Whether the last plan is one for this problem as well; nothing is planned for that."""
+        try:
+            self.hold_again(problem, self.plans[-1])
         except (NoPlanFound, VerificationError, ProblemError):
             return False
         return True
+
+
+def _in_haste(problem: Problem, limit: float) -> Problem:
+    """The problem with a time limit [s], and with nothing asked for that only makes motions better."""
+    # An arm that is hardly strong enough may need the shorter way.
+    plain = problem.planner.optimiser if problem.limits.torque is not None else "none"
+    return replace(problem, planner=replace(problem.planner, time_limit=limit, optimiser=plain, wanted_gap=0.0))
 
 
 def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials) -> tuple[Relaxation, ...]:
@@ -101,7 +131,7 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
         if found and trials.spent > settings.patience:
             break
         if isinstance(candidate, WholeChange):
-            solved = trials.succeeds(candidate.changed(problem), candidate.term)
+            solved = trials.succeeds(candidate.changed(problem), candidate.term, hurried=bool(found))
             relaxed = candidate.relaxation() if solved else None
         else:
             bound = hardest_bound(candidate, certain) if candidate.bound is None else candidate.bound
@@ -137,13 +167,17 @@ def candidates(
     room = wider_room(problem, proved)
     if room is not None:
         yield room
+    in_the_way = [without_obstacle(name) for name in _removable(proved, findings)[:most_omitted]]
+    # Where no number of the arm helps, what closes the way is more to the point than a goal on this side of it.
+    if not fitting:
+        yield from in_the_way
     yield from moved_goals(problem, proved)
     if relevant and all(_heading_may_mend(finding) for finding in relevant):
         heading = without_heading(problem)
         if heading is not None:
             yield heading
-    for name in _removable(proved, findings)[:most_omitted]:
-        yield without_obstacle(name)
+    if fitting:
+        yield from in_the_way
 
 
 def _heading_may_mend(finding: Finding) -> bool:
@@ -190,18 +224,31 @@ def least_change(
         value = parameter.rounded(problem, begin * (1.0 + parameter.easier * step))
         if trials.left < settings.least_time or (hurried and trials.spent > settings.patience):
             return None
-        if trials.succeeds(parameter.write(problem, value)):
+        if trials.succeeds(parameter.write(problem, value), hurried=hurried):
             return parameter.relaxation(problem, _closed_in(parameter, problem, failed, value, trials), bound)
         failed = value
     return None
 
 
 def _closed_in(parameter: Parameter, problem: Problem, failed: float, worked: float, trials: Trials) -> float:
-    """A value that works, close to one that does not, by bisection while there is time."""
+    """A value that works, close to one that does not, by bisection while there is time.
+
+    Args:
+        parameter: what is changed.
+        problem: what was asked.
+        failed: a value with which nothing was found, or none can be.
+        worked: a value with which the last plan of the trials was found.
+        trials: solves.
+    """
     settings = trials.settings
+    # What moves the arm at one value often does so at the next: to see that takes no search.
+    wide = abs(worked - failed) > settings.close * abs(worked)
+    if wide and parameter.paths_stay and trials.holds(parameter.write(problem, failed)):
+        return failed
     while abs(worked - failed) > settings.close * abs(worked) and trials.left > settings.least_time:
         middle = parameter.rounded(problem, 0.5 * (failed + worked))
-        if trials.succeeds(parameter.write(problem, middle)):
+        changed = parameter.write(problem, middle)
+        if (parameter.paths_stay and trials.holds(changed)) or trials.succeeds(changed):
             worked = middle
         else:
             failed = middle

@@ -12,11 +12,11 @@ from ccm_opt.driver.pose_failure import with_constraint_first
 from ccm_opt.driver.several_tries import best_of_tries
 from ccm_opt.driver.solve_settings import Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verified_plan
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.planners.legs import plan_legs
+from ccm_opt.planners.legs import Leg, plan_legs
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
@@ -86,7 +86,9 @@ class PlanningRun:
         named = with_constraint_first(failure, self.problem, self.terms, self.settings)
         droppable = named_terms(str(named), self.constraints, self.costs)
         settings = self.settings.diagnosis.trials
-        trials = Trials(self._solve_changed, deadline, droppable, self._solve_changed, settings=settings)
+        trials = Trials(
+            self._solve_changed, deadline, droppable, self._solve_changed, self._held_again, settings=settings
+        )
         return explained(self.problem, named, trials)
 
     def _solve_changed(self, changed: Problem, dropped: str = "") -> object:
@@ -98,6 +100,21 @@ class PlanningRun:
         its_planner = self.planner or default_planner(changed, quiet, its_terms, self.settings)
         recording = RecordingPlanner(its_planner, self.recorded)
         return verified_plan(changed, recording, quiet, self.retimer, its_terms, self.settings)
+
+    def _held_again(self, changed: Problem, plan: object) -> object:
+        """Time and verify the path of one plan for a problem that differs in one number; nothing is searched.
+
+        Raises:
+            ProblemError: the plan is none of one leg.
+            NoPlanFound: the path cannot be timed.
+            VerificationError: the path is none for this problem.
+        """
+        if not isinstance(plan, VerifiedPlan) or changed.stops:
+            raise ProblemError("only the path of a plan with one leg can be held against another problem")
+        its_terms = compiled_terms(changed.arm, self.constraints, self.costs)
+        # What it was certified to keep for the other problem says nothing here.
+        leg = Leg(changed, replace(plan.path, spare=0.0))
+        return timed_and_verified(changed, (leg,), Stages(), self.retimer, its_terms, self.settings)
 
 
 def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
