@@ -4,17 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import NoPlanFound
+from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.angles import unit_vector, wrap
+from ccm_opt.motion.ends import tip_goal
 from ccm_opt.planners.feed import FeedPlanner
+from ccm_opt.planners.feed.members_on_way import members_on_way
+from ccm_opt.planners.goal_members import goal_members
 from ccm_opt.problem import Problem, TipGoal, Tolerances
 
-from .benchmarks.feed_families import into_clutter, straight_out, tank
+from .benchmarks.feed_families import elbow, into_clutter, straight_out, tank
 
-FAMILIES = {"clutter": into_clutter, "straight": straight_out, "tank": tank}
+FAMILIES = {"clutter": into_clutter, "elbow": elbow, "straight": straight_out, "tank": tank}
 
 
 def widened(problem: Problem, rng: np.random.Generator) -> Problem:
@@ -52,3 +57,28 @@ def test_a_larger_tolerance_is_not_harder_with_a_feed(family: str, seed: int) ->
     assert np.hypot(*(tip - goal.position)) <= wide.tolerances.position
     if goal.heading is not None:
         assert abs(float(wrap(headings[-1] - goal.heading))) <= wide.tolerances.heading
+
+
+@settings(deadline=None, max_examples=10)
+@given(seed=st.integers(0, 10**6))
+def test_members_on_the_way_are_free_and_within_tolerance(seed: int) -> None:
+    """Each lies in free space within the tolerances."""
+    rng = np.random.default_rng(seed)
+    problem = widened(elbow(rng), rng)
+    goal = problem.goal
+    assert isinstance(goal, TipGoal)
+    ends = tip_goal(problem, goal)
+    room = FreeSpace(problem.workspace, problem.arm.radius)
+    hole = problem.arm.base + problem.arm.hole * problem.arm.feed_direction
+    others = goal_members(replace(problem.arm, base=hole), ends, room)
+    begin = hole + problem.arm.link_length * problem.arm.feed_direction
+    spacing = 0.5 * problem.arm.link_length
+    found = members_on_way(problem.arm, ends, room, begin, others, spacing, 0.0)
+    assert found
+    for member in found:
+        assert np.hypot(*(member.position - ends.position)) <= ends.room[0] + 1e-9
+        assert member.heading is not None
+        assert ends.heading is not None
+        assert abs(float(wrap(member.heading - ends.heading))) <= ends.room[1] + 1e-9
+        # Ways touch corners, where rounding has the last word.
+        assert shapely.distance(room.polygons, shapely.Point(member.position)) <= 1e-9

@@ -1,7 +1,7 @@
 """The least change of one thing with which a problem is solved: tried by solving, within the time that is left."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TypeAlias
@@ -219,37 +219,38 @@ def least_change(
     else:
         begin = bound
         steps = settings.steps
-    failed = begin
+    failed = [begin]
     for step in steps:
         value = parameter.rounded(problem, begin * (1.0 + parameter.easier * step))
         if trials.left < settings.least_time or (hurried and trials.spent > settings.patience):
             return None
         if trials.succeeds(parameter.write(problem, value), hurried=hurried):
             return parameter.relaxation(problem, _closed_in(parameter, problem, failed, value, trials), bound)
-        failed = value
+        failed.append(value)
     return None
 
 
-def _closed_in(parameter: Parameter, problem: Problem, failed: float, worked: float, trials: Trials) -> float:
+def _closed_in(parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials) -> float:
     """A value that works, close to one that does not, by bisection while there is time.
 
     Args:
         parameter: what is changed.
         problem: what was asked.
-        failed: a value with which nothing was found, or none can be.
+        failed: values with which nothing was found, the first of which perhaps nothing can be; the easiest last.
         worked: a value with which the last plan of the trials was found.
         trials: solves.
     """
     settings = trials.settings
+    worst = failed[-1]
     # What moves the arm at one value often does so at the next: to see that takes no search.
-    wide = abs(worked - failed) > settings.close * abs(worked)
-    if wide and parameter.paths_stay and trials.holds(parameter.write(problem, failed)):
-        return failed
-    while abs(worked - failed) > settings.close * abs(worked) and trials.left > settings.least_time:
-        middle = parameter.rounded(problem, 0.5 * (failed + worked))
+    for value in failed[1:] if parameter.paths_stay else ():
+        if trials.holds(parameter.write(problem, value)):
+            return value
+    while abs(worked - worst) > settings.close * abs(worked) and trials.left > settings.least_time:
+        middle = parameter.rounded(problem, 0.5 * (worst + worked))
         changed = parameter.write(problem, middle)
         if (parameter.paths_stay and trials.holds(changed)) or trials.succeeds(changed):
             worked = middle
         else:
-            failed = middle
+            worst = middle
     return worked

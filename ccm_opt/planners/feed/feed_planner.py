@@ -53,7 +53,7 @@ class FeedPlanner:
         if problem.arm.feed is None:
             raise ProblemError("the feed planner needs an arm with arm.feed, got one whose base is fixed")
         deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
-        members = member_problems(problem, problem.arm.feed)
+        members = member_problems(problem, problem.arm.feed, self.settings)
         if len(members) == 1:
             return self._planned(members[0], problem.arm.feed, deadline)
         # Members differ in how hard they are: all are tried in short before any may take long.

@@ -53,6 +53,7 @@ class FeedPlannerSettings:
         planning_share: share of the time limit that planning may use; timing and verification need the rest. Taste.
         member_share: share of the time limit that each member of a goal that is a set may use before any may use more.
             Taste.
+        way_spacing: between the places of a way into a goal that is a set at which it may end, in link lengths. Taste.
         following_share: share of the time limit that paths for a leader may be looked for. Taste.
         reshaping_share: share of the time limit that one change of shape may use. Taste.
         compared_share: the same of one that is only compared with what is at hand already. Taste.
@@ -101,6 +102,7 @@ class FeedPlannerSettings:
 
     planning_share: float = 0.9
     member_share: float = 0.02
+    way_spacing: float = 0.5
     following_share: float = 0.4
     reshaping_share: float = 0.25
     compared_share: float = 0.05
