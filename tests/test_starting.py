@@ -1,0 +1,56 @@
+"""Problem files to begin with: the commented one solves as it is, those of the package are listed and copied."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from ccm_opt.cli.commands import app
+from ccm_opt.files.problem_file import load_problem
+
+from .conftest import PROBLEMS
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    """Exit code and everything printed."""
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return done.exit_code, done.output
+
+
+def test_the_new_problem_solves_as_it_is(tmp_path: Path) -> None:
+    """It is named after its file, with or without the ending, and its motion passes the verifier."""
+    assert run("new", tmp_path / "mine")[0] == 0
+    file = tmp_path / "mine.toml"
+    assert load_problem(file).name == "mine"
+    assert run("solve", file, "--out", tmp_path / "runs", "--no-pictures")[0] == 0
+    assert run("check", tmp_path / "runs" / "mine")[0] == 0
+
+
+def test_nothing_of_the_users_is_replaced(tmp_path: Path) -> None:
+    """A file that is there stays as it is, whether a new one or a copy would take its place."""
+    for name, command in (("mine", ("new", tmp_path / "mine")), ("fork", ("problems", "fork", "--out", tmp_path))):
+        file = tmp_path / f"{name}.toml"
+        file.write_text("of mine")
+        code, said = run(*command)
+        assert (code, "is there already" in said) == (2, True)
+        assert file.read_text() == "of mine"
+
+
+@pytest.mark.parametrize("name", ["a?b", "con", "x" * 201])
+def test_names_that_are_no_folders_are_refused(name: str, tmp_path: Path) -> None:
+    """They would name an output folder; nothing is written."""
+    code, said = run("new", tmp_path / name)
+    assert (code, "expected a name for a folder" in said) == (2, True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_problems_of_the_package_are_listed_and_copied(tmp_path: Path) -> None:
+    """Every one has a description, copies are the files themselves, and an unknown name does not keep the others."""
+    listed = json.loads(run("problems", "--json")[1])["results"][0]["problems"]
+    assert set(listed) == {file.stem for file in PROBLEMS.glob("*.toml")}
+    assert all(listed.values())
+    code, said = run("problems", "fork", "nothing", "swan-neck", "--out", tmp_path / "new")
+    assert (code, "there is no problem 'nothing'" in said) == (2, True)
+    for name in ("fork", "swan-neck"):
+        assert (tmp_path / "new" / f"{name}.toml").read_text() == (PROBLEMS / f"{name}.toml").read_text()
