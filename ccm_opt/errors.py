@@ -75,6 +75,7 @@ class Finding:
         allowed: what it is compared with, in ``unit``, or None.
         unit: of both.
         obstacles: names of the walls that have to do with it, the most important first.
+        way: places (x, y) along a way that is too long, in order [m]; empty where it is about something else.
         bounds: for each parameter that may mend it (by its key in the problem file, SI units, radians) the value it
             must reach at least to do so.
     """
@@ -88,6 +89,7 @@ class Finding:
     allowed: float | None = None
     unit: str = "m"
     obstacles: tuple[str, ...] = ()
+    way: tuple[tuple[float, float], ...] = ()
     bounds: Mapping[str, float] = field(default_factory=dict)
 
 

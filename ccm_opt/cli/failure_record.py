@@ -13,17 +13,19 @@ from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, Verificati
 from ccm_opt.files.export.earlier_results import UNFINISHED, place_beside
 from ccm_opt.files.export.failure_folder import write_failure
 from ccm_opt.files.export.folder import solution_files, write_folder
+from ccm_opt.files.report.failure_page import failure_html
 from ccm_opt.problem import Problem
 
 
 @contextmanager
-def failures_recorded(problem: Problem, out: Path, clock: StageClock) -> Iterator[None]:
+def failures_recorded(problem: Problem, out: Path, clock: StageClock, *, pictures: bool) -> Iterator[None]:
     """Plan inside it; a problem without a plan leaves the record of why in the output folder.
 
     Args:
         problem: what is solved.
         out: directory of the output folders.
         clock: knows the stages so far.
+        pictures: whether the page is drawn too.
 
     Raises:
         NoPlanFound: its diagnosis is written to ``solution.json``.
@@ -32,7 +34,11 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock) -> Iterato
     """
 
     def record(status: str, diagnosis: Diagnosis) -> None:
+        # The record first: it must be there whatever becomes of the page.
         folder = write_failure(problem, status, diagnosis, out, clock.timings)
+        if pictures:
+            page = failure_html(problem, status, diagnosis, clock.timings)
+            folder = write_failure(problem, status, diagnosis, out, clock.timings, {"report.html": page.encode()})
         tell_where(folder, out / problem.name, "why there is no new one is recorded")
 
     try:

@@ -71,7 +71,7 @@ def _solve(problem: Problem, options: SolveOptions) -> int:
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
         arguments = options.terms.loaded()
-        with failures_recorded(problem, options.out, clock):
+        with failures_recorded(problem, options.out, clock, pictures=options.pictures):
             solution = solve(problem, progress=clock, explain=options.explain, **arguments)
         clock.begin("writing")
         files = solution_files(solution)
@@ -93,7 +93,7 @@ def _solve_several(problem: Problem, options: SolveOptions) -> int:
         from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - loads casadi and toppra
 
         arguments = options.terms.loaded()
-        with failures_recorded(problem, options.out, clock):
+        with failures_recorded(problem, options.out, clock, pictures=options.pictures):
             found = pareto(
                 problem,
                 progress=clock,

@@ -144,6 +144,7 @@ def _too_long(search: PassageSearch, key: str) -> Finding:
         measured=need,
         allowed=arm.length,
         obstacles=tuple(dict.fromkeys((*search.opened_without(corner), *round_what))),
+        way=tuple(point(place) for place in taut),
         bounds=bounds,
     )
 

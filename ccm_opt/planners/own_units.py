@@ -253,6 +253,7 @@ class OwnUnits:
             place=None if finding.place is None else (self.metres * finding.place[0], self.metres * finding.place[1]),
             measured=measured,
             allowed=allowed,
+            way=tuple((self.metres * x, self.metres * y) for x, y in finding.way),
             bounds={key: self.metres * x if key in LENGTH_KEYS else x for key, x in finding.bounds.items()},
         )
 

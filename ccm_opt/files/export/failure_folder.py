@@ -12,9 +12,14 @@ from ccm_opt.problem import Problem
 
 
 def write_failure(
-    problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float] | None = None
+    problem: Problem,
+    status: str,
+    diagnosis: Diagnosis,
+    out: Path,
+    timings: Mapping[str, float] | None = None,
+    pictures: Mapping[str, bytes] | None = None,
 ) -> Path:
-    """Write the folder of a problem without a plan: ``solution.json`` alone.
+    """Write the folder of a problem without a plan: ``solution.json``, and pictures where there are any.
 
     Args:
         problem: what was asked.
@@ -22,6 +27,7 @@ def write_failure(
         diagnosis: why there is no plan.
         out: the directory that holds the folder.
         timings: of the stages that ran [s].
+        pictures: content of pictures by file name.
 
     Returns:
         The folder: ``out / <problem's name>``, or with ``.failed`` at its end where an earlier plan has that place.
@@ -30,7 +36,7 @@ def write_failure(
         ProblemError: when the folder cannot be written, or another folder is in its place.
     """
     record = failure_json(problem, status, diagnosis, timings or {})
-    return write_folder(place_beside(out / problem.name, FAILED), {RECORD: record.encode()})
+    return write_folder(place_beside(out / problem.name, FAILED), {RECORD: record.encode(), **(pictures or {})})
 
 
 def write_pose_failure(

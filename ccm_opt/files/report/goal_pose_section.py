@@ -1,11 +1,11 @@
 """What the page ``report.html`` says about where the arm ends: the goal pose, its curve, its costs, its limits."""
 
-from html import escape
-
 import numpy as np
 
 from ccm_opt.continuum.segment_types import segment_words
 from ccm_opt.files.report.binding_words import binding_rows
+from ccm_opt.files.report.markup import Markup, element, joined, table
+from ccm_opt.files.report.page_units import three_digits
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.room_svg import scene_paths
 from ccm_opt.files.report.room_words import millimetres
@@ -25,8 +25,8 @@ _COSTS = {
 """What the parts of the objective are called on the page."""
 
 
-def goal_pose_section(solution: Solution, settings: ReportSettings = REPORT) -> str:
-    """The section with its heading; empty where no goal-pose NLP was asked.
+def goal_pose_section(solution: Solution, settings: ReportSettings = REPORT) -> Markup | None:
+    """The section with its heading; nothing where no goal-pose NLP was asked.
 
     Args:
         solution: the plan.
@@ -34,11 +34,13 @@ def goal_pose_section(solution: Solution, settings: ReportSettings = REPORT) -> 
     """
     record = solution.path.goal_pose
     if record is None:
-        return ""
-    tables = _segments(record) + _costs(record) + _binding(solution, record)
-    return (
-        f"<h2>Why the arm ends here</h2><p>{escape(_summary(record))}</p>"
-        f'<div class="goal-pose">{_picture(solution, record, settings)}<div>{tables}</div></div>'
+        return None
+    tables = element("div", _segments(record), _costs(record), _binding(solution, record))
+    return element(
+        "section",
+        element("h2", "Why the arm ends here"),
+        element("p", _summary(record)),
+        element("div", _picture(solution, record, settings), tables, cls="goal-pose"),
     )
 
 
@@ -56,15 +58,15 @@ def _summary(record: GoalPoseRecord) -> str:
     return f"{solved} The motion does not end in it: {record.reason}."
 
 
-def _picture(solution: Solution, record: GoalPoseRecord, settings: ReportSettings) -> str:
+def _picture(solution: Solution, record: GoalPoseRecord, settings: ReportSettings) -> Markup:
     """The pose of the program, the end of the motion where that is another, and the curve by its segments."""
     problem = solution.problem
     # The picture shows the neighbourhood of the pose, so lines are measured by the arm and not by the room.
-    thin = settings.line_width * float(np.ptp(pose_points(solution, record), axis=0).max())
+    thin = settings.thin_line * float(np.ptp(pose_points(solution, record), axis=0).max())
     body = max(2.0 * problem.arm.radius, thin)
     parts = [scene_paths(problem.workspace, thin)]
     if not record.reached:
-        parts.append(_polyline(solution.joint_positions[-1], "#b9c0c8", body, 0.7))
+        parts.append(_polyline(solution.joint_positions[-1], "var(--start)", body, 0.7))
     parts.append(_polyline(pose_points(solution, record), "var(--arm)", body, 0.35))
     curve = record.curve
     for number, (first, last) in enumerate(zip(curve.boundaries[:-1], curve.boundaries[1:], strict=True)):
@@ -72,13 +74,14 @@ def _picture(solution: Solution, record: GoalPoseRecord, settings: ReportSetting
         parts.append(_polyline(places, _colour(number), 1.6 * thin, 1.0))
     for x, y in curve.positions_at(curve.boundaries):
         parts.append(
-            f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{1.8 * thin:.5g}" fill="white" stroke="#2b2a27" '
+            f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{1.8 * thin:.5g}" fill="var(--paper)" stroke="var(--ink)" '
             f'stroke-width="{0.5 * thin:.5g}"/>'
         )
     shown = [curve.positions_at(curve.breakpoints), solution.joint_positions[-1], pose_points(solution, record)]
     box = _box_around(np.concatenate(shown), settings.pose_margin)
     label = "The goal pose and the curve behind it"
-    return f'<svg viewBox="{box}" role="img" aria-label="{label}"><g transform="scale(1,-1)">{"".join(parts)}</g></svg>'
+    drawn = "".join(parts)
+    return Markup(f'<svg viewBox="{box}" role="img" aria-label="{label}"><g transform="scale(1,-1)">{drawn}</g></svg>')
 
 
 def _box_around(points: FloatArray, margin_share: float) -> str:
@@ -100,28 +103,24 @@ def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
     return points
 
 
-def _segments(record: GoalPoseRecord) -> str:
+def _segments(record: GoalPoseRecord) -> Markup:
     """A row for each segment of the curve, with the colour that it has in the picture."""
     rows = []
     for number, segment in enumerate(record.curve.segments):
+        dot = element("i", cls="dot", style=f"background:{_colour(number)}")
         knots = ", ".join(f"{knot:.2f}" for knot in segment.knots)
-        rows.append(
-            f'<tr><td><i style="background:{_colour(number)}"></i>{escape(segment_words(segment))}</td>'
-            f"<td class=n>{millimetres(segment.length)}</td><td class=n>{knots}</td></tr>"
-        )
-    return _table(("segment", "length", "inner knots"), rows)
+        rows.append((joined((dot, segment_words(segment))), millimetres(segment.length), knots))
+    return table(("segment", "length", "inner knots"), rows, numbers=(1, 2))
 
 
-def _costs(record: GoalPoseRecord) -> str:
+def _costs(record: GoalPoseRecord) -> Markup:
     """A row for each part of the objective, the largest first, with a bar for its share."""
     total = sum(abs(value) for value in record.costs.values()) or 1.0
     rows = []
     for name, value in sorted(record.costs.items(), key=lambda item: -abs(item[1])):
-        bar = f'<b class="bar" style="width:{100.0 * abs(value) / total:.1f}px"></b>'
-        rows.append(
-            f"<tr><td>{escape(cost_words(name))}</td><td class=n>{round(value, 3) + 0.0:g}</td><td>{bar}</td></tr>"
-        )
-    return _table(("part of the cost", f"of {record.cost:.3g}", ""), rows)
+        bar = element("b", cls="bar", style=f"width:{100.0 * abs(value) / total:.1f}px")
+        rows.append((cost_words(name), three_digits(value, 3), bar))
+    return table(("part of the cost", f"of {three_digits(record.cost, 3)}", ""), rows, numbers=(1,))
 
 
 def cost_words(name: str) -> str:
@@ -131,21 +130,15 @@ def cost_words(name: str) -> str:
     return _COSTS.get(name, name)
 
 
-def _binding(solution: Solution, record: GoalPoseRecord) -> str:
+def _binding(solution: Solution, record: GoalPoseRecord) -> Markup:
     """What holds the pose where it is, the strongest first, and what giving way would bring."""
     rows = [
-        f"<tr><td>{escape(row.words)}</td><td class=n>{row.gain:.2g}</td><td>for {escape(row.unit)}</td></tr>"
+        (row.words, f"{row.gain:.2g}", f"for {row.unit}")
         for row in binding_rows(solution, record, pose_points(solution, record))
     ]
     if not rows:
-        return "<p>No limit holds the pose where it is: the costs alone decide.</p>"
-    return _table(("what holds the pose", "cost saved", ""), rows)
-
-
-def _table(heads: tuple[str, ...], rows: list[str]) -> str:
-    first, *others = heads
-    head = f"<th>{escape(first)}</th>" + "".join(f"<th class=n>{escape(text)}</th>" for text in others)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+        return element("p", "No limit holds the pose where it is: the costs alone decide.")
+    return table(("what holds the pose", "cost saved", ""), rows, numbers=(1,))
 
 
 def _polyline(points: FloatArray, colour: str, width: float, opacity: float) -> str:

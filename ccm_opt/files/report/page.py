@@ -1,23 +1,36 @@
-"""The page ``report.html``: the template ``page.html`` filled with a plan's scene, motion, figures and checks."""
+"""The page ``report.html`` of a plan: its scene, motion, charts, checks and problem in one file."""
 
-import json
-from html import escape
-from importlib.resources import files
-
-import numpy as np
-
-from ccm_opt.files.report.charts import charts
+from ccm_opt.files.report.checks_section import checks_section
+from ccm_opt.files.report.document import COMMON, html_document
+from ccm_opt.files.report.gap_data import gap_data
 from ccm_opt.files.report.goal_pose_section import goal_pose_section
+from ccm_opt.files.report.header_section import page_header, plan_badges, plan_figures
+from ccm_opt.files.report.markup import element, joined
+from ccm_opt.files.report.motion_sections import joints_section, simulation_section, timing_section
+from ccm_opt.files.report.page_units import PageUnits
+from ccm_opt.files.report.phase_data import phase_data
+from ccm_opt.files.report.problem_section import files_section, making_section, problem_section
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.room_section import nearest_mark, room_section
-from ccm_opt.files.report.room_svg import goal_marks, scene_paths, view_box
+from ccm_opt.files.report.route_layers import route_layers
+from ccm_opt.files.report.scene_data import goals_data, scene_data
+from ccm_opt.files.report.stage_section import player_bar, stage_section
+from ccm_opt.files.report.time_series import series_data
 from ccm_opt.files.report.tolerance_section import tolerance_section
-from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.problem import Goal, TipGoal
-from ccm_opt.solution import Check, SimulationVerdict, Solution
+from ccm_opt.solution import Solution
 
-UNITS = {"per_m": "1/m", "Nm": "N m", "rad": "rad", "m": "m", "s": "s", "N": "N"}
-"""Endings of the names of metrics, and how their units are written."""
+SCRIPTS = (
+    *COMMON,
+    "axes",
+    "chart",
+    "joint_charts",
+    "gap_chart",
+    "phase_chart",
+    "curvature_chart",
+    "player",
+    "plan_page",
+)
+"""Scripts of the page of a plan, in the order in which they are needed."""
 
 
 def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
@@ -25,103 +38,64 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
 
     Args:
         solution: the plan.
-        settings: number of frames and lines.
+        settings: how large, how exact.
 
     Returns:
         A whole HTML page that loads nothing.
     """
     problem = solution.problem
-    frames = _frames(solution, settings)
-    xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
-    extent = max(xmax - xmin, ymax - ymin)
-    thin = settings.line_width * extent
-    mark = settings.mark_size * extent
-    goals: list[Goal] = [*(stop.goal for stop in problem.stops), problem.goal]
-    points = solution.joint_positions
-    ends = points[[*solution.trajectory.stops, len(points) - 1], -1]
-    fields = {
-        "title": escape(f"{problem.name}: {solution.trajectory.duration:.2f} s"),
-        "name": escape(problem.name),
-        "verdict": _badge(solution.simulation.verdict),
-        "description": escape(problem.description or _summary(solution)),
-        "viewbox": view_box(problem.workspace, settings.margin),
-        "scene": scene_paths(problem.workspace, thin),
-        "goals": goal_marks([_place(goal, end) for goal, end in zip(goals, ends, strict=True)], mark, thin),
-        "body": f"{max(2.0 * problem.arm.radius, thin):.5g}",
-        "thin": f"{thin:.5g}",
-        "dash": f"{4 * thin:.5g} {2 * thin:.5g}",
-        "room": room_section(solution.room, settings),
-        "tolerance": tolerance_section(solution.tolerance),
-        "goal_pose": goal_pose_section(solution, settings),
-        "nearest": nearest_mark(solution, mark, thin),
-        "figures": "".join(_figure(name, value) for name, value in solution.metrics.items()),
-        "checks": "".join(_check_row(check) for check in solution.checks) + _verdict_row(solution.simulation.verdict),
-        "timings": "".join(
-            f"<tr><td>{escape(k)}</td><td class=n>{v:.2f} s</td></tr>" for k, v in solution.timings.items()
-        ),
-        "data": _data(solution, frames, settings),
-    }
-    page = files("ccm_opt.files.report").joinpath("page.html").read_text(encoding="utf-8")
-    for key, text in fields.items():
-        page = page.replace("{{" + key + "}}", text)
-    return page
-
-
-def _frames(solution: Solution, settings: ReportSettings) -> IntArray:
-    """Numbers of the samples shown, evenly spread in time, the last included."""
-    per_pose = 2 * (solution.problem.arm.links + 1)
-    count = int(np.clip(settings.most_numbers // per_pose, settings.least_frames, settings.most_frames))
-    time = solution.trajectory.time
-    return np.unique(np.searchsorted(time, np.linspace(0.0, time[-1], count)))
-
-
-def _place(goal: Goal, end: FloatArray) -> tuple[FloatArray, float | None]:
-    """Where a goal's mark stands and points: for a whole pose, at its tip."""
-    if isinstance(goal, TipGoal):
-        return goal.position, goal.heading
-    return end, None
-
-
-def _summary(solution: Solution) -> str:
-    arm = solution.problem.arm
-    workspace = solution.problem.workspace
-    return f"{arm.links} links of {1e3 * arm.link_length:.4g} mm among {len(workspace.obstacles)} obstacles."
-
-
-def _figure(name: str, value: float) -> str:
-    """One figure of merit; the end of its name is its unit."""
-    unit = next((ending for ending in UNITS if name.endswith(f"_{ending}")), "")
-    label = name.removesuffix(f"_{unit}").replace("_", " ")
-    shown = f"{value:.4g} {UNITS.get(unit, '')}"
-    return f'<div class="figure"><b>{escape(shown)}</b><span>{escape(label)}</span></div>'
-
-
-def _check_row(check: Check) -> str:
-    mark = '<span class="holds">holds</span>' if check.passed else '<span class="fails">fails</span>'
-    return (
-        f"<tr><td>{escape(check.name)}</td><td class=n>{check.worst:.5g} {escape(check.unit)}</td>"
-        f"<td class=n>{check.limit:.5g}</td><td>{mark}</td><td>{escape(check.where)}</td></tr>"
+    units = PageUnits.of_arm(problem.arm.length)
+    data = plan_data(solution, units, settings)
+    keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
+    facts = (
+        room_section(solution.room),
+        timing_section(),
+        joints_section(keys),
+        simulation_section(keys),
+        checks_section(solution, units),
+        goal_pose_section(solution, settings),
+        tolerance_section(solution.tolerance, units),
+        problem_section(problem, units),
+        making_section(solution),
+        files_section(problem.name),
     )
+    stage = stage_section(f"The arm of {problem.name} in its room", moves=True)
+    header = page_header(problem, [plan_badges(solution)], plan_figures(solution, units), units)
+    body = joined((header, element("main", stage, element("div", *facts, cls="facts")), player_bar()))
+    return html_document(f"{problem.name}: {solution.trajectory.duration:.2f} s", body, data, SCRIPTS)
 
 
-def _badge(verdict: SimulationVerdict) -> str:
-    """What the page says at its top of a plan that the simulated arm did not follow; nothing of one that it did."""
-    return "" if verdict.followed else f'<span class="badge poor">simulation: {verdict.outcome}</span>'
+def plan_data(solution: Solution, units: PageUnits, settings: ReportSettings = REPORT) -> dict[str, object]:
+    """Everything that the scripts of a plan's page read.
 
-
-def _verdict_row(verdict: SimulationVerdict) -> str:
-    """What the simulation says of the plan, under the verifier's checks."""
-    mark = f'<span class="{"holds" if verdict.followed else "fails"}">{verdict.outcome}</span>'
-    step = f"with a step of {verdict.step:g} s"
-    where = f"{verdict.reason}; {step}" if verdict.reason else step
-    return f"<tr><td>simulation</td><td></td><td></td><td>{mark}</td><td>{escape(where)}</td></tr>"
-
-
-def _data(solution: Solution, frames: IntArray, settings: ReportSettings) -> str:
-    """Everything the page's script needs, as JSON that cannot end its script element."""
-    content = {
-        "time": np.round(solution.trajectory.time[frames], 4).tolist(),
-        "poses": np.round(solution.joint_positions[frames], 5).tolist(),
-        "charts": charts(solution, frames, settings),
+    Args:
+        solution: the plan.
+        units: of the page.
+        settings: how large, how exact.
+    """
+    problem = solution.problem
+    trajectory = solution.trajectory
+    points = solution.joint_positions
+    ends = points[[*trajectory.stops, len(points) - 1]]
+    return {
+        "unit": {"name": units.name, "metres": units.metres, "decimals": units.decimals},
+        "scene": scene_data(problem, points.reshape(-1, 2), settings),
+        "goals": goals_data(problem, list(ends)),
+        "routes": route_layers(problem, points[-1], settings),
+        "nearest": nearest_mark(solution),
+        "marks": _goal_times(solution),
+        "groups": series_data(solution, settings),
+        "gaps": None if solution.room is None else gap_data(solution.room, settings),
+        "phase": phase_data(solution, settings),
     }
-    return json.dumps(content, separators=(",", ":")).replace("</", "<\\/")
+
+
+def _goal_times(solution: Solution) -> list[dict[str, object]]:
+    """When the arm rests at a goal: those on the way, then the last."""
+    time = solution.trajectory.time
+    numbers = [*solution.trajectory.stops, len(time) - 1]
+    single = len(numbers) == 1
+    return [
+        {"at": float(time[k]), "words": "goal" if single else str(n), "title": f"goal {n}, at {time[k]:.2f} s"}
+        for n, k in enumerate(numbers, start=1)
+    ]

@@ -1,49 +1,40 @@
-"""What the page ``report.html`` says about the room that a motion keeps: a chart, sentences, a mark in the scene."""
-
-from html import escape
+"""What the page says about the room that a motion keeps: sentences beside the chart, a mark in the scene."""
 
 import numpy as np
 import shapely
 
-from ccm_opt.files.report.report_settings import REPORT, ReportSettings
-from ccm_opt.files.report.room_chart import room_chart
+from ccm_opt.files.report.markup import Markup, element
 from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import RoomRecord, Solution
 
 
-def room_section(room: RoomRecord | None, settings: ReportSettings = REPORT) -> str:
-    """The section with its heading; empty where nobody measured the room.
+def room_section(room: RoomRecord | None) -> Markup | None:
+    """The section with its heading; nothing where nobody measured the room.
 
     Args:
         room: the record.
-        settings: size of the chart.
     """
     if room is None:
-        return ""
+        return None
     first, *others = room_sentences(room)
-    sentences = "".join(f"<li>{escape(_capitalised(sentence))}.</li>" for sentence in others)
-    listed = f"<ul>{sentences}</ul>" if sentences else ""
-    return f"<h2>Room</h2><p>{escape(_capitalised(first))}.</p>{room_chart(room, settings)}{listed}"
+    sentences = [element("li", f"{_capitalised(sentence)}.") for sentence in others]
+    return element(
+        "section",
+        element("h2", "Room"),
+        element("p", f"{_capitalised(first)}."),
+        element("figure", id="gaps"),
+        element("ul", *sentences) if sentences else None,
+    )
 
 
-def nearest_mark(solution: Solution, size: float, thin: float) -> str:
-    """A ring in the scene at the place of the least gap, which the mouse explains; empty where nothing is near.
-
-    Args:
-        solution: the plan.
-        size: radius of the ring [m].
-        thin: width of its line [m].
-    """
+def nearest_mark(solution: Solution) -> dict[str, object] | None:
+    """Where the least gap is, with its words, for the scene; None where nothing is near."""
     room = solution.room
     if room is None or not room.nearest.link:
-        return ""
-    x, y = _place_of_least_gap(solution, room)
-    title = escape(next(iter(room_sentences(room))))
-    return (
-        f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{size:.5g}" fill="none" stroke="var(--bad)" '
-        f'stroke-width="{thin:.5g}" pointer-events="all"><title>{title}</title></circle>'
-    )
+        return None
+    place = _place_of_least_gap(solution, room)
+    return {"place": [float(value) for value in place], "words": next(iter(room_sentences(room)))}
 
 
 def _place_of_least_gap(solution: Solution, room: RoomRecord) -> FloatArray:

@@ -1,0 +1,128 @@
+"""The verifier's checks in words: those that a user cares about first, the plan's checks of itself behind them."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ccm_opt.files.report.page_units import PageUnits
+from ccm_opt.solution import Check
+
+_WORDS = {
+    "wall clearance": "Gap to walls",
+    "self-collision": "Gap between links",
+    "joint limit": "Joint bends",
+    "joint velocity": "Joint velocities",
+    "joint acceleration": "Joint accelerations",
+    "joint jerk": "Joint jerks",
+    "joint torque": "Joint torques",
+    "feed range": "Feed axis beyond its range",
+    "joints inside the guide": "Joints held straight in the guide",
+    "goal position": "Tip at the goal, off by",
+    "goal heading": "Heading at the goal, off by",
+    "goal joints": "Joints at the goal, off by",
+    "goal feed": "Feed axis at the goal, off by",
+    "free side": "Links beyond a wall",
+    "start joints": "Joints at the start, off by",
+    "start feed": "Feed axis at the start, off by",
+    "start tip": "Tip at the start, off by",
+    "start on the curve": "Joints off the curve at the start",
+    "rest": "Speed of joints at rest",
+    "samples": "Longest step between samples",
+    "joint names": "Names of joints that differ",
+}
+_ORDER = ("wall clearance", "self-collision", "goal", "stop", "constraint", "soft constraint", "joint", "feed", "tip")
+"""How the names of checks begin that a user cares about, the most important first."""
+_OF_ITSELF = re.compile(r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*")
+"""Checks of the plan against itself, and of what planning leaves to the controller."""
+_TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
+
+
+@dataclass(frozen=True)
+class CheckWords:
+    """One check for people.
+
+    Attributes:
+        title: what was checked.
+        worst: the worst value that was met, with its unit.
+        limit: what it is held against, in words.
+        used: share of the limit that is used, from 0; None where the limit is a least gap, or is 0.
+        where: link or joint, obstacle.
+        time: when [s], or None.
+        passed: whether it holds.
+        of_itself: whether the plan is checked against itself only.
+    """
+
+    title: str
+    worst: str
+    limit: str
+    used: float | None
+    where: str
+    time: float | None
+    passed: bool
+    of_itself: bool
+
+
+def checks_in_words(checks: Iterable[Check], units: PageUnits) -> list[CheckWords]:
+    """All checks for people, the most important first, those of the plan against itself last.
+
+    Args:
+        checks: of the verifier.
+        units: of the page.
+    """
+    ordered = sorted(checks, key=lambda check: (_of_itself(check), check.passed, _rank(check.name)))
+    return [_in_words(check, units) for check in ordered]
+
+
+def _of_itself(check: Check) -> bool:
+    return bool(_OF_ITSELF.fullmatch(check.name))
+
+
+def _rank(name: str) -> int:
+    return next((k for k, begin in enumerate(_ORDER) if name.startswith(begin)), len(_ORDER))
+
+
+def _in_words(check: Check, units: PageUnits) -> CheckWords:
+    gap = check.name in {"wall clearance", "self-collision"}
+    worst = units.shown(check.worst, check.unit, check.limit)
+    bound = units.given(check.limit, check.unit)
+    if "constraint " in check.name:
+        # A constraint's value is by how much its bounds are passed, in a unit that only the user knows.
+        worst = "kept" if check.worst <= _tolerance(check) else f"missed by {check.worst:.3g}"
+        limit = "soft" if check.name.startswith("soft") else "must be kept"
+    elif gap:
+        limit = "no contact" if check.limit == 0.0 else f"at least {bound}"
+    else:
+        limit = "none" if check.limit == 0.0 else f"at most {bound}"
+    bounded = 0.0 < check.limit < float("inf") and not gap and "constraint " not in check.name
+    used = abs(check.worst) / check.limit if bounded else None
+    when = _TIME.search(check.where)
+    # The time is a field of its own; the revolute's name says no more than the joint's number.
+    where = re.sub(r"\s*,?\s*(at )?t = \S+ s| \(ball\d+_bend\)", "", check.where)
+    return CheckWords(
+        title=title_of(check.name),
+        worst=worst if check.worst != float("inf") else "nothing near",
+        limit=limit,
+        used=used,
+        where=where,
+        time=float(when[1]) if when else None,
+        passed=check.passed,
+        of_itself=_of_itself(check),
+    )
+
+
+def title_of(name: str) -> str:
+    """The name of a check for people."""
+    if name in _WORDS:
+        return _WORDS[name]
+    if stop := re.fullmatch(r"stop (\d+) (position|heading|joints|feed)", name):
+        what = {"position": "Tip", "heading": "Heading", "joints": "Joints", "feed": "Feed axis"}[stop[2]]
+        return f"{what} at goal {stop[1]}, off by"
+    for begin, words in (("constraint ", "Your constraint"), ("soft constraint ", "Your soft constraint")):
+        if name.startswith(begin):
+            return f"{words} “{name.removeprefix(begin)}”"
+    return name[:1].upper() + name[1:]
+
+
+def _tolerance(check: Check) -> float:
+    """By how much a user's constraint may be missed; a soft one may be by anything, and is kept only if it is not."""
+    return 0.0 if check.name.startswith("soft") else check.limit

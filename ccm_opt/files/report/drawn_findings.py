@@ -1,0 +1,144 @@
+"""What stands in the way of a plan, as the page draws it: the gap, the circle of reach, the way that is too long."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+
+from ccm_opt.errors import Diagnosis, Finding
+from ccm_opt.files.report.page_units import PageUnits
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
+
+Mark = dict[str, object]
+"""A mark of the scene: its ``kind``, its places [m], and perhaps words with the place ``at`` which they stand."""
+_IN_A_WORD = {"contact": "in contact", "blocked": "no way leads through", "hemmed in": "hemmed in"}
+"""Kinds of findings that say enough by their name and their place."""
+_CURVE_PLACES = 200
+"""Points by which a pose that is given as a curve is drawn."""
+
+
+def pose_points(problem: Problem, pose: object) -> FloatArray | None:
+    """Where a pose of the whole arm is, shape (m, 2) [m]: joints and tip, or points of its curve; None for a tip."""
+    arm = problem.arm
+    if isinstance(pose, JointPose):
+        return arm.joint_positions_at(pose.configuration(arm))
+    if isinstance(pose, CurvePose):
+        curve = pose.configuration
+        along = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
+        return np.asarray(along + pose.feed * arm.feed_direction if pose.feed else along)
+    return None
+
+
+def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
+    """Marks for every finding; the first one has words in the scene, the others say theirs under the mouse.
+
+    Args:
+        problem: what was asked.
+        diagnosis: why there is no plan.
+        units: of the page.
+    """
+    marks: list[Mark] = []
+    for number, finding in enumerate(diagnosis.findings):
+        for mark in _marks(problem, finding, units):
+            if number:
+                mark.pop("at", None)
+            marks.append(mark)
+    return marks
+
+
+def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
+    if finding.kind == "too short":
+        yield from _too_short(problem, finding, units)
+    elif finding.kind == "too thick":
+        yield from _too_thick(problem, finding, units)
+    elif finding.kind == "too stiff":
+        yield from _too_stiff(problem, finding, units)
+    elif finding.place is not None:
+        place = _listed(finding.place)
+        yield {"kind": "place", "place": place, "words": finding.reason}
+        if finding.kind in _IN_A_WORD:
+            yield {"kind": "words", "at": place, "words": _IN_A_WORD[finding.kind]}
+
+
+def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
+    """The way that is longer than the arm, or the circle that it can reach with what is missing to the goal."""
+    if finding.measured is None or finding.place is None:
+        return
+    missing = f"{units.length(finding.measured - problem.arm.length)} too short"
+    if finding.way:
+        yield {"kind": "way", "points": [_listed(place) for place in finding.way]}
+        words = f"shortest way {units.length(finding.measured)}, arm {units.length(problem.arm.length)}"
+        yield {"kind": "words", "at": _listed(finding.place), "words": words}
+        return
+    base = nearest_base(problem, finding.place)
+    yield {"kind": "circle", "place": base, "radius": problem.arm.length}
+    goal = np.array(finding.place)
+    towards = (goal - base) / np.hypot(*(goal - base))
+    edge = np.array(base) + problem.arm.length * towards
+    yield {"kind": "gap", "points": [_listed(edge), _listed(goal)]}
+    yield {"kind": "words", "at": _listed(0.5 * (edge + goal)), "words": missing}
+
+
+def nearest_base(problem: Problem, place: tuple[float, float]) -> list[float]:
+    """The place of the base, of all to which a feed axis can carry it, that is nearest to a point [m]."""
+    arm = problem.arm
+    low, high = arm.base_range
+    along = float(np.clip((np.array(place) - arm.base) @ arm.feed_direction, low, high)) if arm.feed else 0.0
+    return _listed(arm.base + along * arm.feed_direction)
+
+
+def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
+    """The gap between the two walls beside it, and the arm with its clearance as a disc that does not fit."""
+    if finding.place is None or finding.measured is None or finding.allowed is None:
+        return
+    place = shapely.Point(finding.place)
+    feet = []
+    for wall in problem.workspace.walls:
+        line = shapely.shortest_line(place, wall.core)
+        ends = shapely.get_coordinates(line)
+        away = float(np.hypot(*(ends[1] - ends[0])))
+        foot = ends[1] + (ends[0] - ends[1]) * min(wall.rounding / away, 1.0) if away > 0.0 else ends[1]
+        feet.append((away - wall.rounding, _listed(foot)))
+    feet.sort(key=lambda pair: pair[0])
+    yield {"kind": "disc", "place": _listed(finding.place), "radius": 0.5 * finding.allowed}
+    yield {"kind": "gap", "points": [foot for _, foot in feet[:2]]}
+    needed = "arm with clearance" if problem.workspace.clearance else "arm"
+    words = f"gap {units.length(finding.measured)}, {needed} {units.length(finding.allowed)}"
+    yield {"kind": "words", "at": _listed(finding.place), "words": words}
+
+
+def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
+    """The circle inside which the tip never comes, or the arm with every joint at its limit."""
+    arm = problem.arm
+    if finding.unit == "m" and finding.allowed is not None:
+        base = _listed(arm.base)
+        yield {"kind": "circle", "place": base, "radius": finding.allowed}
+        if finding.place is not None:
+            words = f"{units.length(finding.allowed)} from the base at least"
+            yield {"kind": "words", "at": _listed(finding.place), "words": words}
+        return
+    for side in (-1.0, 1.0):
+        bends = side * np.minimum(arm.bend_limits, arm.joint_limit)
+        points = arm.joint_positions(arm.headings(bends))
+        yield {"kind": "arm", "points": np.round(points, 6).tolist()}
+    if finding.measured is not None and finding.allowed is not None:
+        words = f"turn {units.shown(finding.measured, 'rad')}, all joints {units.shown(finding.allowed, 'rad')}"
+        yield {"kind": "words", "at": _listed(arm.base), "words": words}
+
+
+def first_look(problem: Problem, diagnosis: Diagnosis) -> FloatArray:
+    """Points that the first look at the scene has to hold: start, goals, what stands in the way, shape (m, 2) [m]."""
+    arm = problem.arm
+    found = [arm.base[None]]
+    for pose in (problem.start, *(stop.goal for stop in problem.stops), problem.goal):
+        points = pose.position[None] if isinstance(pose, TipGoal) else pose_points(problem, pose)
+        if points is not None:
+            found.append(points)
+    found += [np.array(finding.place)[None] for finding in diagnosis.findings if finding.place is not None]
+    found += [np.array(finding.way) for finding in diagnosis.findings if finding.way]
+    return np.concatenate(found)
+
+
+def _listed(place: FloatArray | tuple[float, float]) -> list[float]:
+    return [float(value) for value in place]

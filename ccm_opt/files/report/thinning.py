@@ -1,0 +1,49 @@
+"""Which samples of curves are kept so that straight lines between them stay near all others, extremes among them."""
+
+import heapq
+from itertools import pairwise
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray, IntArray
+
+
+def kept_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
+    """Numbers of the samples that are kept, increasing.
+
+    Sample by sample, the one that is farthest from the lines between those kept so far is added (Ramer 1972, Douglas
+    and Peucker 1973, here for all columns at once and the worst first).
+
+    Args:
+        time: shape (T,), increasing.
+        columns: one curve each, shape (T, C).
+        tolerance: largest distance of a sample from the lines that is left, unless ``most`` comes first.
+        most: samples that are kept besides those that are always kept.
+        always: samples that are kept in any case: first and last, least and greatest of every column are kept too.
+    """
+    last = len(time) - 1
+    ends = [0, last, *np.argmin(columns, axis=0), *np.argmax(columns, axis=0), *always]
+    kept = sorted({int(k) for k in ends})
+    queue = [worst for pair in pairwise(kept) if (worst := _farthest(time, columns, *pair))]
+    heapq.heapify(queue)
+    found = set(kept)
+    while queue and len(found) < most + len(kept):
+        error, middle, begin, end = heapq.heappop(queue)
+        if -error <= tolerance:
+            break
+        found.add(middle)
+        for pair in ((begin, middle), (middle, end)):
+            if worst := _farthest(time, columns, *pair):
+                heapq.heappush(queue, worst)
+    return np.array(sorted(found), dtype=np.intp)
+
+
+def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tuple[float, int, int, int] | None:
+    """The sample between two that is farthest from their line, with the negative distance first; None without any."""
+    if end - begin < 2:
+        return None
+    share = ((time[begin + 1 : end] - time[begin]) / (time[end] - time[begin]))[:, None]
+    line = columns[begin] + share * (columns[end] - columns[begin])
+    away = np.max(np.abs(columns[begin + 1 : end] - line), axis=1)
+    worst = int(np.argmax(away))
+    return -float(away[worst]), begin + 1 + worst, begin, end

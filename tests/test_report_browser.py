@@ -1,0 +1,64 @@
+"""The pages in a browser: their scripts run without an error and show at a time what the plan has at that time."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ccm_opt.errors import Diagnosis, Finding
+from ccm_opt.files.report.failure_page import failure_html
+from ccm_opt.files.report.page import report_html
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Solution
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), "")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not BROWSER, reason="needs a browser that runs without a window"),
+]
+
+
+def rendered(page: str, folder: Path, fragment: str = "") -> str:
+    """The page's elements once its scripts have run; what they complain of fails the test."""
+    file = folder / "report.html"
+    file.write_text(page, encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--virtual-time-budget=1500"]
+    command = [BROWSER, *options, f"--user-data-dir={folder / 'profile'}", "--dump-dom", f"{file.as_uri()}{fragment}"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    complaints = [line for line in run.stderr.splitlines() if "CONSOLE" in line]
+    assert complaints == []
+    return run.stdout
+
+
+def now(dom: str, key: str) -> str:
+    """What the page's readout says."""
+    found = re.search(rf'<dd data-now="{key}">([^<]*)</dd>', dom)
+    assert found is not None
+    return found[1]
+
+
+def test_the_page_shows_the_arm_at_a_time(small_solution: Solution, tmp_path: Path) -> None:
+    """Tip and heading in the readout, and the number of charts, are those of the plan."""
+    dom = rendered(report_html(small_solution), tmp_path, "#t=0.5")
+    k = int(np.searchsorted(small_solution.trajectory.time, 0.5))
+    x, y = 1e3 * small_solution.joint_positions[k, -1]
+    heading = np.rad2deg(small_solution.problem.arm.headings(small_solution.trajectory.bend_angles[k])[-1])
+    shown = [float(value) for value in re.findall(r"[\d.]+", now(dom, "tip"))]
+    assert shown == pytest.approx([x, y], abs=1.0)
+    assert float(now(dom, "heading").rstrip("°")) == pytest.approx(heading, abs=0.1)
+    assert now(dom, "time") == "0.50 s"
+    assert 'data-ready="plan"' in dom
+    assert len(re.findall(r'<svg role="img"[^>]* class="chart"', dom)) == dom.count("<figure")
+
+
+def test_the_page_of_a_failure_draws_its_reason(small_problem: Problem, tmp_path: Path) -> None:
+    """The circle of reach and its words are in the scene, and the wall that is named is marked."""
+    finding = Finding("too short", "r", place=(0.9, 0.0), measured=0.9, allowed=0.4, obstacles=("post",))
+    dom = rendered(failure_html(small_problem, "infeasible", Diagnosis("r", "s", findings=(finding,))), tmp_path)
+    assert 'data-ready="failure"' in dom
+    assert '<circle class="reach"' in dom
+    assert "500 mm too short</text>" in dom
+    assert 'class="wall blocking"' in dom
