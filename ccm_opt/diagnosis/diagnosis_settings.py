@@ -57,11 +57,14 @@ class MovedGoalSettings:
         link_samples: places along the last link that have to be free. Taste.
         stretch: share of its length to which the arm can be expected to stretch. Taste.
         turn_step: between headings that are looked at [rad]. Taste: 2°.
+        steps: how far beyond the nearest that may be taken the goal is moved or turned, as shares of it. Taste: what is
+            free for the last link need not be so for those before it.
     """
 
     link_samples: int = 5
     stretch: float = 0.99
     turn_step: float = 0.03490658503988659
+    steps: tuple[float, ...] = (0.045, 0.3, 1.0)
 
 
 @dataclass(frozen=True)
@@ -70,13 +73,16 @@ class UnitHintSettings:
 
     Attributes:
         thousand: ratios of lengths, least and greatest, that look like metres beside millimetres. Taste: such lengths
-            are mostly from a third to three times as long as the other would be.
+            are mostly from a tenth to ten times as long as the other would be.
+        thick: the same of a radius or a clearance to the arm's length. Derived: arms are some ten to a thousand times
+            as long as either.
         small_room: a room smaller than this share of the arm's length looks wrong. Taste.
         hardly_bends: sum of all bends below which a limit of a few degrees looks like radians [rad]. Taste: a right
             angle.
     """
 
     thousand: tuple[float, float] = (100.0, 10000.0)
+    thick: tuple[float, float] = (1.0, 1000.0)
     small_room: float = 0.01
     hardly_bends: float = 1.5707963267948966
 
@@ -135,9 +141,9 @@ class TrialSettings:
     least_time: float = 0.05
     try_share: float = 0.5
     longest_try: float = 2.5
-    longest_further_try: float = 1.0
+    longest_further_try: float = 0.6
     longest_search: float = 8.0
-    patience: float = 1.5
+    patience: float = 2.0
     enough: int = 4
     most_dropped: int = 3
     room_spare: float = 0.02

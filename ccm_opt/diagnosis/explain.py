@@ -46,7 +46,8 @@ def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
         return error  # whose reason is the first of them, and says which of several goals it is about
     findings = ranked(failed(problem))
     reason = findings[0].reason if findings else error.diagnosis.reason
-    return type(error)(replace(error.diagnosis, reason=reason, findings=findings))
+    advice = (*unit_hints(problem), *error.diagnosis.advice)
+    return type(error)(replace(error.diagnosis, reason=reason, findings=findings, advice=advice))
 
 
 def explained(problem: Problem, error: NoPlanFound, trials: Trials) -> NoPlanFound:

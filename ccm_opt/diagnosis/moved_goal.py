@@ -32,15 +32,15 @@ def moved_goals(
     about_goal = bool(findings) and all(finding.key.startswith("goal") for finding in findings)
     if not about_goal or not isinstance(goal, TipGoal) or problem.stops or problem.arm.base_axes:
         return
-    place = _nearest_place(problem, goal, settings)
-    if place is not None:
-        yield _position(problem, goal, place)
     turn = _least_turn(problem, goal, settings)
     if turn is not None:
-        yield _heading(goal, turn)
+        yield _heading(goal, turn, settings)
+    place = _nearest_place(problem, goal, settings)
+    if place is not None:
+        yield _position(problem, goal, place, settings)
 
 
-def _position(problem: Problem, goal: TipGoal, place: FloatArray) -> Parameter:
+def _position(problem: Problem, goal: TipGoal, place: FloatArray, settings: MovedGoalSettings) -> Parameter:
     """The goal's position moved towards a place, by a distance."""
     offset = place - goal.position
     distance = float(np.hypot(*offset))
@@ -54,16 +54,22 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray) -> Parameter:
         +1,
         lambda _: 0.0,
         lambda p, by: replace(p, goal=TipGoal(moved(by), goal.heading)),
-        lambda _, by: f"goal.position moved by {1e3 * by:.4g} mm, to ({moved(by)[0]:.4f}, {moved(by)[1]:.4f})",
+        lambda _, by: f"goal.position moved by {_words(by)}, to ({moved(by)[0]:.4f}, {moved(by)[1]:.4f})",
         lambda _: 1e3,
         whole=problem.arm.length,
         # The edge of the tolerance may be there already.
         bound=max(distance - problem.tolerances.position, 0.1 * distance),
+        steps=settings.steps,
         paths_stay=False,
     )
 
 
-def _heading(goal: TipGoal, turn: float) -> Parameter:
+def _words(distance: float) -> str:
+    """A distance [m] with all the figures that it is rounded to."""
+    return f"{1e3 * distance:.4g} mm" if distance < 1.0 else f"{distance:.4g} m"
+
+
+def _heading(goal: TipGoal, turn: float, settings: MovedGoalSettings) -> Parameter:
     """The goal's heading turned one way, by an angle."""
     given = goal.heading or 0.0
     sign = float(np.sign(turn))
@@ -76,6 +82,7 @@ def _heading(goal: TipGoal, turn: float) -> Parameter:
         lambda _: float(np.rad2deg(1.0)),
         whole=np.pi,
         bound=abs(turn),
+        steps=settings.steps,
         paths_stay=False,
     )
 

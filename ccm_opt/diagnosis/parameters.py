@@ -27,6 +27,7 @@ class Parameter:
         unit: what a value is multiplied by to be in SI units; 1 but for shares.
         whole: what the size of a change is compared with; the given value when None.
         bound: the value that it must reach at least as far as is known; None where the findings say.
+        steps: how far beyond its bound it is tried, as shares of the bound; None for those of all parameters.
         paths_stay: whether a path that was found for one value leads from the start to the goal for others, too.
     """
 
@@ -40,6 +41,7 @@ class Parameter:
     unit: Callable[[Problem], float] = lambda _: 1.0
     whole: float | None = None
     bound: float | None = None
+    steps: tuple[float, ...] | None = None
     paths_stay: bool = True
 
     def rounded(self, problem: Problem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:

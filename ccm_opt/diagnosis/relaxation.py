@@ -218,19 +218,22 @@ def least_change(
         steps = settings.guessed_steps
     else:
         begin = bound
-        steps = settings.steps
+        steps = parameter.steps or settings.steps
     failed = [begin]
     for step in steps:
         value = parameter.rounded(problem, begin * (1.0 + parameter.easier * step))
         if trials.left < settings.least_time or (hurried and trials.spent > settings.patience):
             return None
         if trials.succeeds(parameter.write(problem, value), hurried=hurried):
-            return parameter.relaxation(problem, _closed_in(parameter, problem, failed, value, trials), bound)
+            nearest = _closed_in(parameter, problem, failed, value, trials, hurried=hurried)
+            return parameter.relaxation(problem, nearest, bound)
         failed.append(value)
     return None
 
 
-def _closed_in(parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials) -> float:
+def _closed_in(
+    parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials, *, hurried: bool
+) -> float:
     """A value that works, close to one that does not, by bisection while there is time.
 
     Args:
@@ -239,6 +242,7 @@ def _closed_in(parameter: Parameter, problem: Problem, failed: Sequence[float], 
         failed: values with which nothing was found, the first of which perhaps nothing can be; the easiest last.
         worked: a value with which the last plan of the trials was found.
         trials: solves.
+        hurried: whether something else helps already, so that patience counts.
     """
     settings = trials.settings
     worst = failed[-1]
@@ -249,7 +253,11 @@ def _closed_in(parameter: Parameter, problem: Problem, failed: Sequence[float], 
     while abs(worked - worst) > settings.close * abs(worked) and trials.left > settings.least_time:
         middle = parameter.rounded(problem, 0.5 * (worst + worked))
         changed = parameter.write(problem, middle)
-        if (parameter.paths_stay and trials.holds(changed)) or trials.succeeds(changed):
+        # What is known already is worth being told more exactly, but not worth waiting for.
+        late = trials.spent > settings.patience
+        if hurried and late:
+            return worked
+        if (parameter.paths_stay and trials.holds(changed)) or trials.succeeds(changed, hurried=hurried or late):
             worked = middle
         else:
             worst = middle

@@ -17,12 +17,16 @@ def unit_hints(problem: Problem, settings: UnitHintSettings = DEFAULT_DIAGNOSIS.
 def _of_lengths(problem: Problem, settings: UnitHintSettings) -> Iterator[str]:
     """Lengths beside the arm's."""
     arm = problem.arm
-    lengths = {"arm.radius": arm.radius, "workspace.clearance": problem.workspace.clearance}
+    lengths = [
+        ("arm.radius", arm.radius, settings.thick),
+        ("workspace.clearance", problem.workspace.clearance, settings.thick),
+    ]
     if isinstance(problem.goal, TipGoal):
-        lengths["goal.position (its distance from the base)"] = float(np.hypot(*(problem.goal.position - arm.base)))
-    for name, length in lengths.items():
+        far = float(np.hypot(*(problem.goal.position - arm.base)))
+        lengths.append(("goal.position (its distance from the base)", far, settings.thousand))
+    for name, length, (least, most) in lengths:
         times = length / arm.length
-        if settings.thousand[0] <= times <= settings.thousand[1]:
+        if least <= times <= most:
             yield f"check the units: {name} is {times:.3g} times the arm's length, as if one were in mm, the other in m"
     low_x, low_y, high_x, high_y = problem.workspace.boundary.bounds
     share = max(high_x - low_x, high_y - low_y) / arm.length

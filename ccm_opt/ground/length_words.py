@@ -35,8 +35,10 @@ def metres(length: float) -> str:
 
 
 def millimetres(length: float) -> str:
-    """A length in millimetres: to a tenth as a rule, with two digits below one."""
+    """A length in millimetres: to a tenth as a rule, with two digits below one; in metres where there are many."""
     value = 1e3 * length * _UNIT.get()
+    if abs(value) >= _MANY:
+        return metres(length)
     return f"{value:.1f} mm" if abs(value) >= 1.0 else f"{value:.2g} mm"
 
 
@@ -54,3 +56,5 @@ def curvature(value: float) -> str:
 
 _ENOUGH = 0.01
 """Lengths from here on are said to a millimetre [m]."""
+_MANY = 1e4
+"""Lengths from here on are said in metres [mm]."""
