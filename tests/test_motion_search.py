@@ -25,6 +25,7 @@ from ccm_opt.motion.optimisation.optimise import optimise, travel
 from ccm_opt.motion.passage_widths import fitting_margins
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.settings.step_settings import GoalSettings
+from ccm_opt.motion.strategies import PortfolioStrategy
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.planners.curve_routes import find_routes, route_room
 from ccm_opt.problem import JointPose, Problem, TipGoal
@@ -46,6 +47,10 @@ from .scenes import (
 
 EXACT = 100.0 * GoalSettings().polish_tolerance
 SCENES = {"clutter 1": clutter(1), "clutter 4": clutter(4), "clutter of 40": clutter(6, 40), "corridor": corridor(1)}
+
+
+CANDIDATES = (PortfolioStrategy(narrow=False), PortfolioStrategy(narrow=True))
+"""Strategies that follow guides, and nothing else."""
 
 
 def certified(scene: Scene, headings: FloatArray) -> bool:
@@ -322,3 +327,12 @@ def test_a_gap_hardly_wider_than_the_arm_has_a_route() -> None:
     margin = route_room(problem, ends).inflation
     assert 0.03 < margin < 0.0302
     assert find_routes(problem, ends, FreeSpace(problem.workspace, margin))
+
+
+@pytest.mark.parametrize("links", [12, 24, 36])
+def test_guides_lead_chains_out_of_a_horn(links: int) -> None:
+    """A goal that the curve shows exactly leaves the blend of it without effect, and no step stands still for that."""
+    task = replace(motion_task(ompl_scenes.horn(links)), optimiser="none")
+    motion = find_motion(task, CANDIDATES)
+    assert len(task.certificate.failures(motion.headings)) == 0
+    np.testing.assert_allclose(motion.headings[-1], task.goal_headings, atol=EXACT)

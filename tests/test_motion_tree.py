@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -26,11 +25,7 @@ from ccm_opt.motion.tree.pose_tree import PoseTree
 from ccm_opt.motion.tree.tree_search import TREES, TreeSearch, TreeTask, search_by_trees
 from ccm_opt.problem import JointPose, TipGoal
 
-from .ompl_scenes import horn
 from .scenes import ROOM, Scene, clutter, later, make_arm, make_stepper, motion_task, open_scene
-
-if TYPE_CHECKING:
-    from ccm_opt.motion.failures import Failure
 
 EXACT = 100.0 * GoalSettings().polish_tolerance
 
@@ -160,22 +155,6 @@ def test_trees_are_given_up_by_count_and_not_by_the_clock() -> None:
     settings = replace(task.settings, tree=replace(DEFAULT_TREES, most_extensions=3))
     with pytest.raises(Stalled, match="grown by all of 3 extensions"):
         search_by_trees(tree_task(replace(task, settings=settings)))
-
-
-def test_trees_have_an_early_turn_where_the_sampler_would_be_slow() -> None:
-    """Thin arms of many links with a goal for the whole arm have it; wide ones, tip goals and few links have not."""
-    early = TreeStrategy(early=True)
-    chain = motion_task(horn(24))
-    assert early.applies(chain)
-    assert not early.applies(replace(chain, goal_headings=None))
-    assert not early.applies(motion_task(horn(12)))
-    assert not early.applies(motion_task(horn(120)))
-    assert not early.applies(replace(chain, arm=replace(chain.arm, radius=0.02 * chain.arm.length)))
-    # Few poses are grown: the candidates have their turn soon.
-    failures: list[Failure] = []
-    tree = replace(chain.settings.tree, early_extensions=2)
-    assert early.find(replace(chain, settings=replace(chain.settings, tree=tree)), failures, 24.0) is None
-    assert "by all of 2 extensions" in failures[0].message
 
 
 def boxed_in() -> Scene:

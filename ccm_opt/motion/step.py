@@ -55,7 +55,9 @@ class Stepper:
         turn = settings.largest_turn if turn is None else turn
         parts = [limit.linearised(self.space, pose, jacobians, turn) for limit in self.limits]
         pulls = [pull for rows in parts for pull in rows.pulls]
-        hessian, gradient = normal_equations([*terms, *pulls], settings.ridge)
+        # A goal that the curve shows well leaves the coordinate that blends it in without effect on any link.
+        ridge = np.where(self.space.of_shape, settings.ridge, max(settings.ridge, settings.blend_ridge))
+        hessian, gradient = normal_equations([*terms, *pulls], ridge)
 
         matrix = np.ascontiguousarray(np.vstack([rows.matrix for rows in parts]))
         upper = np.concatenate([rows.upper for rows in parts])
@@ -103,12 +105,12 @@ class Stepper:
         return max(limit.miss(headings) for limit in self.limits)
 
 
-def normal_equations(terms: Sequence[Term], ridge: float) -> tuple[FloatArray, FloatArray]:
+def normal_equations(terms: Sequence[Term], ridge: FloatArray | float) -> tuple[FloatArray, FloatArray]:
     """Hessian and gradient of a sum of least-squares terms.
 
     Args:
         terms: at least one, each with rows of shape (k, p).
-        ridge: added to the diagonal, so that the Hessian is definite where no term reaches.
+        ridge: added to the diagonal, so that the Hessian is definite where no term reaches, shape (p,) or scalar.
     """
     rows = np.vstack([t.rows for t in terms])
     target = np.concatenate([t.target for t in terms])

@@ -240,33 +240,14 @@ class TrackingStrategy:
 
 @dataclass(frozen=True)
 class TreeStrategy:
-    """Trees of poses from both ends, until the deadline or until they reach nothing new.
+    """Trees of poses from both ends, until the deadline or until they reach nothing new."""
 
-    Attributes:
-        early: whether this is a short turn before the candidates. Thin arms of many links with a goal for the whole arm
-            have it: RRT-Connect, which others begin with, takes long to look at them.
-        name: for the record of a search in vain.
-    """
-
-    early: bool = False
     name: str = TREES
-
-    @property
-    def costly(self) -> bool:
-        """They take seconds but for the early turn, which takes about one."""
-        return not self.early
-
-    @property
-    def lifted(self) -> bool:
-        """Trees wind about; on chains without width no early motion of few links was worth the lifting."""
-        return not self.early
+    costly: bool = True
+    lifted: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of a tree do not know how far along the motion they are."""
-        if self.early:
-            # Candidates of fewer links cost less than the trees, and so do those for many links that are lifted.
-            many = NOMINAL_LINKS <= task.arm.links <= task.settings.tree.early_links
-            return many and task.goal_headings is not None and not task.parametric and looked_at_slowly(task)
         return not task.parametric
 
     def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
@@ -274,9 +255,6 @@ class TreeStrategy:
         if not task.tip_paths or task.deadline.passed():
             return None
         full = task.at_full_limits()
-        if self.early:
-            trees = replace(full.settings.tree, most_extensions=full.settings.tree.early_extensions)
-            full = replace(full, settings=replace(full.settings, tree=trees))
         runs = [SearchRun.from_task(full, margin, nominal_links) for margin in task.settings.search.tree_margins]
         narrowest = runs[-1]
         steppers = tuple(run.stepper for run in runs)
@@ -338,7 +316,6 @@ STRATEGIES: tuple[SearchStrategy, ...] = (
     LimitArcStrategy(),
     ShortestPathStrategy(),
     ConnectStrategy(Turn.EARLY),
-    TreeStrategy(early=True, name=f"{TREES}, shortly"),
     PortfolioStrategy(narrow=False),
     ConnectStrategy(Turn.MIDDLE, name=f"{CONNECT}, longer"),
     PortfolioStrategy(narrow=True, name="candidates nearer to walls"),

@@ -55,10 +55,6 @@ class TreeSettings:
         saturated: extensions in a row that add no node before the search is given up. Taste.
         most_extensions: extensions in all before the search is given up, however much time is left, so that what is
             found does not depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201.
-        early_extensions: the same for the short turn that thin arms have before the candidates. Measured on a chain in
-            a horn, 24 to 96 links: of 14 searches ten need at most 25, three 35 to 79, one more than 99.
-        early_links: arms with more links have no such turn. Measured: on the chain in a horn thirty extensions take 5 s
-            at 96 links and 16 s at 150, where candidates for few links, lifted, take 2 s.
         connections: nodes of the other tree that a new node is connected to, nearest first. Taste.
         root_interval: extensions between two new poses at the goal. Taste.
         settling_distance: a tip nearer to its goal than this is drawn onto it, in nominal links. Derived: twice the
@@ -74,8 +70,6 @@ class TreeSettings:
     node_interval: int = 10
     saturated: int = 80
     most_extensions: int = 400
-    early_extensions: int = 30
-    early_links: int = 96
     connections: int = 1
     root_interval: int = 40
     settling_distance: float = 3.0
