@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ import pytest
 import shapely
 
 from ccm_opt.cli.comparing import CompareOptions, compare_methods
+from ccm_opt.cli.comparison_page_data import comparison_page
 from ccm_opt.comparison.comparison_files import comparison_json, runs_csv
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import METHODS, check_methods, method_named
@@ -260,6 +263,29 @@ def test_files_hold_every_run_and_every_failure() -> None:
     assert [failure["problem"] for failure in data["failures"]] == ["b"]
 
 
+def test_the_page_holds_every_run_and_every_pair() -> None:
+    """Its data have the figures of every run, its tables every outcome and reason, escaped."""
+    made = made_comparison()
+    nasty = replace(made.runs[1][1], reason="</script><i>why</i>")
+    page = comparison_page(replace(made, runs=(made.runs[0], (made.runs[1][0], nasty))))
+    found = re.search(r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    data = json.loads(found[1])
+    runs = [(run["problem"], run["method"], run["solved"], run["figures"]) for run in data["runs"]]
+    assert runs == [
+        ("a", "nlp", True, {"duration_s": 1.0}),
+        ("a", "nlp-paul", True, {"duration_s": 2.0}),
+        ("b", "nlp", True, {"duration_s": 3.0}),
+        ("b", "nlp-paul", False, {}),
+    ]
+    assert data["pairs"] == [["nlp", "nlp-paul"]]
+    assert data["methods"][0]["interval"] == pytest.approx([made.solved("nlp")[1].low, 1.0])
+    assert "2 of 2" in page
+    assert "1 of 2" in page
+    assert "<i>why" not in page
+    assert "&lt;i&gt;why" in page
+
+
 # ---------------------------------------------------------------- command line
 
 
@@ -273,7 +299,14 @@ def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.
     assert f"{STRAIGHT} against nlp" in out
     assert f"tip, {STRAIGHT}: no plan. MotionNotFound: this planner goes to joint poses only" in out
     files = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-    assert sorted(files) == ["comparison.json", "journal.jsonl", "paired.png", "runs.csv", "success.png"]
+    assert sorted(files) == [
+        "comparison.html",
+        "comparison.json",
+        "journal.jsonl",
+        "paired.png",
+        "runs.csv",
+        "success.png",
+    ]
     assert files["paired.png"].startswith(b"\x89PNG")
     assert len(files["journal.jsonl"].splitlines()) == 8
 

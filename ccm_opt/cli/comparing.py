@@ -13,10 +13,11 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from ccm_opt.cli.cancelling import CANCELLED
+from ccm_opt.cli.comparison_page_data import comparison_page
 from ccm_opt.cli.comparison_tables import print_comparison
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all
 from ccm_opt.cli.output import output
-from ccm_opt.comparison.comparison_files import JOURNAL, comparison_json, write_comparison
+from ccm_opt.comparison.comparison_files import JOURNAL, PAGE, comparison_json, write_comparison
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import DEFAULT, check_methods
 from ccm_opt.comparison.running import Comparison, compare
@@ -79,7 +80,8 @@ def _compare(options: CompareOptions) -> int:
     workers: Workers = DaskWorkers(options.dask) if options.dask else LocalWorkers(options.workers)
     with open_journal(options.out / JOURNAL) as journal, _display(len(cases) * len(methods)) as progress:
         comparison = compare(cases, methods, workers, journal, time_limit=options.time_limit, progress=progress)
-    write_comparison(comparison, options.out, _pictures(comparison) if options.pictures else {})
+    drawn = {PAGE: comparison_page(comparison).encode(), **_pictures(comparison)} if options.pictures else {}
+    write_comparison(comparison, options.out, drawn)
     crashed = any(run.outcome == "crashed" for run in comparison.failures)
     return print_result(
         lambda: print_comparison(comparison, options.out),

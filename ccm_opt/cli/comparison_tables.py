@@ -61,15 +61,8 @@ def methods_table(comparison: Comparison) -> Table:
 
 def print_pair(console: Console, pair: Pair) -> None:
     """Print two methods by pairs."""
-    success = pair.success
     console.print(escape(f"{pair.first} against {pair.second}"), style="bold")
-    console.print(
-        f"both solve {success.both}, only the first {success.first_only}, only the second {success.second_only}, "
-        f"neither {success.neither}; difference {100 * success.difference:+.0f} % "
-        f"({100 * success.interval.low:+.0f} to {100 * success.interval.high:+.0f} %), "
-        f"McNemar p = {success.p_value:.2g}",
-        soft_wrap=True,
-    )
+    console.print(success_words(pair), soft_wrap=True)
     columns = (
         "where both solve",
         "pairs",
@@ -85,6 +78,17 @@ def print_pair(console: Console, pair: Pair) -> None:
     for item in pair.figures:
         table.add_row(*_figure_row(item))
     console.print(table)
+
+
+def success_words(pair: Pair) -> str:
+    """How often two methods solve the same problems, in a sentence."""
+    success = pair.success
+    return (
+        f"both solve {success.both}, only the first {success.first_only}, only the second {success.second_only}, "
+        f"neither {success.neither}; difference {100 * success.difference:+.0f} % "
+        f"({100 * success.interval.low:+.0f} to {100 * success.interval.high:+.0f} %), "
+        f"McNemar p = {success.p_value:.2g}"
+    )
 
 
 def _figure_row(item: FigurePair) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from ccm_opt.errors import ProblemError
 JOURNAL = "journal.jsonl"
 TABLE = "runs.csv"
 RECORD = "comparison.json"
+PAGE = "comparison.html"
 
 
 def write_comparison(comparison: Comparison, folder: Path, pictures: Mapping[str, bytes] | None = None) -> None:

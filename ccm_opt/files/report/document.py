@@ -11,7 +11,7 @@ from importlib.resources import files
 from ccm_opt.files.report.markup import Markup
 
 _FOLDER = "ccm_opt.files.report"
-COMMON = ("elements", "numbers", "sampled", "arm", "timeline", "viewport", "scene", "marks", "controls")
+COMMON = ("elements", "numbers", "sampled", "arm", "timeline", "viewport", "scene", "marks", "theme", "controls")
 """Scripts that every page with a scene has, in the order in which they are needed."""
 
 

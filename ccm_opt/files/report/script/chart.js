@@ -19,7 +19,7 @@ class Chart {
     this.drawing = svg("svg", { role: "img", "aria-label": title, class: "chart" });
     this.box.prepend(this.drawing);
     this.listen();
-    new ResizeObserver(() => this.redraw()).observe(this.box);
+    onWidth(this.box, () => this.redraw());
     timeline.follow(time => this.showTime(time));
   }
 

@@ -1,4 +1,4 @@
-// Buttons and switches of the scene, and the choice of light and dark.
+// Buttons and switches of the scene, and what every page with a scene does.
 
 function startSceneControls(scene, roomBounds) {
   const view = scene.view;
@@ -28,31 +28,6 @@ function addSwitches(scene, layers) {
     byId("layers").append(html("label", {}, box, html("i", { class: `swatch ${look}` }), words));
     scene.show(name, on);
   }
-}
-
-function startTheme() {
-  const themes = ["auto", "light", "dark"];
-  const button = byId("theme");
-  let current = "auto";
-  try {
-    current = localStorage.getItem("ccm-opt-theme") ?? "auto";
-  } catch {
-    // A page from a file may not be allowed to remember anything.
-  }
-  const show = () => {
-    document.documentElement.dataset.theme = current;
-    button.textContent = { auto: "◐ auto", light: "○ light", dark: "● dark" }[current];
-  };
-  button.addEventListener("click", () => {
-    current = themes[(themes.indexOf(current) + 1) % themes.length];
-    try {
-      localStorage.setItem("ccm-opt-theme", current);
-    } catch {
-      // Then it is forgotten with the page.
-    }
-    show();
-  });
-  show();
 }
 
 function unfoldForPrint() {

@@ -21,3 +21,13 @@ function html(name, attributes = {}, ...children) {
 function byId(id) {
   return document.getElementById(id);
 }
+
+// Calls back when an element gets another width, at first too; in the next frame, as drawing may change its height.
+function onWidth(node, act) {
+  let known = -1;
+  new ResizeObserver(() => {
+    if (node.clientWidth === known) return;
+    known = node.clientWidth;
+    requestAnimationFrame(act);
+  }).observe(node);
+}

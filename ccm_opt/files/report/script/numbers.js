@@ -37,7 +37,20 @@ function ticksBetween(low, high, most) {
   return { values, decimals: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
 }
 
-function tickText(value, decimals) {
+// Of a range that is seen by ratios: 1, 2 and 5 times powers of ten, or those powers alone.
+function ticksByRatio(low, high, most) {
+  const decades = Math.log10(high / low);
+  const steps = decades * 3 <= most + 1 ? [1, 2, 5] : [1];
+  const values = [];
+  for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power++) {
+    for (const step of steps) values.push(step * 10 ** power);
+  }
+  const inside = values.filter(value => value >= low && value <= high);
+  return inside.length > 1 ? { values: inside, decimals: 0 } : ticksBetween(low, high, Math.min(most, 3));
+}
+
+function tickText(value, decimals, ratio = false) {
+  if (ratio) return String(Number(value.toPrecision(3))).replace("-", "−");
   if (decimals > 4 || Math.abs(value) >= 1e6) return value.toExponential(1).replace("-", "−");
   return (Math.abs(value) < 1e-12 ? 0 : value).toFixed(decimals).replace("-", "−");
 }
