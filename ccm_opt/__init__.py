@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ccm_opt import errors
     from ccm_opt.driver.finding_pose import find_pose
+    from ccm_opt.driver.live_plan import LivePlan
     from ccm_opt.driver.pareto import pareto
     from ccm_opt.driver.pipeline import solve
     from ccm_opt.driver.reach_mapping import reach_map
@@ -33,6 +34,7 @@ __all__ = [
     "Constraint",
     "Cost",
     "Interval",
+    "LivePlan",
     "Problem",
     "Progress",
     "Quantities",
@@ -59,6 +61,7 @@ _HOMES = {
     "Quantities": ("ccm_opt.user_terms.quantities", "Quantities"),
     "constraint": ("ccm_opt.user_terms.terms", "constraint"),
     "cost": ("ccm_opt.user_terms.terms", "cost"),
+    "LivePlan": ("ccm_opt.driver.live_plan", "LivePlan"),
     "Problem": ("ccm_opt.problem", "Problem"),
     "Progress": ("ccm_opt.ground.progress", "Progress"),
     "Settings": ("ccm_opt.driver.solve_settings", "Settings"),

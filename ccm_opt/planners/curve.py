@@ -21,6 +21,7 @@ from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.user_limit import UserLimit
 from ccm_opt.motion.motion_task import CachedItems, JointSlowness, Motion, MotionTask
 from ccm_opt.motion.nearest_curves import nearest_curves
+from ccm_opt.motion.resuming import resumed
 from ccm_opt.motion.search import find_motion
 from ccm_opt.motion.smooth_path import smooth_path
 from ccm_opt.planners.curve_guesses import find_guesses, further_guesses
@@ -61,6 +62,22 @@ class CurvePlanner:
         Raises:
             NoPlanFound: with the reason and what would help.
         """
+        return self.planned(problem)[0]
+
+    def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:
+        """Plan a certified motion, and keep it as the search knows it.
+
+        Args:
+            problem: what is asked.
+            known: a motion for a problem that differs a little, from which to go on; sought from nothing when None, or
+                when nothing comes of it.
+
+        Returns:
+            The path and the motion that it follows.
+
+        Raises:
+            NoPlanFound: with the reason and what would help.
+        """
         deadline = Deadline.after(self.settings.planning_share * problem.planner.time_limit)
         with self.stages("mapping"):
             ends = resolve_ends(problem, self.settings.motion.ends)
@@ -70,11 +87,18 @@ class CurvePlanner:
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
         end_poses = EndPoses(near, ends, deadline, self.stages, self.terms, self.settings.goal_pose)
+        if known is not None:
+            with self.stages("motion"):
+                task = replace(self.task_without_routes(near, ends, deadline), end_poses=end_poses)
+                motion = resumed(known, task)
+                if motion is not None:
+                    path = joint_path(problem, task, motion)
+                    return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
         task = replace(self.motion_task(near, ends, deadline, problem), end_poses=end_poses)
         with self.stages("motion"):
             motion = find_motion(task)
             path = joint_path(problem, task, motion)
-        return replace(path, goal_pose=end_poses.record(motion.end_pose))
+        return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
 
     def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline, asked: Problem | None = None) -> MotionTask:
         """What the search for a motion between ends that are already resolved is asked.
@@ -99,24 +123,33 @@ class CurvePlanner:
         refuse = partial(self.refuse, asked or problem) if ends.goal_headings is not None else _nothing_proved
         guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes, settings)))
         further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes, settings)))
+        return replace(
+            self.task_without_routes(problem, ends, deadline),
+            guesses=guesses,
+            tip_paths=tip_paths,
+            further_guesses=further,
+            refuse=refuse,
+        )
+
+    def task_without_routes(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
+        """The same for those who know a motion already, and need no routes; arguments as for ``motion_task``."""
+        settings = self.settings
         return MotionTask(
             clamped_arm(problem.arm) if ends.clamped else problem.arm,
             problem.workspace,
             ends.start,
             ends.goal,
             ends.goal_headings,
-            guesses,
-            tip_paths,
+            (),
+            (),
             deadline,
             clamped=ends.clamped,
-            further_guesses=further,
             optimiser=problem.planner.optimiser,
             seed=problem.planner.seed,
             weights=problem.planner.weights,
             slowness=slowness(problem),
             user_limits=self.user_limits,
             wanted_gap=problem.wanted_gap,
-            refuse=refuse,
             settings=replace(settings.motion, certificate=certificate_settings(problem, settings.motion.certificate)),
         )
 

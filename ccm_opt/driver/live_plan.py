@@ -1,0 +1,212 @@
+"""A plan that follows its problem: the goal or a wall is moved, and the plan is made again, at once where it can be."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+
+from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
+from ccm_opt.driver.kept_plan import as_it_stands, described
+from ccm_opt.driver.live_settings import LIVE, LiveSettings
+from ccm_opt.driver.planning_run import compiled_terms
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.verified_plan import VerifiedPlan, verified_plan
+from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
+from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.progress import Progress
+from ccm_opt.ground.stages import Stages
+from ccm_opt.planners.curve import CurvePlanner
+from ccm_opt.planners.own_units import OwnUnitsPlanner
+from ccm_opt.planners.resuming_planner import ResumingPlanner
+from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.solution import Solution
+from ccm_opt.user_terms.terms import Constraint, Cost
+
+
+@dataclass(frozen=True)
+class LiveAnswer:
+    """What came of a change.
+
+    Attributes:
+        current: whether the plan is one for the problem as it is now.
+        reason: why it is not; empty when it is.
+        cpu: time that it took [s].
+    """
+
+    current: bool
+    reason: str
+    cpu: float
+
+
+@dataclass
+class LivePlan:
+    """A verified plan of a problem whose goal and obstacles are moved, for tools in which people drag them.
+
+    Every change is answered by a plan that was made from the one before, and passed the verifier like any other. Where
+    there is none in the time that people wait, the last plan stays, and the answer says why::
+
+        live = ccm_opt.LivePlan(ccm_opt.load_problem("problems/swan-neck.toml"))
+        answer = live.move_goal(position=(0.44, 0.10))
+        print(answer.current, answer.reason, live.plan.trajectory.duration)
+
+    Attributes:
+        problem: as it is now.
+        constraints: of the user, as ``solve`` takes them.
+        costs: of the user, likewise.
+        settings: numbers of the stages that the problem does not set.
+        live: how long changes may take.
+        plan: the last verified plan; without tolerance and simulation, which ``finished`` adds.
+        current: whether it is one for ``problem``.
+        reason: why it is not; empty when it is.
+
+    Raises:
+        ProblemError: the problem cannot be planned live: it has a feed axis, goals on the way, or another planner.
+        NoPlanFound: there is no plan to begin with.
+        VerificationError: the verifier refuses it.
+    """
+
+    problem: Problem
+    constraints: Sequence[Constraint] = ()
+    costs: Sequence[Cost] = ()
+    settings: Settings = DEFAULT_SETTINGS
+    live: LiveSettings = LIVE
+    plan: Solution = field(init=False, repr=False)
+    current: bool = field(init=False, default=True)
+    reason: str = field(init=False, default="")
+    _planner: ResumingPlanner = field(init=False, repr=False)
+    _verified: VerifiedPlan = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        problem = self.problem
+        if problem.arm.base_axes or problem.stops or problem.planner.method != "nlp":
+            raise ProblemError(
+                f"'{problem.name}' cannot be planned live: it has a feed axis, goals on the way, or a planner other "
+                "than nlp; solve it anew after every change"
+            )
+        self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
+        self._thorough = CurvePlanner(Stages(), self._terms, refuse_closed, self.settings.curve)
+        self._quick = replace(self._thorough, settings=self.live.hurried(self.settings).curve)
+        self._planner = ResumingPlanner(self._thorough)
+        self._make(problem)
+
+    def move_goal(
+        self, position: Sequence[float] | FloatArray | None = None, heading: float | None = None
+    ) -> LiveAnswer:
+        """Move the goal of the tip, and plan again.
+
+        Args:
+            position: of the tip, (x, y) [m]; where it was when None.
+            heading: of the last link [rad]; as it was when None.
+
+        Returns:
+            Whether there is a plan to there, and else why not.
+
+        Raises:
+            ProblemError: the goal is one for the whole arm, or what is asked for is no place.
+        """
+        goal = self.problem.goal
+        if not isinstance(goal, TipGoal):
+            raise ProblemError("a goal for the whole arm cannot be moved; only one for the tip can")
+        moved = TipGoal(
+            goal.position if position is None else _place(position), goal.heading if heading is None else float(heading)
+        )
+        return self._changed(replace(self.problem, goal=moved, source=""))
+
+    def move_obstacle(self, name: str, by: Sequence[float] | FloatArray) -> LiveAnswer:
+        """Move an obstacle, and plan again.
+
+        Args:
+            name: of the obstacle.
+            by: how far, (x, y) [m].
+
+        Returns:
+            Whether there is a plan past it, and else why not. A plan that is not current may pass through it.
+
+        Raises:
+            ProblemError: there is no obstacle of that name, or it cannot be moved there.
+        """
+        workspace = self.problem.workspace
+        if name not in {obstacle.name for obstacle in workspace.obstacles}:
+            known = ", ".join(obstacle.name for obstacle in workspace.obstacles)
+            raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
+        obstacles = tuple(_moved(each, by) if each.name == name else each for each in workspace.obstacles)
+        room = replace(workspace, obstacles=obstacles)
+        return self._changed(replace(self.problem, workspace=room, source=""))
+
+    def plan_anew(self) -> LiveAnswer:
+        """Plan the problem as it is from nothing, with all the time that it gives; the shorter of two plans is kept.
+
+        A plan that follows its problem keeps to one side of every obstacle; from elsewhere there may be a shorter way.
+
+        Returns:
+            Whether there is a plan, and else why not.
+        """
+        begin = time.process_time()
+        followed, plan, verified, planner = self.current, self.plan, self._verified, self._planner
+        self._planner = ResumingPlanner(self._thorough)
+        self._attempt(self.problem)
+        shorter = self.current and self.plan.trajectory.duration < plan.trajectory.duration
+        if followed and not shorter:
+            self.current, self.reason = True, ""
+            self.plan, self._verified, self._planner = plan, verified, planner
+        elif not self.current:
+            self._planner = planner
+        return LiveAnswer(self.current, self.reason, time.process_time() - begin)
+
+    def finished(self, progress: Callable[[Progress], None] | None = None) -> Solution:
+        """The plan with the room that it keeps, the errors that it survives, and its simulation.
+
+        Args:
+            progress: as for ``solve``.
+        """
+        return described(self.plan.problem, self._verified, Stages(progress), self.settings)
+
+    def _changed(self, problem: Problem) -> LiveAnswer:
+        """Plan a changed problem; where there is no plan, the last one stays."""
+        begin = time.process_time()
+        self.problem = problem
+        self._planner.planner = self._quick
+        self._attempt(replace(problem, planner=replace(problem.planner, time_limit=self.live.patience)))
+        return LiveAnswer(self.current, self.reason, time.process_time() - begin)
+
+    def _attempt(self, problem: Problem) -> None:
+        """Plan a problem, or note why there is no plan."""
+        try:
+            refuse_impossible(problem)
+            self._make(problem)
+        except NoPlanFound as failure:
+            self.current, self.reason = False, failure.diagnosis.reason
+        except VerificationError as failure:
+            self.current, self.reason = False, "the verifier refuses the plan: " + "; ".join(failure.failures)
+
+    def _make(self, problem: Problem) -> None:
+        """Plan, time and verify a problem; the plan is kept.
+
+        Raises:
+            NoPlanFound: there is none.
+            VerificationError: the verifier refuses it.
+        """
+        stages = Stages()
+        planner = OwnUnitsPlanner(self._planner)
+        self._verified = verified_plan(problem, planner, stages, None, self._terms, self.settings)
+        self.plan = as_it_stands(self.problem, self._verified, stages)
+        self.current, self.reason = True, ""
+
+
+def _place(position: Sequence[float] | FloatArray) -> FloatArray:
+    """A place in the plane, shape (2,) [m].
+
+    Raises:
+        ProblemError: it is none.
+    """
+    place = np.asarray(position, dtype=np.float64)
+    if place.shape != (2,) or not np.isfinite(place).all():
+        raise ProblemError(f"expected a place (x, y) in metres, got {position!r}")
+    return place
+
+
+def _moved(obstacle: Obstacle, by: Sequence[float] | FloatArray) -> Obstacle:
+    return replace(obstacle, core=shapely.transform(obstacle.core, lambda points: points + _place(by)))

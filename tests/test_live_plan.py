@@ -1,0 +1,121 @@
+"""Plans that follow their problem: every answer passes the verifier, or says why there is none and keeps the last."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ccm_opt
+from ccm_opt.comparison.scenes import clutter
+from ccm_opt.driver.live_plan import LivePlan
+from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.problem import JointPose, TipGoal
+
+from .conftest import PROBLEMS
+
+
+@pytest.fixture(scope="module")
+def swan() -> ccm_opt.Problem:
+    """The swan's neck."""
+    return ccm_opt.load_problem(PROBLEMS / "swan-neck.toml")
+
+
+def is_certified(live: LivePlan) -> bool:
+    """Whether the plan passes the verifier for its own problem, and ends at its goal."""
+    plan = live.plan
+    return all(check.passed for check in ccm_opt.check(plan.problem, plan.trajectory, plan.joints))
+
+
+@settings(max_examples=4, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_every_drag_is_answered(swan: ccm_opt.Problem, seed: int) -> None:
+    """After each the plan is verified for the goal as it is now, or the last one is there with a reason."""
+    live = LivePlan(swan)
+    random = np.random.default_rng(seed)
+    position = swan.goal.position.copy()  # type: ignore[union-attr]
+    answered = 0
+    for _ in range(6):
+        position += random.normal(0.0, 0.01, 2)
+        before = live.plan
+        answer = live.move_goal(position)
+        answered += answer.current
+        assert is_certified(live)
+        goal = live.problem.goal
+        assert isinstance(goal, TipGoal)
+        np.testing.assert_array_equal(goal.position, position)
+        if answer.current:
+            assert live.plan.problem.goal is goal
+            assert np.hypot(*(live.plan.joint_positions[-1, -1] - position)) <= swan.tolerances.position
+        else:
+            assert live.plan is before
+            assert answer.reason
+    assert answered >= 4
+
+
+def test_a_wall_pushes_the_plan_aside(swan: ccm_opt.Problem) -> None:
+    """A wall that is moved into the motion's way is passed by another motion, which is planned from the last."""
+    live = LivePlan(swan)
+    answer = live.move_obstacle("floor", (0.0, 0.04))
+    assert answer.current
+    moved = {obstacle.name: obstacle for obstacle in live.plan.problem.workspace.obstacles}["floor"]
+    assert moved.core.bounds[3] == pytest.approx(-0.2)
+    assert is_certified(live)
+
+
+def test_where_there_is_no_plan_the_last_one_stays(swan: ccm_opt.Problem) -> None:
+    """A goal inside a wall is answered by the reason, and a goal outside again by a plan."""
+    live = LivePlan(swan)
+    before = live.plan
+    answer = live.move_goal((0.2, 0.3))
+    assert (answer.current, live.current, live.plan) == (False, False, before)
+    assert "hanging wall" in answer.reason
+    assert live.move_goal((0.435, 0.095)).current
+    assert live.reason == ""
+
+
+def test_a_plan_made_anew_is_kept_only_where_it_is_shorter() -> None:
+    """It is never longer than the one that followed the drags; with room, errors and simulation it is a whole one."""
+    live = LivePlan(clutter(3, count=20).problem())
+    goal = live.problem.goal
+    assert isinstance(goal, TipGoal)
+    live.move_goal(goal.position + 0.01)
+    before = live.plan.trajectory.duration
+    assert live.plan_anew().current
+    assert live.plan.trajectory.duration <= before
+    whole = live.finished()
+    assert whole.room is not None
+    assert whole.simulation.verdict.followed
+    assert whole.trajectory is live.plan.trajectory
+
+
+def test_constraints_are_kept_while_dragging(swan: ccm_opt.Problem) -> None:
+    """The user's constraints hold for every plan that is current."""
+    high = ccm_opt.Constraint("tip above the floor", lambda q: q.tip[1], lower=-0.18, where="motion")
+    live = LivePlan(swan, [high])
+    assert live.move_goal((0.44, 0.1)).current
+    check = next(check for check in live.plan.checks if check.name == "constraint tip above the floor")
+    assert check.passed
+
+
+def test_what_cannot_be_moved_is_refused(swan: ccm_opt.Problem) -> None:
+    """Problems that are not planned live, unknown obstacles, places that are none, and goals for the whole arm."""
+    with pytest.raises(ProblemError, match="cannot be planned live"):
+        LivePlan(ccm_opt.load_problem(PROBLEMS / "feed-s-duct.toml"))
+    live = LivePlan(swan)
+    with pytest.raises(ProblemError, match="there are left wall, floor, ceiling, hanging wall"):
+        live.move_obstacle("roof", (0.0, 0.1))
+    with pytest.raises(ProblemError, match=r"expected a place \(x, y\)"):
+        live.move_goal((0.1, 0.2, 0.3))
+    straight = JointPose(np.zeros(swan.arm.links))
+    whole = LivePlan(replace(swan, goal=straight, workspace=replace(swan.workspace, obstacles=())))
+    with pytest.raises(ProblemError, match="only one for the tip"):
+        whole.move_goal((0.1, 0.2))
+
+
+def test_nothing_to_begin_with_is_an_error(swan: ccm_opt.Problem) -> None:
+    """Where the first problem has no plan there is nothing to show, and the reason is raised as by ``solve``."""
+    far = TipGoal(np.array([5.0, 5.0]))
+    with pytest.raises(NoPlanFound):
+        LivePlan(replace(swan, goal=far))
