@@ -17,6 +17,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.motion.failures import Failure
 from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.link_space import LinkSpace
@@ -334,5 +335,22 @@ def test_guides_lead_chains_out_of_a_horn(links: int) -> None:
     """A goal that the curve shows exactly leaves the blend of it without effect, and no step stands still for that."""
     task = replace(motion_task(ompl_scenes.horn(links)), optimiser="none")
     motion = find_motion(task, CANDIDATES)
+    assert len(task.certificate.failures(motion.headings)) == 0
+    np.testing.assert_allclose(motion.headings[-1], task.goal_headings, atol=EXACT)
+
+
+class OnlyWithFewLinks(PortfolioStrategy):
+    """Candidates that nobody tries on the task's own links."""
+
+    def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
+        """What candidates find for fewer than forty links."""
+        return super().find(task, failures, nominal_links) if task.arm.links < 40 else None
+
+
+def test_what_cannot_be_lifted_is_found_again() -> None:
+    """Where a fold is so narrow that the finer arm lies across a wall, the same candidate leads it."""
+    task = replace(motion_task(ompl_scenes.horn(48)), optimiser="none")
+    motion = find_motion(task, (OnlyWithFewLinks(narrow=False),))
+    assert "lifted" not in motion.candidate
     assert len(task.certificate.failures(motion.headings)) == 0
     np.testing.assert_allclose(motion.headings[-1], task.goal_headings, atol=EXACT)

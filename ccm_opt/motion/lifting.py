@@ -28,6 +28,8 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     certificate = task.certificate
     stepper = _repair_stepper(space, task)
     failing = certificate.failures(space.headings(coordinates))
+    if _lies_across(stepper, coordinates, failing):
+        return None
     for _ in range(task.settings.lifting.repairs):
         if len(failing) == 0:
             break
@@ -97,6 +99,12 @@ def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
     lifting = task.settings.lifting
     finder = task.finder(lifting.margin * length, lifting.reach * length)
     return Stepper(space, finder, task.limits(finder), task.settings)
+
+
+def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -> bool:
+    """Whether the arm lies across a wall, or itself, at the beginning of an interval: it would be pushed on through."""
+    poses = (stepper.pose(coordinates[k]) for k in failing)
+    return any(stepper.finder.crosses(pose.points) for pose in poses)
 
 
 def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:

@@ -4,6 +4,7 @@ Arms of many links are planned with few links in the same coordinates and lifted
 links, they are planned on their own links.
 """
 
+from itertools import chain
 from math import ceil
 
 from ccm_opt.motion.ending import optimised_to_end_pose
@@ -11,7 +12,8 @@ from ccm_opt.motion.failures import Failure, StrategyInVain, nothing_found
 from ccm_opt.motion.lifting import lift
 from ccm_opt.motion.motion_task import Motion, MotionTask, coarsened
 from ccm_opt.motion.optimisation.optimise import optimise
-from ccm_opt.motion.passage_widths import nominal_links_asked
+from ccm_opt.motion.passage_widths import fitting_margins, nominal_links_asked
+from ccm_opt.motion.search_run import SearchRun
 from ccm_opt.motion.straightening import straightened
 from ccm_opt.motion.strategies import STRATEGIES, SearchStrategy
 
@@ -43,15 +45,16 @@ def find_motion(task: MotionTask, strategies: tuple[SearchStrategy, ...] = STRAT
             task.refuse()
             asked = True
         before = len(failures)
-        if coarse is not None and strategy.lifted:
+        if coarse is not None:
             # Few links at first: the cost of a step grows with their number, while a curve of 22 coordinates does not.
             found = strategy.find(coarse, failures, nominal_links)
-            lifted = _lifted(found, coarse, task) if found is not None else None
-            if lifted is not None:
-                return lifted
-        motion = strategy.find(task, failures, nominal_links)
-        if motion is not None:
-            return optimised_to_end_pose(straightened(motion, task), task)
+            motion = _taken_over(found, coarse, task, nominal_links, failures) if found is not None else None
+            if motion is not None:
+                return motion
+        if coarse is None or not strategy.leads_others:
+            motion = strategy.find(task, failures, nominal_links)
+            if motion is not None:
+                return optimised_to_end_pose(straightened(motion, task), task)
         in_vain.append(StrategyInVain(strategy.name, len(failures) - before, not task.deadline.passed()))
     raise nothing_found(task, failures, in_vain)
 
@@ -67,12 +70,35 @@ def _coarse_task(task: MotionTask, nominal_links: float) -> MotionTask | None:
     return coarsened(task, links)
 
 
+def _taken_over(
+    found: Motion, coarse: MotionTask, task: MotionTask, nominal_links: float, failures: list[Failure]
+) -> Motion | None:
+    """The coarse motion on the task's links, optimised: lifted, or else found again; None where neither can be."""
+    lifted = _lifted(found, coarse, task)
+    if lifted is not None:
+        return lifted
+    again = _found_again(found, task, nominal_links, failures)
+    return optimised_to_end_pose(straightened(again, task), task) if again is not None else None
+
+
 def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
     """A coarse motion on the task's links: optimised and lifted, or else lifted as it was found and then optimised."""
     # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where it
     # still cannot be lifted, the motion as it was found has more room.
-    lifted = lift(optimised_to_end_pose(straightened(found, coarse), coarse, task.settings.search.lift_margin), task)
-    if lifted is not None:
+    optimised = optimised_to_end_pose(straightened(found, coarse), coarse, task.settings.search.lift_margin)
+    lifted = lift(optimised, task)
+    if lifted is not None or optimised is found:
         return lifted
     lifted = lift(found, task)
     return optimise(lifted, task) if lifted is not None else None
+
+
+def _found_again(found: Motion, task: MotionTask, nominal_links: float, failures: list[Failure]) -> Motion | None:
+    """The motion of the candidate that arrived with few links, tried with the task's own; None where it does not.
+
+    In narrow places the finer arm swings out beside the chords of the coarse one, and no repair brings a thin link
+    back through a wall; but what leads the one mostly leads the other.
+    """
+    margin = fitting_margins(task, task.settings.search.margins, nominal_links)[0]
+    run = SearchRun.from_task(task, margin, nominal_links)
+    return run.run((each for each in chain(run.first(), run.further()) if each.name == found.candidate), failures)

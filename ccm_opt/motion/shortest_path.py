@@ -17,7 +17,7 @@ class ShortestPathStrategy:
 
     name: str = "the shortest path"
     costly: bool = False
-    lifted: bool = True
+    leads_others: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """A goal of the whole arm is seldom met by a tip that is led."""

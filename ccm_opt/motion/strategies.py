@@ -44,8 +44,8 @@ class SearchStrategy(Protocol):
         ...
 
     @property
-    def lifted(self) -> bool:
-        """Whether what it finds for few links is worth lifting onto many."""
+    def leads_others(self) -> bool:
+        """Whether later strategies begin with what it tries, so that few links in vain are enough of it."""
         ...
 
     def applies(self, task: MotionTask) -> bool:
@@ -69,7 +69,7 @@ class DirectStrategy:
 
     name: str = "interpolation"
     costly: bool = False
-    lifted: bool = True
+    leads_others: bool = True
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of the whole arm alone say where straight is."""
@@ -103,7 +103,7 @@ class ConnectStrategy:
     turn: Turn
     name: str = CONNECT
     costly: bool = False
-    lifted: bool = True
+    leads_others: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """Limits that move keyframes, or depend on how far along the motion they are, refuse all straight motions."""
@@ -150,7 +150,7 @@ class LimitArcStrategy:
 
     name: str = "arcs at the limits"
     costly: bool = False
-    lifted: bool = True
+    leads_others: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """Arcs know of no base that is carried or held, and of nothing else that holds at the goal."""
@@ -183,7 +183,7 @@ class PortfolioStrategy:
     narrow: bool
     name: str = "candidates"
     costly: bool = True
-    lifted: bool = True
+    leads_others: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """Candidates do not know how far along the motion they are."""
@@ -215,7 +215,7 @@ class TrackingStrategy:
 
     name: str = "tracking"
     costly: bool = True
-    lifted: bool = True
+    leads_others: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """There must be something to track under."""
@@ -244,7 +244,7 @@ class TreeStrategy:
 
     name: str = TREES
     costly: bool = True
-    lifted: bool = True
+    leads_others: bool = False
 
     def applies(self, task: MotionTask) -> bool:
         """Poses of a tree do not know how far along the motion they are."""
