@@ -14,6 +14,7 @@ from ccm_opt.freespace.narrow_gates import GateRuns
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 from ccm_opt.ground.polyline import leg_headings, without_repeats
 from ccm_opt.motion.ends import resolve_ends
+from ccm_opt.motion.limits.gate_lines import GateLines
 from ccm_opt.motion.limits.gate_rails import GateRails
 from ccm_opt.motion.settings.step_settings import RailSettings, StepSettings
 from ccm_opt.planners.curve_routes import find_routes, route_room, tip_paths_along
@@ -82,20 +83,23 @@ def test_fine_corners_give_next_to_nothing_away(angle: float, size: float) -> No
 
 
 def test_rails_pull_across_and_refuse_nothing() -> None:
-    """A rail has no rows; its pull is zero on the rail, and draws a joint beside it square towards it."""
+    """A rail beside an arm in no gate has no rows; its pull is zero on it, and draws a joint square towards it."""
     stepper, pose = make_stepper(clutter(1))
     space = stepper.space
     along = (pose.points[8] - pose.points[7]) / space.arm.link_length
     normal = np.array([-along[1], along[0]])
     rail = np.array([pose.points[7] - 1e-3 * along, pose.points[8] + 1e-3 * along]) + 2e-3 * normal
-    limit = GateRails((rail,), 0.0, RailSettings(beside=0.1))
+    far = GateLines.from_rails(
+        (np.array([[-1.1, 1.0], [-1.0, 1.0], [-0.9, 1.0]]),), clutter(1).workspace, RailSettings()
+    )
+    limit = GateRails((rail,), far, 0.0, RailSettings(beside=0.1))
     rows = limit.linearised(space, pose, space.jacobians(pose.headings), 0.1)
     assert len(rows.matrix) == 0
     (pull,) = rows.pulls
     np.testing.assert_allclose(pull.target, 2e-3 / space.nominal_length, rtol=1e-6)
     expected = normal @ space.jacobians(pose.headings)[7] / space.nominal_length
     assert any(np.allclose(row, expected) for row in pull.rows)
-    on_it = GateRails((rail - 2e-3 * normal,), 0.0, RailSettings(beside=0.1))
+    on_it = GateRails((rail - 2e-3 * normal,), far, 0.0, RailSettings(beside=0.1))
     np.testing.assert_allclose(
         on_it.linearised(space, pose, space.jacobians(pose.headings), 0.1).pulls[0].target, 0.0, atol=1e-9
     )

@@ -6,7 +6,8 @@ from itertools import chain
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Stalled, settle
-from ccm_opt.motion.goal import GoalPose
+from ccm_opt.motion.goal import GoalPose, polish
+from ccm_opt.motion.limits.gate_rails import GateRails
 from ccm_opt.motion.link_space import fit_coordinates
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.pose import Pose
@@ -75,12 +76,29 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
     """
     space = stepper.space
     near = stepper.pose(fit_coordinates(space.matrix, guess - space.offset, task.arm.length))
+    goal = task.limited_goal
     try:
-        pose = settle(stepper, task.limited_goal, near, task.deadline)[-1]
+        pose = settle(stepper, goal, near, task.deadline)[-1]
     except Stalled:
         return None
     # Settling may have begun inside a wall; every pose after that was only asked to be no worse.
-    return pose if stepper.finder.find(pose.points).gap.min(initial=1.0) > 0.0 else None
+    if stepper.finder.find(pose.points).gap.min(initial=1.0) <= 0.0:
+        return None
+    return _in_the_middle_of_gates(stepper, goal, pose)
+
+
+def _in_the_middle_of_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose:
+    """A pose at the goal with its axis in the middle of the gates it lies in, where that can be; else as it is.
+
+    From the very edge of a gate's play no step leads away.
+    """
+    rails = tuple(limit for limit in stepper.limits if isinstance(limit, GateRails))
+    if not rails:
+        return pose
+    centred = stepper.pose(polish(stepper.space, replace(goal, limits=(*goal.limits, *rails)), pose.v))
+    roomier = stepper.finder.find(centred.points).gap.min(initial=1.0) > stepper.finder.find(pose.points).gap.min()
+    kept = goal.on_goal(centred) and goal.limits_met(centred) and not stepper.finder.crosses(centred.points)
+    return centred if kept and roomier else pose
 
 
 def reversed_motion(motion: Motion) -> Motion:

@@ -16,6 +16,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.goal import GoalPose
+from ccm_opt.motion.limits.gate_lines import GateLines
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.limit_stack import assembled_limits
 from ccm_opt.motion.limits.motion_certificate import MotionCertificate
@@ -162,13 +163,26 @@ class MotionTask:
         """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
         certificate = self.contact_certificate
         return assembled_limits(
-            finder, certificate, self.settings.step, self.user_limits, wanted_gap, self._rails, self.guide_tubes
+            finder,
+            certificate,
+            self.settings.step,
+            self.user_limits,
+            wanted_gap,
+            self._rails,
+            self.gates,
+            self.guide_tubes,
         )
 
     @cached_property
     def _rails(self) -> tuple[FloatArray, ...]:
         """Middle lines of the narrow gates on the tip's paths, each of shape (k, 2) [m]."""
         return tuple(rail for path in self.tip_paths for rail in path.rails)
+
+    @cached_property
+    def gates(self) -> GateLines | None:
+        """The lines across these gates; None where there are none."""
+        rails = self._rails
+        return GateLines.from_rails(rails, self.workspace, self.settings.step.rails) if rails else None
 
     def certificate_with(self, spare: float) -> MotionCertificate:
         """The certificate of all limits, with more gap beyond contact than motions must have [m]."""

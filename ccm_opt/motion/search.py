@@ -67,6 +67,9 @@ def _coarse_task(task: MotionTask, nominal_links: float) -> MotionTask | None:
     resamples = all(limit.resamples for limit in task.user_limits)
     if task.arm.links <= settings.many_links * links or not resamples or task.clamped:
         return None
+    # What lies in the middle of a gate with few links lies beside it with many.
+    if task.gates is not None:
+        return None
     return coarsened(task, links)
 
 

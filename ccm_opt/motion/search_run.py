@@ -130,7 +130,24 @@ class SearchRun:
             fewer = without_pauses(poses, pause)
             if self._certified(fewer):
                 return fewer
+        mended = self._mended(poses)
+        if mended is not None:
+            return mended
         raise Stalled("the motion arrived but could not be certified", poses)
+
+    def _mended(self, poses: list[Pose]) -> list[Pose] | None:
+        """Poses with others between them, put back onto gates' middles, where that certifies them; else None."""
+        continuation = self.task.settings.continuation
+        for _ in range(continuation.mends if self.task.gates is not None else 0):
+            failing = self.task.certificate.failures(pose_headings(poses))
+            if len(failing) == 0:
+                return poses
+            for k in reversed(failing):
+                middle = 0.5 * (poses[k].v + poses[k + 1].v)
+                for limit in self.stepper.limits:
+                    middle = limit.restored(self.stepper.space, middle, self.task.settings.step.largest_turn)
+                poses = [*poses[: k + 1], self.stepper.pose(middle), *poses[k + 1 :]]
+        return poses if self._certified(poses) else None
 
     def _led(self, candidate: GuideCandidate) -> list[Pose]:
         """Follow the candidate's guide, then those that resume where it ends or stalls, until one of them arrives."""

@@ -40,10 +40,15 @@ def slid_out(
         straight = partial(_straight_on, stepper, whole_arm)
         ways = [(straight,), (by_tip, straight)]
     for onward in ways:
+        # What goes straight on from the gates does not ask along which path.
+        tried: set[tuple[float, int]] = set()
         for path, mouth in mouths:
             if mouth is None:
                 continue
             for side in (path.side, -path.side):
+                if by_tip not in onward and (round(mouth, 6), side) in tried:
+                    continue
+                tried.add((round(mouth, 6), side))
                 make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side, settings)
                 name = f"slid out of gates, bowed to the {'left' if side > 0 else 'right'}"
                 resume = tuple(partial(each, path) for each in onward)

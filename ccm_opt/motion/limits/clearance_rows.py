@@ -157,6 +157,7 @@ def motion_rows(
     reach: float,
     settings: LinkMarginSettings = DEFAULT_LINK_MARGINS,
     wanted: float = 0.0,
+    most: FloatArray | None = None,
 ) -> IntervalRows:
     """All rows of a motion, from regions about its own sweep; poses at the fixed start keep clear without margin.
 
@@ -168,18 +169,24 @@ def motion_rows(
         reach: what is farther apart makes no rows [m].
         settings: of margins between links.
         wanted: room beyond contact that the smooth path along the motion should have [m].
+        most: that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no bound.
     """
     arm = sweep.space.arm
     room = arm.room_for_errors(np.arange(1, arm.links + 1))
     planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach + float(room[-1]))
-    need = arm.radius + workspace.clearance + margin + room[planes.link]
+    kept = margin if most is None else np.minimum(margin, most[planes.interval, planes.link])
+    need = arm.radius + workspace.clearance + kept + room[planes.link]
     walls = wall_rows(planes, sweep, need)
     links = self_rows(sweep, reach, margin, settings)
     if wanted > margin:
         smooth = Sweep(sweep.space, smoothing_matrix(len(sweep.coordinates)) @ sweep.coordinates)
         between = arm.link_margins(links.low, links.high - 1, wanted, settings)
         between -= arm.link_margins(links.low, links.high - 1, margin, settings)
-        walls = asking_for_room(walls, np.full(len(walls), wanted - margin), sweep, smooth)
+        more = np.full(len(walls), wanted - margin)
+        if most is not None:
+            # Whoever is asked for less than the margin is asked for nothing beyond contact.
+            more[most[walls.interval, walls.high - 1] < margin] = -np.inf
+        walls = asking_for_room(walls, more, sweep, smooth)
         links = asking_for_room(links, between, sweep, smooth)
     rows = joined_rows([walls, links])
 

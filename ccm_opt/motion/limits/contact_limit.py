@@ -14,6 +14,7 @@ from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.collision.contacts import WALL, Contacts
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.limits.clearance_rows import IntervalRows, motion_rows
+from ccm_opt.motion.limits.gate_lines import GateLines
 from ccm_opt.motion.limits.limit import UNBOUNDED, Limit, LimitRows
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
@@ -32,12 +33,14 @@ class ContactLimit(Limit):
         certificate: of what lies between keyframes.
         settings: of the step.
         wanted: room beyond contact that the optimisation of a motion asks for where there is so much [m].
+        gates: in which links are asked for no more than the certificate asks; None where there are none.
     """
 
     finder: ContactFinder
     certificate: Certificate
     settings: StepSettings
     wanted: float = 0.0
+    gates: GateLines | None = None
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, jacobians: FloatArray, turn: float) -> LimitRows:
@@ -84,10 +87,20 @@ class ContactLimit(Limit):
         workspace = self.certificate.workspace
         finder = self.finder
         link_margins = finder.settings.link_margins
-        rows = motion_rows(
-            sweep, workspace, workspace.wall_segments, finder.margin, finder.reach, link_margins, self.wanted
-        )
-        return (rows,)
+        most = self._most_in_gates(sweep)
+        asked = (link_margins, self.wanted, most)
+        return (motion_rows(sweep, workspace, workspace.wall_segments, finder.margin, finder.reach, *asked),)
+
+    def _most_in_gates(self, sweep: "Sweep") -> FloatArray | None:
+        """Most gap that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no gates.
+
+        An interval has one slack: with more asked in a gate than there is, all of its other rows would be bought off.
+        """
+        if self.gates is None:
+            return None
+        arm = sweep.space.arm
+        inside = self.gates.holds_links(sweep.points[:, : arm.links + 1], arm.radius)
+        return np.where(inside[:-1] | inside[1:], self.certificate.spare, np.inf)
 
     def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals in which something may touch."""

@@ -8,6 +8,8 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 
 Failures = Callable[[FloatArray], IntArray]
 """Intervals of a piecewise-linear motion in coordinates, shape (K, p), that are not certified."""
+Restored = Callable[[FloatArray], FloatArray]
+"""Puts keyframes, coordinates of shape (K, p), where limits want them; both ends stay."""
 
 
 def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) -> FloatArray:
@@ -52,6 +54,32 @@ def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> Fl
         for a, b, count in zip(coordinates[:-1], coordinates[1:], parts, strict=True)
     ]
     return np.vstack((*pieces, coordinates[-1:]))
+
+
+def resampled(
+    coordinates: FloatArray, u: FloatArray, intervals: int, failures: Failures, restored: Restored, rounds: int
+) -> tuple[FloatArray, FloatArray] | None:
+    """Few keyframes of a path at nearly even steps of its parameter, put onto what limits want, legs certified.
+
+    Args:
+        coordinates: at the path's keyframes, shape (K, p).
+        u: their path parameters, increasing from 0 to 1, shape (K,).
+        intervals: number of steps at first; legs that fail are halved.
+        failures: judges the legs.
+        restored: puts keyframes where limits want them.
+        rounds: times that legs may be halved.
+
+    Returns:
+        Coordinates and path parameters, or None when halving does not help.
+    """
+    places = np.linspace(0.0, 1.0, intervals + 1)
+    for _ in range(rounds + 1):
+        keyframes = restored(np.column_stack([np.interp(places, u, column) for column in coordinates.T]))
+        legs = failures(keyframes)
+        if len(legs) == 0:
+            return keyframes, places
+        places = np.insert(places, legs + 1, 0.5 * (places[legs] + places[legs + 1]))
+    return None
 
 
 def even_parameters(least: int, breaks: FloatArray) -> FloatArray:

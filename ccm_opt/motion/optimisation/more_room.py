@@ -24,6 +24,8 @@ def lacks_room(motion: Motion, task: MotionTask) -> bool:
     """Whether a motion keeps less than the wanted gap, or than its ends leave of that, where more can be looked for."""
     # Keyframes that limits have moved stand where the path parameter has them.
     looked_for = task.wanted_gap > 0.0 and task.optimiser == "sequential-convex" and motion.u is None
+    # In the middle of a gate with hardly any play there is all the room that there can be.
+    looked_for = looked_for and task.gates is None
     return looked_for and len(motion.coordinates) > DEGREE and room_of(motion, task) < _enough_room(motion, task)
 
 

@@ -5,12 +5,17 @@ from functools import partial
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.polyline import arc_lengths, path_length
 from ccm_opt.motion.limits.motion_certificate import IntervalCertificate
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.optimisation.interior_point import interior_point
-from ccm_opt.motion.optimisation.keyframes import decimated, even_parameters, subdivided
+from ccm_opt.motion.optimisation.keyframes import (
+    decimated,
+    even_parameters,
+    resampled,
+    subdivided,
+)
 from ccm_opt.motion.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.motion.pose import pose_in
 from ccm_opt.motion.settings.optimisation_settings import OptimisationSettings
@@ -72,7 +77,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: i
     """
     settings = task.settings.optimisation
     left = settings.rounds if rounds is None else rounds
-    keyframes, u = _few_keyframes(motion, task, 0.0)
+    keyframes, u = _few_keyframes(motion, task, whole, 0.0)
     while left > 0:
         program = replace(whole, u=u)
         if task.optimiser == "interior-point":
@@ -87,7 +92,7 @@ def _optimised(motion: Motion, task: MotionTask, whole: MotionProgram, rounds: i
             continue
         stuck = np.array_equal(motion.coordinates, before)
         # A motion that keeps room already is not thinned into the walls again.
-        keyframes, u = _few_keyframes(motion, task, settings.kept_share * task.least_gap(motion.headings))
+        keyframes, u = _few_keyframes(motion, task, whole, settings.kept_share * task.least_gap(motion.headings))
         if len(keyframes) - 1 <= settings.many * settings.intervals:
             continue
         # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
@@ -107,12 +112,40 @@ def finer(motion: Motion, times: float) -> tuple[FloatArray, FloatArray]:
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
 
-def _few_keyframes(motion: Motion, task: MotionTask, spare: float) -> tuple[FloatArray, FloatArray]:
+def _few_keyframes(
+    motion: Motion, task: MotionTask, whole: MotionProgram, spare: float
+) -> tuple[FloatArray, FloatArray]:
     """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
     settings = task.settings.optimisation
     if settings.intervals <= len(motion.coordinates) - 1 <= settings.many * settings.intervals:
         return motion.coordinates, path_parameters(motion)
+    if task.gates is not None:
+        return _few_in_gates(motion, whole)
     return thinned(motion, task.certificate_with(spare), settings)
+
+
+def _few_in_gates(motion: Motion, whole: MotionProgram) -> tuple[FloatArray, FloatArray]:
+    """Few keyframes that lie in the middle of gates, certified, and their path parameters; those of the motion if none.
+
+    Straight legs between poses in a gate leave it by the square of their turn: what is thinned has to be put back.
+    """
+    settings = whole.settings.optimisation
+    space = motion.space
+    u = path_parameters(motion)
+
+    def restored(coordinates: FloatArray) -> FloatArray:
+        for limit in whole.limits:
+            coordinates = limit.restored_keyframes(space, coordinates, u)
+        return coordinates
+
+    def failures(coordinates: FloatArray) -> IntArray:
+        return whole.failures(space.headings(coordinates))
+
+    for intervals in settings.gate_intervals:
+        few = resampled(motion.coordinates, u, intervals, failures, restored, settings.gate_halvings)
+        if few is not None and len(few[1]) < len(u):
+            return few
+    return motion.coordinates, u
 
 
 def keeps_limits(motion: Motion, task: MotionTask) -> bool:
@@ -208,6 +241,7 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
         normalised(task.weights),
         task.slowness,
         task.wanted_gap,
+        task.gates is not None,
         task.settings,
     )
 

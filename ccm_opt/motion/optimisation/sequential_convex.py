@@ -42,6 +42,7 @@ class MotionProgram:
         weights: how much each part of the objective counts.
         slowness: of the joints.
         wanted_gap: room that rows ask for where there is so much [m].
+        yielding: whether keyframes may take less of a step where the motion would not be certified, the others all.
         settings: of the search for a motion.
     """
 
@@ -55,6 +56,7 @@ class MotionProgram:
     weights: Weights = field(default_factory=Weights)
     slowness: JointSlowness | None = None
     wanted_gap: float = 0.0
+    yielding: bool = False
     settings: MotionSettings = field(default_factory=MotionSettings)
 
     @property
@@ -243,6 +245,9 @@ def _part_taken(
     settings = program.settings.optimisation
     start = problem.sweep
     failed = _NONE
+    shares: list[float | FloatArray] = list(settings.shortenings)
+    if program.yielding and step.solved:
+        shares.insert(0, _yielding_shares(program, start, step.change))
 
     # The merit is an exact l∞ penalty, an interval at a time: slack of the QP is what it foresees of the worst row.
     before = merit(problem, rows, start)
@@ -250,8 +255,9 @@ def _part_taken(
 
     # By convexity of the model a share of the step gains at least that share of what the whole step promises; the ratio
     # of true to promised gain decides, as in a trust-region method.
-    for share in settings.shortenings:
-        sweep = Sweep(program.space, program.ended(start.coordinates + share * step.change))
+    for part in shares:
+        share = float(np.mean(part))
+        sweep = Sweep(program.space, program.ended(start.coordinates + part * step.change))
         gain = (before - merit(problem, rows, sweep)) / max(share * foreseen, 1e-12)
         # The certificate costs most and is asked last.
         # Negated, so that a gain that is NaN, for a cost of the user that is not finite there, is refused.
@@ -272,6 +278,25 @@ def _part_taken(
             return _Iterate(sweep, curvature, _damping(problem.damping, share, gain, settings), prices, gained), failed
         failed = failing
     return None, failed
+
+
+def _yielding_shares(program: MotionProgram, start: Sweep, change: FloatArray) -> FloatArray:
+    """Shares of a step for each keyframe, shape (K + 1, 1): less about intervals that would not be certified.
+
+    In a gate with hardly any play few intervals stand against a step that all others could take.
+    """
+    settings = program.settings.optimisation
+    shares = np.ones(len(change))
+    keyframes = np.arange(len(change))
+    for _ in range(settings.yieldings):
+        taken = program.ended(start.coordinates + shares[:, None] * change)
+        failing = program.failures(program.space.headings(taken))
+        if len(failing) == 0:
+            break
+        # Keyframes beside those that give way follow them, or a kink would be left.
+        apart = np.min(np.abs(keyframes[:, None] - (failing + 0.5)), axis=1) - 0.5
+        shares *= np.minimum(1.0, settings.yielding + (1.0 - settings.yielding) * apart / settings.yielding_reach)
+    return shares[:, None]
 
 
 def _foreseen_cost(problem: KeyframeProgram, step: QuadraticStep) -> float:

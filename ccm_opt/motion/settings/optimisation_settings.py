@@ -76,6 +76,9 @@ class OptimisationSettings:
             twice as many shortened motions by 5 % at most.
         moved_intervals: numbers of intervals that are tried where keyframes have to be moved onto limits, until the
             motion through them is certified. Taste.
+        gate_intervals: the same in gates with hardly any play. Taste: the play of a hundredth of a radius asks for
+            about sixty.
+        gate_halvings: times that legs which fail there may be halved. Taste.
         leg_depth: bisections that a leg of the thinned motion may need for its certificate. Taste.
         first_stride: keyframes that a leg of the thinned motion skips at first. Taste.
         margin: gap that rows ask for beyond contact, as a share of the arm's length. Taste.
@@ -128,6 +131,9 @@ class OptimisationSettings:
         good_shrinkage: its fall after a good step. Taste.
         least_damping: least damping. Taste.
         shortenings: shares of a step that are tried until one is certified. Taste.
+        yieldings: times that keyframes about intervals which are not certified take less of a step in gates. Taste.
+        yielding: share of its part of the step that such a keyframe keeps each time. Taste.
+        yielding_reach: keyframes on either side that give way with it, less and less. Taste.
         sufficient: share of the foreseen gain at which a step is taken. Taste.
         good: share of the foreseen gain from which a step is good. Taste.
         damping_ridge: damping of coordinates beside that of the turns. Taste.
@@ -139,6 +145,8 @@ class OptimisationSettings:
 
     intervals: int = 20
     moved_intervals: tuple[int, ...] = (24, 48, 96)
+    gate_intervals: tuple[int, ...] = (40, 60, 90, 135)
+    gate_halvings: int = 3
     leg_depth: int = 2
     first_stride: int = 16
     margin: float = 1e-3
@@ -186,6 +194,9 @@ class OptimisationSettings:
     good_shrinkage: float = 3.0
     least_damping: float = 1e-4
     shortenings: tuple[float, ...] = (1.0, 0.5, 0.25)
+    yieldings: int = 6
+    yielding: float = 0.4
+    yielding_reach: float = 4.0
     sufficient: float = 0.1
     good: float = 0.6
     damping_ridge: float = 1e-3

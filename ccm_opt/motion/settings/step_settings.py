@@ -7,18 +7,40 @@ import numpy as np
 
 @dataclass(frozen=True)
 class RailSettings:
-    """Numbers of the rails through narrow gates.
+    """Numbers of the rails through narrow gates, and of the lines across them.
 
     Attributes:
         weight: on a joint's distance from the middle of its gate beyond a part of the play, against a nominal link's
             distance. Taste: with three times as much joints cannot give way to the goal.
         play: that part, in planning margins. Taste.
         beside: joints farther off than this are not on the rail, in nominal links. Taste.
+        places: of a gate's middle line at which it is measured where it is narrowest. Taste.
+        narrowest: by this share more than the least distance to walls still counts as narrowest. Taste: a hundredth
+            of a gate's width; lines before a rounded wall, where there is room aside, refuse motions that exist.
+        short: a stretch shorter than this many radii of the gate has one line, not one at either end. Taste.
+        same: lines nearer to each other than this share of a rail are one. Derived: rails of two paths through one gate
+            differ by rounding.
+        across: a line is crossed where that is no farther from its middle, in nominal links. Taste.
+        catching_up: most that a step asks a crossing to move towards the middle, in nominal links. Taste.
+        newton_steps: most steps onto the middles. Taste.
+        exact: distance from the middles that is left, as a share of the arm's length. Taste: a thousandth of the play.
+        largest_turn: a pose that needs larger turns of links to cross in the middle is left as it is [rad]. Taste.
+        ridge: share of the diagonal of the normal equations. Taste.
     """
 
     weight: float = 30.0
     play: float = 0.5
     beside: float = 0.5
+    places: int = 61
+    narrowest: float = 1e-3
+    short: float = 0.15
+    same: float = 2e-3
+    across: float = 0.25
+    catching_up: float = 0.02
+    newton_steps: int = 5
+    exact: float = 1e-6
+    largest_turn: float = 0.15
+    ridge: float = 1e-9
 
 
 @dataclass(frozen=True)
@@ -101,6 +123,7 @@ class ContinuationSettings:
         patience: steps without progress before a guide is given up. Taste.
         pauses: poses nearer than this to the one before are dropped [rad], the first that leaves the motion
             certified; a path that almost stands still in places cannot be timed well. Taste.
+        mends: times that poses are put between those in gates between which the motion is not certified. Taste.
         settle_steps: most steps of settling on the goal. Taste.
         settle_least: settling steps that are taken even if the arm hardly moves. Taste.
         settle_moved: turn of a link below which the arm hardly moves [rad]. Taste.
@@ -114,6 +137,7 @@ class ContinuationSettings:
     jerk: float = 1e-4
     patience: int = 60
     pauses: tuple[float, ...] = (0.02, 1e-3)
+    mends: int = 3
     settle_steps: int = 150
     settle_least: int = 20
     settle_moved: float = 1e-5
