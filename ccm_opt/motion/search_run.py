@@ -137,8 +137,9 @@ class SearchRun:
 
     def _mended(self, poses: list[Pose]) -> list[Pose] | None:
         """Poses with others between them, put back onto gates' middles, where that certifies them; else None."""
-        continuation = self.task.settings.continuation
-        for _ in range(continuation.mends if self.task.gates is not None else 0):
+        if self.task.gates is None:
+            return None
+        for _ in range(self.task.settings.continuation.mends):
             failing = self.task.certificate.failures(pose_headings(poses))
             if len(failing) == 0:
                 return poses
