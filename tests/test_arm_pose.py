@@ -22,7 +22,7 @@ from ccm_opt.nlp.arm_pose.link_mapping import mapping_rows
 from ccm_opt.nlp.arm_pose.pose_rows import holding_torques
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.planners.goal_pose import GoalPoseSearch
-from ccm_opt.planners.link_regions import link_regions
+from ccm_opt.planners.joint_regions import joint_regions
 from ccm_opt.user_terms.compiled_terms import compile_terms
 from ccm_opt.user_terms.terms import Constraint, Cost
 
@@ -123,7 +123,7 @@ def test_room_in_the_regions_is_room_to_the_walls(seed: int) -> None:
     scene = clutter(90_000 + seed, 20)
     arm = scene.arm
     rng = np.random.default_rng(seed)
-    regions = link_regions(arm, scene.workspace, scene.start, PoseSettings())
+    regions = joint_regions(arm, scene.workspace, scene.start, PoseSettings())
     shares = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
     for _ in range(20):
         points = arm.joint_positions(scene.start + 0.05 * rng.standard_normal(arm.links))
@@ -173,7 +173,7 @@ def test_sides_that_are_left_out_follow_from_those_that_are_kept() -> None:
     arm = scene.arm
     settings = PoseSettings()
     points = arm.joint_positions(scene.goal)
-    regions = link_regions(arm, scene.workspace, scene.goal, settings)
+    regions = joint_regions(arm, scene.workspace, scene.goal, settings)
     rng = np.random.default_rng(5)
     moved = points[:, None] + settings.reach * rng.uniform(-1.0, 1.0, (arm.links + 1, 4000, 2)) / np.sqrt(2.0)
     for link in range(arm.links):

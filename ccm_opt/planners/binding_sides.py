@@ -1,12 +1,12 @@
-"""The sides of links' regions that a goal pose leans on, read from the names of rows with a multiplier."""
+"""The sides of regions that a goal pose leans on, read from the names of rows with a multiplier."""
 
 import re
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
-from ccm_opt.nlp.arm_pose.pose_task import LinkRegions
+from ccm_opt.nlp.arm_pose.pose_task import JointRegions
 from ccm_opt.planners.goal_pose import GoalPoseSearch
-from ccm_opt.planners.link_regions import link_regions
+from ccm_opt.planners.joint_regions import joint_regions
 from ccm_opt.solution import BindingSide
 
 _ROW = re.compile(r"link (\d+): side (\d+) of its region, at its (start|end)")
@@ -23,29 +23,30 @@ def binding_sides(search: GoalPoseSearch, pose: ArmPose, start: FloatArray) -> t
     """
     arm = search.problem.arm
     points = arm.joint_positions(pose.headings)
-    drawn = [link_regions(arm, search.problem.workspace, start, settings) for settings in search.settings.widening]
+    drawn = [joint_regions(arm, search.problem.workspace, start, settings) for settings in search.settings.widening]
     sides = []
     for name, multiplier in pose.multipliers.items():
         row = _ROW.fullmatch(name)
         if row is None:
             continue
         link = int(row[1])
-        place = points[link if row[3] == "end" else link - 1]
-        normal = _normal(drawn, link - 1, int(row[2]) - 1, place, pose.gap, search)
+        joint = link if row[3] == "end" else link - 1
+        place = points[joint]
+        normal = _normal(drawn, joint, int(row[2]) - 1, place, pose.gap, search)
         if normal is not None:
             sides.append(BindingSide(link, _pair(place), _pair(normal), multiplier))
     return tuple(sides)
 
 
 def _normal(
-    drawn: list[LinkRegions], link: int, side: int, place: FloatArray, gap: float, search: GoalPoseSearch
+    drawn: list[JointRegions], joint: int, side: int, place: FloatArray, gap: float, search: GoalPoseSearch
 ) -> FloatArray | None:
     """The side's outward normal, shape (2,), in the regions by which the place has just the gap to it; None in none."""
     allowed = search.settings.leaning * search.problem.arm.length
     for regions in drawn:
         if side < regions.sides:
-            normal: FloatArray = regions.normals[link, side]
-            if abs(float(regions.offsets[link, side] - normal @ place) - gap) <= allowed:
+            normal: FloatArray = regions.normals[joint, side]
+            if abs(float(regions.offsets[joint, side] - normal @ place) - gap) <= allowed:
                 return normal
     return None
 

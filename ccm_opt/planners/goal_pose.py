@@ -18,7 +18,7 @@ from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose, PoseQuestion
 from ccm_opt.nlp.arm_pose.pose_task import PoseTask
 from ccm_opt.nlp.arm_pose.pose_user_terms import with_user_terms
-from ccm_opt.planners.link_regions import link_regions
+from ccm_opt.planners.joint_regions import joint_regions
 from ccm_opt.planners.pose_classes import landmarks, same_class
 from ccm_opt.planners.pose_draw_settings import PoseDrawSettings
 from ccm_opt.planners.pose_draws import PoseDraws
@@ -188,13 +188,16 @@ class GoalPoseSearch:
         settings = self.settings
         found: list[ArmPose] = []
         gain = np.inf
+        growth = np.inf
         for _ in range(settings.rounds):
             pose = self.solved(start)
             if found:
                 gain = 1.0 - pose.cost / found[-1].cost
+                growth = pose.gap - found[-1].gap
             found.append(pose)
             wide = pose.gap >= settings.enough * self.wanted_gap
-            if not self.feasible(pose) or (wide and (not _bounded(pose) or gain < settings.worthwhile)):
+            idle = gain < settings.worthwhile and (wide or growth < settings.worthwhile * self.wanted_gap)
+            if not self.feasible(pose) or idle or (wide and not _bounded(pose)):
                 break
             start = pose.headings
         return tuple(found)
@@ -239,7 +242,7 @@ class GoalPoseSearch:
         """One solution, its regions drawn with settings of their own."""
         problem = self.problem
         arm = problem.arm
-        regions = link_regions(arm, problem.workspace, start, region_settings, problem.workspace.wall_segments)
+        regions = joint_regions(arm, problem.workspace, start, region_settings, problem.workspace.wall_segments)
         torque = problem.limits.torque
         goal = self.ends.goal
         task = PoseTask(

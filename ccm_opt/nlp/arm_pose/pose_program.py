@@ -33,7 +33,7 @@ class PoseSize:
 
     Attributes:
         links: number of links.
-        sides: sides of every link's region, padded.
+        sides: sides of every joint's region, padded.
         loaded: whether torques are limited.
         segments: curvature segments of the curve.
         window: pieces about a joint, see ``mapping_rows``.
@@ -66,8 +66,8 @@ class PoseParameters:
         first_shares: where on each link the part begins that must be inside its region, shape (links, 1).
         goal: middle of the disc that the tip lies in, shape (2, 1).
         goal_room: its radius, scalar.
-        normals: of the regions' sides, shape (2, links · sides).
-        offsets: shape (sides, links).
+        normals: of the regions' sides, shape (2, (links + 1) · sides).
+        offsets: shape (sides, links + 1).
         link_weights: force on each link's centre, shape (2, links) [N]; empty when torque is not limited.
         payload: force on the tip, shape (2, 1) [N]; likewise.
         torque_limits: over the arm's length, shape (links, 1) [N]; likewise.
@@ -100,8 +100,8 @@ class PoseParameters:
             first_shares=ca.SX.sym("first_share", size.links),
             goal=ca.SX.sym("goal", 2),
             goal_room=ca.SX.sym("goal_room"),
-            normals=ca.SX.sym("normal", 2, size.links * size.sides),
-            offsets=ca.SX.sym("offset", size.sides, size.links),
+            normals=ca.SX.sym("normal", 2, (size.links + 1) * size.sides),
+            offsets=ca.SX.sym("offset", size.sides, size.links + 1),
             link_weights=ca.SX.sym("link_weight", 2, loaded),
             payload=ca.SX.sym("payload", 2 if size.loaded else 0),
             torque_limits=ca.SX.sym("torque_limit", loaded),

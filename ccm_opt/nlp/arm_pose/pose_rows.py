@@ -29,25 +29,23 @@ def joint_limit_rows(link_headings: ca.SX, base_heading: ca.SX, limits: ca.SX) -
 
 
 def region_rows(points: ca.SX, first_shares: ca.SX, normals: ca.SX, offsets: ca.SX, gap: ca.SX) -> RowBlock:
-    """N · P + g ≤ b at both ends of every link: it lies in its region with a gap to every side.
+    """N · P + g ≤ b at every joint and the tip: both ends of a link lie in its region with a gap to every side.
 
     Args:
         points: P, shape (2, links + 1).
         first_shares: where on each link the part begins that must lie inside, shape (links, 1).
-        normals: shape (2, links · sides), the sides of a link in a row.
-        offsets: shape (sides, links).
+        normals: shape (2, (links + 1) · sides), the sides of a joint in a row.
+        offsets: shape (sides, links + 1).
         gap: g, the same for all links.
     """
-    sides, links = offsets.shape
+    sides, joints = offsets.shape
+    links = joints - 1
     starts = points[:, :-1] + ca.repmat(first_shares.T, 2, 1) * (points[:, 1:] - points[:, :-1])
-    limits = ca.vec(offsets) - gap
-    rows = []
-    names = []
-    for end, ends in (("start", starts), ("end", points[:, 1:])):
-        each = _repeated(ends, sides)
-        rows.append(limits - normals[0, :].T * each[0, :].T - normals[1, :].T * each[1, :].T)
-        names += [f"link {j + 1}: side {k + 1} of its region, at its {end}" for j in range(links) for k in range(sides)]
-    return not_negative(tuple(names), ca.vertcat(*rows))
+    held = _repeated(ca.horzcat(starts, points[:, links]), sides)
+    rows = ca.vec(offsets) - gap - normals[0, :].T * held[0, :].T - normals[1, :].T * held[1, :].T
+    ends = [*((j + 1, "start") for j in range(links)), (links, "end")]
+    names = tuple(f"link {link}: side {k + 1} of its region, at its {end}" for link, end in ends for k in range(sides))
+    return not_negative(names, rows)
 
 
 def _repeated(columns: ca.SX, times: int) -> ca.SX:

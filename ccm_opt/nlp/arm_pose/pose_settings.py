@@ -35,8 +35,8 @@ class PoseSettings:
         first_barrier: where the barrier starts; small, for a pose of the arm is known (taste).
         rounds: most solutions, the regions drawn anew about the links between them (measured by
             ``tests.benchmarks.bench_goal_poses``: two or three are enough in most clutter).
-        worthwhile: where the wanted gap is reached, a further round is worth its time when the one before brought this
-            share of the cost (taste).
+        worthwhile: a further round is worth its time when the one before brought this share of the cost or, where the
+            wanted gap is not reached, of that gap (taste).
         reach: walls farther away than this from a link make no side of its region (taste).
         far_reach: the same where a link has strayed farther than ``reach`` and met a wall there (derived: no link
             strays farther than twice the arm's length, and seldom half of it).

@@ -16,7 +16,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.ipopt_call import ipopt_call
 from ccm_opt.nlp.arm_pose.pose_program import PARTS, PoseProgram
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
-from ccm_opt.nlp.arm_pose.pose_task import PoseTask
+from ccm_opt.nlp.arm_pose.pose_task import PoseTask, free_from
 from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
 
 _SWITCHES: dict[str, Any] = {
@@ -107,35 +107,25 @@ class PoseQuestion:
     def _length(self) -> float:
         return self.task.arm.length
 
-    @property
-    def _free_from(self) -> FloatArray:
-        """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
-        arm = self.task.arm
-        shares: FloatArray = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
-        return shares
-
     def _parameters(self) -> FloatArray:
         """Numbers for ``PoseParameters.column``."""
         task = self.task
         arm = task.arm
         offsets = (task.regions.offsets - task.regions.normals @ arm.base) / self._length
-        # The part of a link that belongs to the mount may lie anywhere: its region says nothing.
-        offsets = np.where((self._free_from < 1.0)[:, None], offsets, 2.0)
         limits = self.settings.limit_share * arm.bend_limits
         if task.clamped:
             limits[0] = max(limits[0], abs(float(arm.bends(task.start)[0])))
-        normals = np.where((self._free_from < 1.0)[:, None, None], task.regions.normals, 0.0)
         values: list[FloatArray | list[float]] = [
             self.weights,
             [task.wanted_gap / self._length],
             task.near,
             [arm.base_heading],
             limits,
-            np.minimum(self._free_from, 1.0),
+            free_from(arm),
             (task.position - arm.base) / self._length,
             # A tip that is held at its goal by its bounds lies in any disc about it.
             [task.room[0] / self._length or 1.0],
-            normals.reshape(-1),
+            task.regions.normals.reshape(-1),
             offsets.reshape(-1),
         ]
         if self.program.size.loaded and task.torque_limits is not None:
@@ -182,7 +172,7 @@ class PoseQuestion:
         headings = curve.heading_at(curve.breakpoints)
         integrals = curve.heading_integral_at(curve.breakpoints) / self._length
         points = task.arm.joint_positions(task.start)
-        gap = min(task.regions.gap(self._free_from, points), task.wanted_gap) / self._length
+        gap = min(task.regions.gap(free_from(task.arm), points), task.wanted_gap) / self._length
         from_base = (points - task.arm.base) / self._length
         knots = (arcs, curvatures, headings, integrals, bows)
         return np.concatenate((*knots, task.start, from_base.ravel(), [gap]))

@@ -1,4 +1,4 @@
-"""What a goal pose must keep, as plain data: the arm, its goal, a region for every link, and what is wanted."""
+"""What a goal pose must keep, as plain data: the arm, its goal, regions for its joints, and what is wanted."""
 
 from dataclasses import dataclass, field
 
@@ -8,16 +8,34 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 
 
-@dataclass(frozen=True, eq=False)
-class LinkRegions:
-    """A convex region for every link: n · x ≤ b at both ends, for the link's axis.
+def free_from(arm: Arm) -> FloatArray:
+    """Where on each link the part begins that may touch nothing: behind the mount, shape (links,)."""
+    shares: FloatArray = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
+    return shares
 
-    Walls, and other links that must be kept apart, are behind the sides already by the radius and the clearance; what
-    a link has beyond that is its gap. A convex region that holds both ends of a link holds the link.
+
+def held_points(first_shares: FloatArray, points: FloatArray) -> FloatArray:
+    """The points that regions hold: where the free part of every link begins, and the tip, shape (links + 1, 2) [m].
+
+    Args:
+        first_shares: as of ``free_from``, shape (links,).
+        points: joint and tip positions, shape (links + 1, 2) [m].
+    """
+    starts = points[:-1] + first_shares[:, None] * np.diff(points, axis=0)
+    return np.vstack((starts, points[-1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class JointRegions:
+    """A convex region for every joint and the tip, for the arm's axis: n · x ≤ b.
+
+    A link has a convex region, in which both its ends lie, and so all of it does; a joint lies in the regions of both
+    its links. Walls, and other links that must be kept apart, are behind the sides already by the radius and the
+    clearance; what a link has beyond that is its gap.
 
     Attributes:
-        normals: unit, outwards, shape (links, sides, 2); rows that say nothing are zero.
-        offsets: shape (links, sides) [m]; where the normal is zero, anything positive.
+        normals: unit, outwards, shape (links + 1, sides, 2); rows that say nothing are zero.
+        offsets: shape (links + 1, sides) [m]; where the normal is zero, anything positive.
     """
 
     normals: FloatArray
@@ -29,18 +47,10 @@ class LinkRegions:
         return int(self.offsets.shape[1])
 
     def gap(self, first_shares: FloatArray, points: FloatArray) -> float:
-        """Least distance of any link's ends inside its region [m].
-
-        Args:
-            first_shares: where on each link the part begins that must be inside, shape (links,).
-            points: joint and tip positions, shape (links + 1, 2) [m].
-        """
-        starts = points[:-1] + first_shares[:, None] * np.diff(points, axis=0)
-        ends = np.stack((starts, points[1:]), axis=1)
-        inside = self.offsets[:, None, :] - np.einsum("led,lsd->les", ends, self.normals)
-        sides = np.any(self.normals != 0.0, axis=2)
-        held = sides & (first_shares < 1.0)[:, None]
-        return float(np.min(inside.min(axis=1)[held], initial=np.inf))
+        """Least distance of any held point inside its region [m]; arguments as of ``held_points``."""
+        places = held_points(first_shares, points)
+        inside = self.offsets - np.einsum("jd,jsd->js", places, self.normals)
+        return float(np.min(inside[np.any(self.normals != 0.0, axis=2)], initial=np.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +64,7 @@ class PoseTask:
         room: by how much the tip [m] and the last link [rad] may miss these two; then any member of the set will do.
         near: link headings of a pose to stay near, shape (links,) [rad].
         start: link headings of the pose that the solver starts from, shape (links,) [rad]; usually in its regions.
-        regions: a convex region for every link.
+        regions: a convex region for every joint and the tip.
         wanted_gap: room beyond radius and clearance above which more room is worth nothing [m].
         clamped: whether the first link keeps its heading.
         gravity: in the plane of the arm, shape (2,) [m/s²].
@@ -66,7 +76,7 @@ class PoseTask:
     heading: float | None
     near: FloatArray
     start: FloatArray
-    regions: LinkRegions
+    regions: JointRegions
     wanted_gap: float
     clamped: bool = False
     room: tuple[float, float] = (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""A convex free region about every link of a pose: what the goal-pose NLP keeps each link in."""
+"""A convex free region about every joint of a pose: what the goal-pose NLP keeps both ends of each link in."""
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -13,25 +13,26 @@ from ccm_opt.motion.limits.sweep_regions import sweep_regions
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.swept_motion import Sweep
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
-from ccm_opt.nlp.arm_pose.pose_task import LinkRegions
+from ccm_opt.nlp.arm_pose.pose_task import JointRegions, free_from, held_points
 
 Sides = tuple[IntArray, FloatArray, FloatArray]
-"""Link, outward normal and offset of every side, shapes (m,), (m, 2), (m,)."""
+"""Link or joint, outward normal and offset of every side, shapes (m,), (m, 2), (m,)."""
 
 
-def link_regions(
+def joint_regions(
     arm: Arm,
     workspace: Workspace,
     headings: FloatArray,
     settings: PoseSettings,
     walls: WallSegments | None = None,
-) -> LinkRegions:
+) -> JointRegions:
     """Half-planes between every link of a pose and the walls, and between links that must be kept apart.
 
     Between a link and a wall the side touches the wall; between two links it lies half-way, and both get one. A pose
-    whose links all keep to their regions touches nothing. Sides that others imply are left out: most of those between
-    links, and every row that is left makes every iteration dearer. Of what is left a link gets the nearest sides, as
-    many as the settings say.
+    whose links all keep to their regions touches nothing. A joint is an end of two links: it has the sides of both.
+    Sides that others imply are left out: most of those between links, and of what neighbouring links share; every row
+    that is left makes every iteration dearer. Of what is left a joint gets the nearest sides, as many as the settings
+    say.
 
     Args:
         arm: the arm.
@@ -45,8 +46,10 @@ def link_regions(
     parts = [_wall_sides(arm, walls, workspace.clearance, headings, reach)]
     if arm.self_collision:
         parts.append(_link_sides(arm, headings, reach))
-    sides = _needed(arm, headings, _beyond_mount(arm, _joined(parts)), reach)
-    sides = _nearest(arm, headings, sides, settings.most_sides)
+    sides = _of_joints(_beyond_mount(arm, _joined(parts)))
+    places = held_points(free_from(arm), arm.joint_positions(headings))
+    sides = _needed(places, sides, reach + arm.link_length)
+    sides = _nearest(places, sides, settings.most_sides)
     return _padded(arm, *sides, settings.region_sizes)
 
 
@@ -88,60 +91,67 @@ def _joined(parts: list[Sides]) -> Sides:
 def _beyond_mount(arm: Arm, sides: Sides) -> Sides:
     """The sides of links that do not belong to the mount altogether, which may lie anywhere."""
     link, normal, offset = sides
-    free = (link + 1) * arm.link_length > arm.mount_length
+    free = free_from(arm)[link] < 1.0
     return link[free], normal[free], offset[free]
 
 
-def _needed(arm: Arm, headings: FloatArray, sides: Sides, reach: float) -> Sides:
-    """The sides without which a region would be larger, as far as it lies within reach of its link.
+def _of_joints(sides: Sides) -> Sides:
+    """The sides of links as sides of both their ends, by the number of the joint; that of the tip is the last."""
+    link, normal, offset = sides
+    return np.concatenate((link, link + 1)), np.tile(normal, (2, 1)), np.tile(offset, 2)
+
+
+def _needed(places: FloatArray, sides: Sides, reach: float) -> Sides:
+    """The sides without which a region would be larger, as far as it lies within reach of its joint.
 
     By duality: of half-planes n · x ≤ d with d > 0 those are needed whose n / d are corners of the hull of all n / d.
+
+    Args:
+        places: of the joints, shape (links + 1, 2) [m].
+        sides: by joint.
+        reach: half the width of the box about each joint that counts [m].
     """
-    link, normal, offset = sides
-    points = arm.joint_positions(headings)
-    middles = 0.5 * (points[1:] + points[:-1])
-    behind = offset - np.einsum("md,md->m", normal, middles[link])
+    joint, normal, offset = sides
+    behind = offset - np.einsum("md,md->m", normal, places[joint])
     # Beyond this box there may be walls that no side was made for: what a region is there says nothing.
-    box = np.vstack((np.eye(2), -np.eye(2))) / (reach + arm.link_length)
-    needed = np.zeros(len(link), dtype=bool)
-    for each in np.unique(link):
-        of_link = np.flatnonzero(link == each)
-        if behind[of_link].min() <= TINY:  # the link stands outside its region: all sides count
-            needed[of_link] = True
+    box = np.vstack((np.eye(2), -np.eye(2))) / reach
+    needed = np.zeros(len(joint), dtype=bool)
+    for each in np.unique(joint):
+        of_joint = np.flatnonzero(joint == each)
+        if behind[of_joint].min() <= TINY:  # the joint stands outside its region: all sides count
+            needed[of_joint] = True
             continue
-        corners = ConvexHull(np.vstack((normal[of_link] / behind[of_link, None], box))).vertices
-        needed[of_link[corners[corners < len(of_link)]]] = True
-    return link[needed], normal[needed], offset[needed]
+        corners = ConvexHull(np.vstack((normal[of_joint] / behind[of_joint, None], box))).vertices
+        needed[of_joint[corners[corners < len(of_joint)]]] = True
+    return joint[needed], normal[needed], offset[needed]
 
 
-def _nearest(arm: Arm, headings: FloatArray, sides: Sides, most: int) -> Sides:
-    """The sides that every link is nearest to with one of its ends, at most so many for a link."""
-    link, normal, offset = sides
-    points = arm.joint_positions(headings)
-    ends = np.stack((points[link], points[link + 1]), axis=1)
-    inside = offset - np.max(np.einsum("med,md->me", ends, normal), axis=1)
-    order = np.lexsort((inside, link))
-    place = np.empty(len(link), dtype=np.intp)
-    place[order] = _places(link[order])
+def _nearest(places: FloatArray, sides: Sides, most: int) -> Sides:
+    """The sides that every joint is nearest to, at most so many for a joint; arguments as of ``_needed``."""
+    joint, normal, offset = sides
+    inside = offset - np.einsum("md,md->m", normal, places[joint])
+    order = np.lexsort((inside, joint))
+    place = np.empty(len(joint), dtype=np.intp)
+    place[order] = _places(joint[order])
     kept = place < most
-    return link[kept], normal[kept], offset[kept]
+    return joint[kept], normal[kept], offset[kept]
 
 
-def _places(link: IntArray) -> IntArray:
-    """The number of each entry among those of its link, which stand together, shape (m,)."""
-    count = np.bincount(link)
-    return np.arange(len(link)) - np.repeat(np.cumsum(count) - count, count)
+def _places(joint: IntArray) -> IntArray:
+    """The number of each entry among those of its joint, which stand together, shape (m,)."""
+    count = np.bincount(joint)
+    return np.arange(len(joint)) - np.repeat(np.cumsum(count) - count, count)
 
 
-def _padded(arm: Arm, link: IntArray, normal: FloatArray, offset: FloatArray, sizes: tuple[int, ...]) -> LinkRegions:
-    """The sides in one array for each link, filled up with sides that say nothing."""
-    count = np.bincount(link, minlength=arm.links)
+def _padded(arm: Arm, joint: IntArray, normal: FloatArray, offset: FloatArray, sizes: tuple[int, ...]) -> JointRegions:
+    """The sides in one array for each joint, filled up with sides that say nothing."""
+    count = np.bincount(joint, minlength=arm.links + 1)
     most = int(count.max(initial=1))
     sides = next((size for size in sizes if size >= most), most)
-    normals = np.zeros((arm.links, sides, 2))
-    offsets = np.full((arm.links, sides), 2.0 * arm.length)
-    order = np.argsort(link, kind="stable")
-    place = _places(link[order])
-    normals[link[order], place] = normal[order]
-    offsets[link[order], place] = offset[order]
-    return LinkRegions(normals, offsets)
+    normals = np.zeros((arm.links + 1, sides, 2))
+    offsets = np.full((arm.links + 1, sides), 2.0 * arm.length)
+    order = np.argsort(joint, kind="stable")
+    place = _places(joint[order])
+    normals[joint[order], place] = normal[order]
+    offsets[joint[order], place] = offset[order]
+    return JointRegions(normals, offsets)
