@@ -17,7 +17,7 @@ class LiveSettings:
         end_rounds: most steps after that. Taste: the next change goes on from there.
     """
 
-    patience: float = 0.8
+    patience: float = 0.6
     free_rounds: int = 4
     end_rounds: int = 3
 

@@ -75,8 +75,10 @@ def tip_goal(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_EN
     turning = heading is not None and allowed.heading > settings.precise_turn
     room = (settings.room_used * allowed.position * wide, settings.room_used * allowed.heading * turning)
     spare = (settings.tolerance_share * allowed.position, settings.tolerance_share * allowed.heading)
-    near_enough = (0.0 if wide else spare[0], 0.0 if turning else spare[1])
     position = goal.position if wide else aim(problem, goal, settings)
+    # An aim beside the goal has used some of the tolerance up.
+    left = settings.room_used * allowed.position - float(np.hypot(*(position - goal.position)))
+    near_enough = (0.0 if wide else float(np.clip(left, 0.0, spare[0])), 0.0 if turning else spare[1])
     return GoalPose(position, heading, room=room, near_enough=near_enough)
 
 

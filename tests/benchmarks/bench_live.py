@@ -5,6 +5,7 @@ twenty polygons. CPU seconds of each answer; durations beside a solve from nothi
 """
 
 import sys
+from collections import Counter
 
 import numpy as np
 
@@ -53,8 +54,9 @@ def main() -> None:
             f"{problem.name:18} {planned:3}/{drags:3} {np.median(times):7.3f}s {np.quantile(times, 0.9):7.3f}s "
             f"{times.max():7.3f}s {live.plan.trajectory.duration:8.3f}s {anew:7.3f}s\n"
         )
-        for reason in sorted({answer.reason for answer in answers if not answer.current}):
-            sys.stdout.write(f"    not planned: {reason}\n")
+        kinds = Counter(" ".join(answer.reason.split()[:4]) for answer in answers if not answer.current)
+        for kind, count in kinds.most_common():
+            sys.stdout.write(f"    not planned: {count} × {kind} …\n")
 
 
 if __name__ == "__main__":
