@@ -216,7 +216,7 @@ class _FeedSearch:
 
     def _changing_shape(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         """Changes of shape that are found quickly, to compare with what is drawn back."""
-        share = query.settings.compared_share
+        share = query.settings.compared_seconds / query.problem.planner.time_limit
         yield from islice(reshaping(query, path, share), 1)
         if not self.compared:
             self.compared = True
