@@ -11,6 +11,7 @@ from ccm_opt.motion.goal import GoalPose
 from ccm_opt.motion.limits.guide_tube_limit import GuideTubeLimit
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.motion_task import JointSlowness, Motion, MotionTask
+from ccm_opt.planners.feed.fed_end_poses import FedEndPoses
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.problem import Problem, TipGoal
 
@@ -47,6 +48,7 @@ def fed_task(query: FeedQuery, deadline: Deadline, user_limits: tuple[Limit, ...
         slowness=fed_slowness(problem),
         user_limits=user_limits,
         wanted_gap=problem.wanted_gap,
+        end_poses=FedEndPoses(query, query.settings.curve.goal_pose),
         guide_tubes=(GuideTubeLimit(arm, query.motions.travel),),
         settings=query.settings.curve.motion,
     )
