@@ -193,8 +193,10 @@ class _FeedSearch:
 
         When the first paths cannot be followed all the way, others hardly can: shapes are changed to them first.
         """
-        most = query.settings.paths_reshaped_to
+        settings = query.settings
+        most = settings.paths_reshaped_to
         not_followed: list[LeaderPath] = []
+        not_led_to: list[LeaderPath] = []
         for path in self._leaders(query):
             self.found.append(path)
             motions = list(following(query, path))
@@ -202,8 +204,12 @@ class _FeedSearch:
             yield from ahead
             back = [motion for motion in motions if motion.draws_back]
             if not ahead:
-                back += drawn_back_a_little(query, path, self.finishing.task, self.finishing.space)
-                back += self._changing_shape(query, path)
+                # Where the arm stalls on its way to some paths it mostly does to all, and changes of shape help.
+                asked = len(not_led_to) < settings.led_in_vain
+                led = list(self._led_to(query, path)) if asked else []
+                if not led:
+                    not_led_to.append(path)
+                back += [*led, *self._changing_shape(query, path)]
             yield from sorted(back, key=self.finishing.duration)
             if not motions and query.end_on(path) is not None:
                 not_followed.append(path)
@@ -213,6 +219,12 @@ class _FeedSearch:
         if len(not_followed) < most:
             others = [path for path in self.found if path not in not_followed]
             yield from self._reshaping_to(query, (not_followed + others)[:most])
+        for path in not_led_to[settings.led_in_vain :]:
+            yield from self._led_to(query, path)
+
+    def _led_to(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
+        """The motion that changes shape and feed at once, drawn back as far as need be."""
+        yield from drawn_back_a_little(query, path, self.finishing.task, self.finishing.space)
 
     def _changing_shape(self, query: FeedQuery, path: LeaderPath) -> Iterator[ProposedMotion]:
         """Changes of shape that are found quickly, to compare with what is drawn back."""
