@@ -56,7 +56,7 @@ def main() -> None:
         )
         kinds = Counter(" ".join(answer.reason.split()[:4]) for answer in answers if not answer.current)
         for kind, count in kinds.most_common():
-            sys.stdout.write(f"    not planned: {count} × {kind} …\n")
+            sys.stdout.write(f"    not planned: {count} times {kind} …\n")
 
 
 if __name__ == "__main__":
