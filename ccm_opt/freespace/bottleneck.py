@@ -47,8 +47,8 @@ def missing_link(workspace: Workspace, mesh: Triangulation, start: int, goal: in
 
 def nearest_walls(workspace: Workspace, place: FloatArray, count: int = 2) -> tuple[str, ...]:
     """Names of the walls nearest to a place (2,) [m], nearest first."""
-    gaps = [shapely.distance(wall.core, shapely.Point(place)) - wall.rounding for wall in workspace.walls]
-    return tuple(workspace.walls[k].name for k in np.argsort(gaps, kind="stable")[:count])
+    order = np.argsort(workspace.apart(shapely.Point(place)), kind="stable")
+    return tuple(workspace.walls[k].name for k in order[:count])
 
 
 def _component(mesh: Triangulation, number: int) -> shapely.Geometry:

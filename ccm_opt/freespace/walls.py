@@ -64,6 +64,11 @@ class Walls:
         return BoxTree.over(self.edges.min(axis=1), self.edges.max(axis=1))
 
     @cached_property
+    def edge_lines(self) -> shapely.STRtree:
+        """The edges as lines, for questions about what crosses them."""
+        return shapely.STRtree(np.asarray(shapely.linestrings(self.edges)))
+
+    @cached_property
     def vertex_tree(self) -> BoxTree:
         """Index of the vertices."""
         return BoxTree.over(self.vertices, self.vertices)

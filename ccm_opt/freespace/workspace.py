@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from ccm_opt.freespace.wall_segments import WallSegments
 from ccm_opt.freespace.walls import Walls
+from ccm_opt.ground.arrays import FloatArray
 
 BOUNDARY_NAME = "workspace boundary"
 
@@ -65,11 +67,19 @@ class Workspace:
         """The same as one list of segments."""
         return WallSegments.of(self.walls, self.flat_walls)
 
+    @cached_property
+    def _cores(self) -> npt.NDArray[np.object_]:
+        """Cores of all walls, shape (walls,)."""
+        return np.array([wall.core for wall in self.walls], dtype=np.object_)
+
+    def apart(self, shape: shapely.Geometry) -> FloatArray:
+        """Distance of a shape from every wall, in the order of the walls, shape (walls,) [m]."""
+        return np.asarray(shapely.distance(self._cores, shape)) - self.flat_walls.rounding
+
     def near(self, shape: shapely.Geometry, distance: float) -> "Workspace":
         """The room with those obstacles alone that come within a distance [m] of a shape."""
         if not self.obstacles:
             return self
-        cores = np.array([obstacle.core for obstacle in self.obstacles], dtype=np.object_)
-        apart = shapely.distance(cores, shape) - [obstacle.rounding for obstacle in self.obstacles]
+        apart = self.apart(shape)[: len(self.obstacles)]
         kept = [obstacle for obstacle, gap in zip(self.obstacles, apart, strict=True) if gap <= distance]
         return self if len(kept) == len(self.obstacles) else replace(self, obstacles=tuple(kept))

@@ -99,7 +99,7 @@ def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -
 
     need = arm.radius + problem.workspace.clearance
     place = shapely.Point(goal.position)
-    if all(shapely.distance(place, wall.core) - wall.rounding >= need for wall in problem.workspace.walls):
+    if float(problem.workspace.apart(place).min()) >= need:
         return goal.position
 
     # A little more room than need be: at the very edge of free space no step has a choice.
@@ -166,7 +166,7 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
         # The rear end of the last link may swing by this much.
         play += arm.link_length * tolerances.heading
     need = arm.radius + problem.workspace.clearance - play
-    gaps = [shapely.distance(last, wall.core) - wall.rounding - need for wall in problem.workspace.walls]
+    gaps = problem.workspace.apart(last) - need
     k = int(np.argmin(gaps))
     if gaps[k] < 0.0:
         what = "tip is" if goal.heading is None else "last link is"

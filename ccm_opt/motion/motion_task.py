@@ -134,9 +134,10 @@ class MotionTask:
 
     def gap_about(self, places: FloatArray) -> float:
         """Gap that the arm would have to walls at the nearest of some places of its axis, shape (m, 2) [m]."""
-        spots = shapely.multipoints(places)
-        nearest = min(float(shapely.distance(spots, wall.core)) - wall.rounding for wall in self.workspace.walls)
-        return nearest - self.arm.radius - self.workspace.clearance if len(places) else np.inf
+        if len(places) == 0:
+            return np.inf
+        nearest = float(self.workspace.apart(shapely.MultiPoint(places)).min())
+        return nearest - self.arm.radius - self.workspace.clearance
 
     @cached_property
     def certificate(self) -> MotionCertificate:

@@ -1,14 +1,18 @@
 """How wide the passages are that a tip path leads through: the walls' distance across it, on both sides together."""
 
 import numpy as np
+import shapely
 
 from ccm_opt.freespace.walls import Walls
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.polygons import cross
 from ccm_opt.ground.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
 from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import MotionTask
 from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES
+
+SPARE = 1.001
+"""Rounding: lines are drawn by so much longer when the edges that they cross are looked for."""
 
 
 def nominal_links_asked(task: MotionTask) -> float:
@@ -83,9 +87,11 @@ def passage_widths(
     places, tangent = evenly_along(path, samples)
     # Along the normal to the first edge on either side; where there is none, as wide as is asked about.
     across = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
-    along = _crossings(walls, places, across)
-    left = np.min(np.where(along >= 0.0, along, widest), axis=1, initial=widest)
-    right = np.min(np.where(along <= 0.0, -along, widest), axis=1, initial=widest)
+    place, along = _crossings(walls, places, across, widest)
+    left = np.full(samples, widest)
+    right = np.full(samples, widest)
+    np.minimum.at(left, place, np.where(along >= 0.0, along, widest))
+    np.minimum.at(right, place, np.where(along <= 0.0, -along, widest))
     widths: FloatArray = np.minimum(left + right, widest)
     return widths
 
@@ -100,16 +106,22 @@ def evenly_along(path: FloatArray, samples: int) -> tuple[FloatArray, FloatArray
     return path[leg] + (at - arcs[leg])[:, None] * tangent, tangent
 
 
-def _crossings(walls: Walls, places: FloatArray, directions: FloatArray) -> FloatArray:
-    """Signed distance along lines through places to every edge less its rounding, inf when missed, shape (m, E) [m]."""
-    a = walls.edges[None, :, 0] - places[:, None]
-    b = walls.edges[None, :, 1] - places[:, None]
-    side_a = cross(directions[:, None], a)
-    side_b = cross(directions[:, None], b)
+def _crossings(walls: Walls, places: FloatArray, directions: FloatArray, widest: float) -> tuple[IntArray, FloatArray]:
+    """Where lines through places (m, 2) meet edges: place of each crossing and its signed distance, each of shape (k,).
+
+    Distances [m] are less the rounding of the wall; crossings farther than ``widest`` [m] may be left out.
+    """
+    # Every edge that is crossed so near, and few others.
+    reach = SPARE * (widest + float(walls.rounding.max(initial=0.0)))
+    lines = np.stack((places - reach * directions, places + reach * directions), axis=1)
+    place, edge = walls.edge_lines.query(shapely.linestrings(lines))
+    a = walls.edges[edge, 0] - places[place]
+    b = walls.edges[edge, 1] - places[place]
+    side_a = cross(directions[place], a)
+    side_b = cross(directions[place], b)
     hit = side_a * side_b <= 0.0  # the ends lie on different sides of the line
     apart = side_a - side_b
     share = side_a / np.where(np.abs(apart) > 0.0, apart, 1.0)
-    along = np.einsum("med,md->me", a + share[..., None] * (b - a), directions)
-    rounding = walls.rounding[walls.edge_wall]
-    nearer = np.sign(along) * np.maximum(np.abs(along) - rounding, 0.0)
-    return np.where(hit, nearer, np.inf)
+    along = np.einsum("kd,kd->k", a + share[:, None] * (b - a), directions[place])
+    nearer = np.sign(along) * np.maximum(np.abs(along) - walls.rounding[walls.edge_wall[edge]], 0.0)
+    return place[hit], nearer[hit]

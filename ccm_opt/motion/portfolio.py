@@ -10,10 +10,8 @@ from ccm_opt.ground.polyline import leg_headings, without_repeats
 from ccm_opt.motion.drawing_back import drawn_back, lies_confined
 from ccm_opt.motion.guide_candidate import GuideCandidate
 from ccm_opt.motion.guides.straight_interpolation import Interpolation
-from ccm_opt.motion.guides.tip_led import TipLed
-from ccm_opt.motion.guides.tip_track import TipTrack
 from ccm_opt.motion.pose import Pose
-from ccm_opt.motion.pulling_over import fitting_folds, heading_window, pulled_over
+from ccm_opt.motion.pulling_over import fitting_folds, led_along, pulled_over
 from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, GuideSettings
 from ccm_opt.motion.sliding import slid_out
 from ccm_opt.motion.step import Stepper
@@ -130,7 +128,4 @@ def further_candidates(
 
 def tip_led(stepper: Stepper, start: Pose, path: TipPath) -> GuideCandidate:
     """The tip drawn along the taut path."""
-    settings = stepper.settings.guides
-    track = TipTrack.along(path.taut, heading_window(stepper), float(start.headings[-1]))
-    make_guide = partial(TipLed, stepper.space, track, settings=settings.tip_led)
-    return GuideCandidate(f"tip-led, {path.name}", make_guide)
+    return GuideCandidate(f"tip-led, {path.name}", partial(led_along, stepper, start, path.taut))

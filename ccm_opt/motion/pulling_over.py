@@ -126,13 +126,18 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
     rest = track.points[track.arcs > track.nearest_arc(pose.points[-1], guide.tip_arc)]
     remaining = np.vstack((pose.points[-1], rest, path.route[-1]))
     taut = path.free_space.taut_path(remaining, shrink=path.shrink)
-    onward = TipTrack.along(taut, heading_window(stepper), float(pose.headings[-1]))
-    return TipLed(stepper.space, onward, settings=stepper.settings.guides.tip_led)
+    return led_along(stepper, pose, taut)
 
 
 def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
     """The fold opened onto a goal of the whole arm: all but the fold lies there already."""
     return Interpolation(stepper.space, pose.v, goal, settings=stepper.settings.guides.interpolation)
+
+
+def led_along(stepper: Stepper, pose: Pose, taut: FloatArray) -> TipLed:
+    """The tip of a pose drawn along a taut path that begins there, shape (k, 2) [m]."""
+    track = TipTrack.along(taut, heading_window(stepper), float(pose.headings[-1]))
+    return TipLed(stepper.space, track, settings=stepper.settings.guides.tip_led)
 
 
 def heading_window(stepper: Stepper) -> float:

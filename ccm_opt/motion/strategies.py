@@ -17,7 +17,7 @@ from ccm_opt.motion.link_space import NOMINAL_LINKS
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.passage_widths import fitting_margins
 from ccm_opt.motion.search_run import SearchRun
-from ccm_opt.motion.shortest_path import ShortestPathStrategy
+from ccm_opt.motion.tip_walks import WALKS, TipWalkStrategy
 from ccm_opt.motion.tree.tree_search import TREES, search_by_trees
 
 
@@ -219,7 +219,7 @@ class TrackingStrategy:
 
     def applies(self, task: MotionTask) -> bool:
         """There must be something to track under."""
-        return len(task.user_limits) > 0
+        return bool(task.user_limits)
 
     def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The first motion without the limits that can be bent to them; one for each planning margin is tried."""
@@ -314,13 +314,14 @@ def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
 STRATEGIES: tuple[SearchStrategy, ...] = (
     DirectStrategy(),
     LimitArcStrategy(),
-    ShortestPathStrategy(),
+    TipWalkStrategy(),
     ConnectStrategy(Turn.EARLY),
     PortfolioStrategy(narrow=False),
     ConnectStrategy(Turn.MIDDLE, name=f"{CONNECT}, longer"),
     PortfolioStrategy(narrow=True, name="candidates nearer to walls"),
     TrackingStrategy(),
     ConnectStrategy(Turn.LATE, name=f"{CONNECT} again"),
+    TipWalkStrategy(late=True, name=f"{WALKS} again"),
     TreeStrategy(),
     ConnectStrategy(Turn.LAST, name=f"{CONNECT} again"),
 )

@@ -17,6 +17,7 @@ from ccm_opt.motion.settings.optimisation_settings import (
 from ccm_opt.motion.settings.search_settings import SearchSettings, SmoothPathSettings
 from ccm_opt.motion.settings.step_settings import ContinuationSettings, GoalSettings, StepSettings, TrackingSettings
 from ccm_opt.motion.settings.straightening_settings import StraighteningSettings
+from ccm_opt.motion.settings.tip_walk_settings import TipWalkSettings
 from ccm_opt.motion.settings.tree_settings import TreeSettings
 from ccm_opt.motion.settings.user_limit_settings import UserLimitSettings
 
@@ -36,6 +37,7 @@ class MotionSettings:
         user_limits: of the user's constraints.
         search: of the search over all strategies.
         guides: of the guides and candidates.
+        tip_walks: of leading the tip among many walls.
         tree: of the trees of poses.
         connect: of RRT-Connect.
         limit_arcs: of poses at the goal with joints at their limits.
@@ -58,6 +60,7 @@ class MotionSettings:
     user_limits: UserLimitSettings = field(default_factory=UserLimitSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     guides: GuideSettings = field(default_factory=GuideSettings)
+    tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
     tree: TreeSettings = field(default_factory=TreeSettings)
     connect: ConnectSettings = field(default_factory=ConnectSettings)
     limit_arcs: LimitArcSettings = field(default_factory=LimitArcSettings)

@@ -21,9 +21,6 @@ class SearchSettings:
             Taste: about what an arm of 24 links leaves the curve by.
         many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
             looked for. Taste: among a thousand, such poses take seconds.
-        crowded_margins: planning margins with which the tip is led along its shortest path there, in nominal links.
-            Measured: of twelve walked fields the first gets through three and the second through six more, but their
-            walks were led with it; of three fields of 1000 with walks of another margin none gets through any.
         put_off: probability with which a seed other than 0 puts a candidate off until the others have been tried.
             Taste.
         spare: gap beyond contact that the certificate asks for, as a share of the arm's length. Taste.
@@ -40,7 +37,6 @@ class SearchSettings:
     many_links: float = 1.5
     lift_margin: float = 3e-3
     many_walls: int = 150
-    crowded_margins: tuple[float, ...] = (0.06, 0.012, 0.12)
     put_off: float = 0.5
     spare: float = 1e-4
     spare_at_ends: float = 0.5

@@ -1,0 +1,110 @@
+"""Among many walls the tip is led straight on and by random walks before anything else is tried."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from ccm_opt.ground.angles import unit_vector
+from ccm_opt.motion.motion_task import Motion, MotionTask
+from ccm_opt.motion.search_run import SearchRun
+from ccm_opt.motion.settings.search_settings import SearchSettings
+from ccm_opt.motion.settings.tip_walk_settings import TipWalkSettings
+from ccm_opt.motion.tip_walks import WALKS, TipWalkStrategy
+from ccm_opt.motion.tip_ways import TipWays
+from tests.scenes import Scene, clutter, motion_task, sweep_gaps, swept
+
+if TYPE_CHECKING:
+    from ccm_opt.motion.failures import Failure
+
+LINKS = 24.0
+"""Nominal links to the arm's length."""
+FEW = TipWalkSettings(early_walks=10, late_walks=25, longest_way=10.0)
+"""Walks that a test can wait for, however far the tip has to go."""
+
+
+def crowded(scene: Scene, settings: TipWalkSettings = FEW) -> MotionTask:
+    """The task of a scene of thirty walls as if they were many."""
+    task = motion_task(scene.problem())
+    search = SearchSettings(many_walls=20)
+    return replace(task, settings=replace(task.settings, search=search, tip_walks=settings))
+
+
+def assert_right(motion: Motion, scene: Scene) -> None:
+    """A motion begins at the start, ends on the goal and is free in a dense sweep."""
+    assert motion.headings[0] == pytest.approx(scene.start)
+    assert np.allclose(scene.arm.joint_positions(motion.headings[-1])[-1], scene.goal_tip.position, atol=1e-8)
+    frames = [swept(a, b, 6) for a, b in zip(motion.headings[:-1], motion.headings[1:], strict=True)]
+    assert min(sweep_gaps(scene.arm, scene.workspace, np.vstack(frames))) > 0.0
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("seed", range(3, 7))
+def test_what_is_found_is_certified_and_touches_nothing(seed: int, *, late: bool) -> None:
+    """A motion is right; or every margin and all walks have failed, and say how near they came."""
+    scene = clutter(seed, 30)
+    failures: list[Failure] = []
+    motion = TipWalkStrategy(late=late).find(crowded(scene), failures, LINKS)
+    if motion is not None:
+        assert_right(motion, scene)
+        return
+    assert failures[-1].candidate == WALKS
+    assert len(failures) == (1 if late else 1 + 2 * len(FEW.margins))
+
+
+def test_a_seed_repeats_its_walks() -> None:
+    """Walks are drawn from the task's seed alone: the same one ends as near to the goal, with the same links."""
+    task = crowded(clutter(3, 30))
+    ends = []
+    for _ in range(2):
+        failures: list[Failure] = []
+        motion = TipWalkStrategy(late=True).find(task, failures, LINKS)
+        ends.append(failures[-1].headings if motion is None else motion.headings[-1])
+    assert np.array_equal(*ends)
+
+
+def test_walks_are_left_out_where_the_tip_has_far_to_go() -> None:
+    """Beyond the longest way the tip is led straight on, and that is all; the late turn walks however far it is."""
+    task = crowded(clutter(3, 30), replace(FEW, longest_way=0.0))
+    failures: list[Failure] = []
+    if TipWalkStrategy().find(task, failures, LINKS) is None:
+        assert WALKS not in [failure.candidate for failure in failures]
+
+
+@pytest.mark.parametrize("seed", range(3, 11))
+def test_ways_end_on_the_goal_along_its_heading(seed: int) -> None:
+    """A way straight on keeps to the class that leads back along the arm; every way to the goal ends along its heading.
+
+    The last leg points along the heading wherever any run onto the goal is free.
+    """
+    scene = clutter(seed, 30)
+    task = crowded(scene)
+    run = SearchRun.from_task(task, 0.012, LINKS)
+    room = task.tip_paths[0].free_space
+    ways = TipWays(task.arm, room, run.goal, 0.0, task.settings.tip_walks)
+    back = run.start.points[::-1]
+    way = ways.straight_on(run.start)
+    assert way is not None
+    assert np.allclose(way[[0, -1]], [back[0], scene.goal_tip.position])
+
+    entry = scene.goal_tip.position - 0.5 * scene.arm.length / LINKS * unit_vector(scene.goal_tip.heading)
+    run_in_free = room.contains(np.linspace(entry, scene.goal_tip.position, 9)).all()
+    rng = np.random.default_rng(seed)
+    drawn = [ways.drawn(run.start, rng) for _ in range(20)]
+    onto_goal = [path for path, leads_there in drawn if path is not None and leads_there]
+    assert 0 < len(onto_goal) < 20
+    for path in [way, *onto_goal]:
+        assert np.allclose(path[-1], scene.goal_tip.position)
+        last = path[-1] - path[-2]
+        assert not run_in_free or last @ unit_vector(scene.goal_tip.heading) >= (1.0 - 1e-9) * np.linalg.norm(last)
+
+
+def test_it_is_tried_among_many_walls_alone_and_for_the_tip_alone() -> None:
+    """Few walls leave poses at the goal cheap, and a goal for the whole arm is seldom met by a tip that is led."""
+    scene = clutter(3, 30)
+    task = crowded(scene)
+    assert not TipWalkStrategy().applies(motion_task(scene.problem()))
+    assert TipWalkStrategy().applies(task)
+    assert not TipWalkStrategy().applies(replace(task, goal_headings=task.start))
+    assert not TipWalkStrategy().applies(replace(task, tip_paths=()))
