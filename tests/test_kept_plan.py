@@ -178,10 +178,10 @@ def test_a_plan_whose_pictures_fail_is_written_without(
 ) -> None:
     """Neither Ctrl-C nor a defect while drawing loses the plan; the exit code says what happened."""
 
-    def fails(_: object) -> None:
+    def fails(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(solving, "_pictures", fails)
+    monkeypatch.setattr(solving, "plan_pictures", fails)
     assert solve_text(SWING, tmp_path)[0] == code
     is_kept(tmp_path)
     assert not (tmp_path / "runs" / "swing" / "plan.png").exists()
@@ -288,10 +288,10 @@ def test_an_earlier_plan_stays_where_the_next_is_cut_short(
     folder = tmp_path / "runs" / "swing"
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
 
-    def fails(_: object) -> None:
+    def fails(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(solving, "_pictures", fails)
+    monkeypatch.setattr(solving, "plan_pictures", fails)
     said = solve_text(SWING, tmp_path)[2]
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert (folder.with_name("swing.unfinished") / "solution.npz").is_file()

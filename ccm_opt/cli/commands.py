@@ -11,13 +11,14 @@ from typing import Annotated
 import typer
 
 from ccm_opt import __version__
-from ccm_opt.cli.choices import ControllerChoice, ExportFormat, MethodChoice
+from ccm_opt.cli.choices import ControllerChoice, ExportFormat, FigureKind, FigureName, MethodChoice
 from ccm_opt.cli.command_group import CommandGroup, command
 
 ProblemFiles = Annotated[
     list[Path],
     typer.Argument(help="Problem files; - stands for standard input.", metavar="FILE…", show_default=False),
 ]
+FigureFormatOption = Annotated[FigureKind, typer.Option(help="Format of still pictures.")]
 Constraints = Annotated[
     list[str] | None, typer.Option(help="User constraint, as module:function or file.py:function. May be repeated.")
 ]
@@ -110,6 +111,7 @@ def solve_command(
         bool, typer.Option("--pareto", help="Make five plans from the fastest to the roomiest, and recommend one.")
     ] = False,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
+    figure_format: FigureFormatOption = "png",
     no_diagnosis: Annotated[
         bool, typer.Option("--no-diagnosis", help="When there is no plan, do not look for what would help.")
     ] = False,
@@ -123,6 +125,7 @@ def solve_command(
         terms=TermReferences(tuple(constraint or ()), tuple(cost or ())),
         changes=with_planner_options(changes or (), method=method, time_limit=time_limit, seed=seed),
         pictures=not no_pictures,
+        figure_format=figure_format,
         explain=not no_diagnosis,
         several=pareto,
     )
@@ -352,3 +355,28 @@ def export_command(
     from ccm_opt.cli.exporting import export_folder  # noqa: PLC0415 - loads numpy
 
     return export_folder(folder, kind, out)
+
+
+@command(
+    app,
+    "draw",
+    (
+        "ccm-opt draw runs/swan-neck",
+        "ccm-opt draw runs/swan-neck --figure plan --figure links --figure-format pdf --out paper",
+        "ccm-opt draw runs/* --figure mp4",
+    ),
+)
+def draw_command(
+    folders: Folders,
+    *,
+    figure: Annotated[
+        list[FigureName] | None,
+        typer.Option(help="What to draw; mp4 needs ffmpeg. May be repeated.", show_default="all still figures"),
+    ] = None,
+    figure_format: FigureFormatOption = "png",
+    out: Annotated[Path | None, typer.Option(help="Folder of the pictures.", show_default="the plan's")] = None,
+) -> int:
+    """Draw written plans: the motion, its curvatures, its steps, the jointed arm, the simulated arm in space."""
+    from ccm_opt.cli.drawing import DrawOptions, draw_folders  # noqa: PLC0415 - loads numpy
+
+    return draw_folders(folders, DrawOptions(figure or (), figure_format, out))

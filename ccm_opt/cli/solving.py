@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
+from ccm_opt.cli.choices import FigureKind
+from ccm_opt.cli.drawing import plan_pictures
 from ccm_opt.cli.failure_record import failures_recorded, kept_without_pictures
 from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
@@ -16,7 +18,7 @@ from ccm_opt.cli.term_references import NO_TERMS, TermReferences
 from ccm_opt.files.export.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.files.export.pareto_folder import pareto_files
 from ccm_opt.problem import Problem
-from ccm_opt.solution import ParetoPlans, Solution
+from ccm_opt.solution import ParetoPlans
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,7 @@ class SolveOptions:
         terms: user constraints and costs.
         changes: keys of the problem files that are set to other values, each ``key.path=value``.
         pictures: whether to draw.
+        figure_format: of the still pictures.
         explain: whether a problem without a plan is explained in the time that is left.
         several: whether plans from the fastest to the roomiest are made in place of one.
     """
@@ -36,6 +39,7 @@ class SolveOptions:
     terms: TermReferences = NO_TERMS
     changes: tuple[str, ...] = ()
     pictures: bool = True
+    figure_format: FigureKind = "png"
     explain: bool = True
     several: bool = False
 
@@ -76,7 +80,7 @@ def _solve(problem: Problem, options: SolveOptions) -> int:
         clock.begin("writing")
         files = solution_files(solution)
         with kept_without_pictures(target, files):
-            drawn = _pictures(solution) if options.pictures else {}
+            drawn = plan_pictures(solution, options.figure_format) if options.pictures else {}
         last_steps_uninterrupted()
         write_folder(target, {**files, **drawn})
         clock.finish()
@@ -103,7 +107,7 @@ def _solve_several(problem: Problem, options: SolveOptions) -> int:
         clock.begin("writing")
         files = pareto_files(found)
         with kept_without_pictures(target, files):
-            drawn = _pareto_pictures(found) if options.pictures else {}
+            drawn = _pareto_pictures(found, options.figure_format) if options.pictures else {}
         last_steps_uninterrupted()
         write_folder(target, {**files, **drawn})
         clock.finish()
@@ -120,19 +124,7 @@ def _data(files: Mapping[str, bytes], target: Path) -> dict[str, object]:
     return {"folder": str(target), **record}
 
 
-def _pictures(solution: Solution) -> Mapping[str, bytes]:
-    from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.plan import plan_png  # noqa: PLC0415
-    from ccm_opt.files.report.page import report_html  # noqa: PLC0415
-
-    return {
-        "plan.png": plan_png(solution),
-        "motion.gif": motion_gif(solution),
-        "report.html": report_html(solution).encode(),
-    }
-
-
-def _pareto_pictures(found: ParetoPlans) -> Mapping[str, bytes]:
+def _pareto_pictures(found: ParetoPlans, kind: FigureKind) -> Mapping[str, bytes]:
     from ccm_opt.files.plotting.pareto_picture import pareto_png  # noqa: PLC0415 - loads matplotlib
 
-    return {**_pictures(found.best), "pareto.png": pareto_png(found)}
+    return {**plan_pictures(found.best, kind), "pareto.png": pareto_png(found)}

@@ -18,7 +18,15 @@ RECORD = "solution.json"
 """Always there; why there is no plan stands here too."""
 ARRAYS = "solution.npz"
 TEXTS = (RECORD, "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml")
-PICTURES = ("plan.png", "motion.gif", "report.html", "simulation.png")
+FIGURES = ("plan", "curves", "steps", "links", "space")
+"""Still pictures of a plan, each of which may have one of several formats."""
+PICTURES = (
+    *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf")),
+    "motion.gif",
+    "motion.mp4",
+    "report.html",
+    "simulation.png",
+)
 POSE_RECORD = "pose.json"
 """Of the folder of a pose; always there."""
 POSE_ARRAYS = "pose.npz"

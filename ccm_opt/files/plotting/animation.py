@@ -1,71 +1,120 @@
-"""The film ``motion.gif``: the scene is drawn once, and the arm on top of it in every frame."""
+"""Films of a motion: the scene is drawn once, and the arm on top of it in every frame, where it is alone."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from io import BytesIO
+from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import shapely
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.action_window import action_window
 from ccm_opt.files.plotting.arm_drawing import draw_tip_path
+from ccm_opt.files.plotting.drawn_plan import DrawnPlan
 from ccm_opt.files.plotting.picture_settings import FILM, FilmSettings
+from ccm_opt.files.plotting.plan import draw_goals
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
-from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.solution import Solution
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 _FIGURE_SIDE = 4.8
 """Longest side of the figure behind a frame [inch]; only the size of its text depends on it."""
+_HUNDREDTH = 10
+"""Shortest time that a film in GIF can tell [ms]."""
 
 
-def motion_gif(solution: Solution, settings: FilmSettings = FILM) -> bytes:
+def motion_gif(plan: DrawnPlan, settings: FilmSettings = FILM) -> bytes:
     """The motion of a plan as an animated GIF, in real time unless it is too long for that.
 
     Args:
-        solution: the plan.
+        plan: the plan.
         settings: size and number of the frames.
 
     Returns:
         The content of a GIF file.
     """
-    time = solution.trajectory.time
-    points = solution.joint_positions
-    count = int(np.clip(np.ceil(settings.frames_a_second * time[-1]), 2, settings.most_frames))
-    shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
-    scene, to_pixels = _scene(solution, points, settings)
-    width = max(2.0 * solution.problem.arm.radius * to_pixels.pixels_a_metre, settings.least_body)
-    frames = [_frame(scene, to_pixels(points[k]), width, settings) for k in shown]
-
+    film = Film.of_plan(plan, settings, settings.frames_a_second, settings.most_frames)
+    frames = list(film.frames())
     # One palette for all frames: a palette each would make the colours flicker.
     palette = frames[-1].quantize(settings.colours)
     flat = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    step = max(1000.0 * float(time[-1]) / count, 1000.0 / settings.frames_a_second)
-    durations = [round(step)] * (count - 1) + [settings.last_frame]
+    # Every frame ends at a whole hundredth of a second, so that what is lost in one is won back in the next.
+    ends = np.round(np.linspace(0.0, 1e3 * film.seconds, len(flat))[1:] / _HUNDREDTH) * _HUNDREDTH
+    durations = [*np.maximum(np.diff(ends, prepend=0.0), _HUNDREDTH).astype(int).tolist(), settings.last_frame]
     buffer = BytesIO()
     flat[0].save(buffer, "GIF", save_all=True, append_images=flat[1:], duration=durations, loop=0, optimize=False)
     return buffer.getvalue()
 
 
-def _scene(solution: Solution, points: FloatArray, settings: FilmSettings) -> tuple[Image.Image, "_PixelMap"]:
+@dataclass(frozen=True)
+class Film:
+    """The frames of a motion.
+
+    Attributes:
+        plan: the plan.
+        settings: sizes.
+        samples: that are shown, one a frame.
+        seconds: for which all frames but the last are shown [s].
+    """
+
+    plan: DrawnPlan
+    settings: FilmSettings
+    samples: IntArray
+    seconds: float
+
+    @classmethod
+    def of_plan(cls, plan: DrawnPlan, settings: FilmSettings, rate: int, most: int) -> "Film":
+        """The film of a plan with so many frames a second, and at most so many in all."""
+        time = plan.trajectory.time
+        wanted = int(np.ceil(rate * time[-1])) + 1
+        count = int(np.clip(wanted, 2, most))
+        shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
+        return cls(plan, settings, shown, float(time[-1]) if count == wanted else (count - 1) / rate)
+
+    def frames(self) -> Iterator[Image.Image]:
+        """The frames, RGB, all of one size."""
+        plan = self.plan
+        scene, to_pixels = _scene(plan, self.settings)
+        width = max(2.0 * plan.problem.arm.radius * to_pixels.pixels_a_metre, self.settings.least_body)
+        brush = _ArmBrush(width, self.settings)
+        brush.paint(scene, to_pixels(plan.points[0].copy()), style.START, style.START_EDGE, self.settings.start_opacity)
+        time = plan.trajectory.time
+        faster = time[-1] / self.seconds if self.seconds > 0.0 else 1.0
+        clock = _Clock(scene, faster, self.settings)
+        for k in self.samples:
+            frame = scene.copy()
+            colours = (style.GOAL_ARM, style.GOAL_ARM_EDGE)
+            brush.paint(frame, to_pixels(plan.points[k].copy()), *colours, self.settings.body_opacity)
+            clock.show(frame, float(time[k]), float(time[k] / max(time[-1], 1e-12)))
+            yield frame
+
+
+def _scene(plan: DrawnPlan, settings: FilmSettings) -> tuple[Image.Image, "_PixelMap"]:
     """The picture behind the arm, and what takes the plane to its pixels."""
-    xmin, ymin, xmax, ymax = solution.problem.workspace.boundary.bounds
+    xmin, ymin, xmax, ymax = window = action_window(plan.problem, plan.points)
     longest = max(xmax - xmin, ymax - ymin)
-    width = max(1.0, _FIGURE_SIDE * (xmax - xmin) / longest)
-    height = max(1.0, _FIGURE_SIDE * (ymax - ymin) / longest)
+    width = _FIGURE_SIDE * (xmax - xmin) / longest
+    height = _FIGURE_SIDE * (ymax - ymin) / longest
     with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
         figure = Figure(figsize=(width, height), dpi=settings.longest_side / _FIGURE_SIDE)
         canvas = FigureCanvasAgg(figure)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
-        draw_workspace(axes, solution.problem.workspace)
-        draw_tip_path(axes, points[:, -1])
+        draw_workspace(axes, plan.problem.workspace, window=window)
+        draw_tip_path(axes, plan.points[:, -1])
+        draw_goals(axes, plan, poses=False)
+        axes.plot(*plan.points[0, 0], marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
         canvas.draw()  # type: ignore[no-untyped-call]
         image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
         ends = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
-    return image, _PixelMap(ends[0], ends[1] - ends[0], image.height)
+    # A video cannot have sides of odd length.
+    even = image.crop((0, 0, image.width - image.width % 2, image.height - image.height % 2))
+    return even, _PixelMap(ends[0], ends[1] - ends[0], image.height)
 
 
 @dataclass(frozen=True)
@@ -92,28 +141,79 @@ class _PixelMap:
         return np.asarray(pixels)
 
 
-def _frame(scene: Image.Image, pixels: FloatArray, width: float, settings: FilmSettings) -> Image.Image:
-    """The scene with the arm: its body and its axis."""
-    times = settings.oversampling
-    line = shapely.LineString(times * pixels)
-    body = line.buffer(0.5 * times * width)
-    axis = line.buffer(settings.axis_width * times)
-    frame = scene.copy()
-    frame.paste(style.GOAL_ARM, mask=_mask(scene, body, settings.body_opacity, times))
-    frame.paste(style.GOAL_ARM_EDGE, mask=_mask(scene, axis, 255, times))
-    return frame
+@dataclass(frozen=True)
+class _ArmBrush:
+    """Paints the arm into a frame: its body and its axis, with smooth edges.
 
+    Attributes:
+        width: of the body [pixel].
+        settings: sizes.
+    """
 
-def _mask(scene: Image.Image, body: shapely.Geometry, value: int, times: int) -> Image.Image:
-    """Where a body, drawn so many times larger, covers the scene; shrinking makes its edges smooth."""
-    large = Image.new("L", (times * scene.width, times * scene.height))
-    draw = ImageDraw.Draw(large)
-    for part in getattr(body, "geoms", [body]):
-        draw.polygon(_corners(part.exterior), fill=value)
-        for hole in part.interiors:
-            draw.polygon(_corners(hole), fill=0)
-    return large.resize(scene.size, Image.Resampling.BOX)
+    width: float
+    settings: FilmSettings
+
+    def paint(self, frame: Image.Image, pixels: FloatArray, body: str, axis: str, opacity: int) -> None:
+        """Paint one pose (links + 1, 2) [pixel]; only the box around it is touched."""
+        reach = 0.5 * self.width + 2.0
+        low = np.maximum(np.floor(pixels.min(axis=0) - reach), 0.0).astype(int)
+        high = np.minimum(np.ceil(pixels.max(axis=0) + reach), frame.size).astype(int)
+        if np.any(high <= low):
+            return
+        line = shapely.LineString(self.settings.oversampling * (pixels - low))
+        size = (int(high[0] - low[0]), int(high[1] - low[1]))
+        place = (int(low[0]), int(low[1]))
+        for half, colour, value in ((0.5 * self.width, body, opacity), (self.settings.axis_width, axis, 255)):
+            mask = self._mask(line.buffer(half * self.settings.oversampling), size, value)
+            frame.paste(colour, (*place, place[0] + size[0], place[1] + size[1]), mask)
+
+    def _mask(self, body: shapely.Geometry, size: tuple[int, int], value: int) -> Image.Image:
+        """Where a body, drawn so many times larger, covers a box; shrinking makes its edges smooth."""
+        times = self.settings.oversampling
+        large = Image.new("L", (times * size[0], times * size[1]))
+        draw = ImageDraw.Draw(large)
+        for part in getattr(body, "geoms", [body]):
+            draw.polygon(_corners(part.exterior), fill=value)
+            for hole in part.interiors:
+                draw.polygon(_corners(hole), fill=0)
+        return large.reduce(times)
 
 
 def _corners(ring: shapely.LinearRing) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in shapely.get_coordinates(ring)]
+
+
+class _Clock:
+    """The time in a corner, and a bar along the lower edge that grows with it.
+
+    Args:
+        scene: into which the frames are drawn.
+        faster: by which factor the film is faster than the motion.
+        settings: sizes.
+    """
+
+    def __init__(self, scene: Image.Image, faster: float, settings: FilmSettings) -> None:
+        fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
+        size = round(settings.clock_size * max(scene.size) / FILM.longest_side)
+        self._font = ImageFont.truetype(str(fonts / "DejaVuSans.ttf"), size)
+        self._note = f"  {faster:.3g} times as fast" if faster > 1.02 else ""
+        self._margin = size // 2
+
+    def show(self, frame: Image.Image, time: float, share: float) -> None:
+        """Write the time, and draw the bar for the share of the motion that is over."""
+        draw = ImageDraw.Draw(frame)
+        place = (self._margin, frame.height - 3 * self._margin - 4)
+        draw.text(
+            place,
+            f"{time:.2f} s{self._note}",
+            fill=style.BOUNDARY,
+            font=self._font,
+            stroke_width=2,
+            stroke_fill="white",
+        )
+        draw.rectangle((0, frame.height - 4, round(share * frame.width), frame.height), fill=style.GOAL_ARM)
+
+
+def video_settings(settings: FilmSettings = FILM) -> FilmSettings:
+    """The settings of a film with the size of a video."""
+    return replace(settings, longest_side=settings.video_side, oversampling=2)

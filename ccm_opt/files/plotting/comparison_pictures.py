@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import COMPARISON_PICTURES, ComparisonPictureSettings
-from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.ground.arrays import BoolArray, FloatArray
 
 COLOURS = ("#2a6f97", "#c1440e", "#1b7f3b", "#7a4fa0", "#8d887d")

@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.arm_drawing import draw_body, draw_tip_path
+from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PARETO_PICTURE, PICTURES, ParetoPictureSettings
 from ccm_opt.files.plotting.plan import draw_goal
-from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 

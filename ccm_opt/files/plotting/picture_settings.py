@@ -16,6 +16,12 @@ class PictureSettings:
         right: margin [inch].
         top: margin for the title [inch].
         bottom: margin for axis labels and legend [inch].
+        beside_action: room left round all that moves, as a share of its longest side.
+        beside_room: the same round the whole room.
+        least_aspect: shorter side of what is shown, at least, as a share of the longer one.
+        most_of_room: share of both sides of the room from which on all of it is shown.
+        arrow_share: length of a goal's arrow, as a share of what is shown.
+        label_size: of labels in the drawing [points].
         poses_on_the_way: poses drawn between start and goal.
         most_named_obstacles: with more obstacles than this their names would hide the picture.
         simulated_poses: shares of the duration at which the simulated arm is drawn on its way.
@@ -35,6 +41,12 @@ class PictureSettings:
     right: float = 0.2
     top: float = 0.45
     bottom: float = 0.95
+    beside_action: float = 0.07
+    beside_room: float = 0.03
+    least_aspect: float = 0.5
+    most_of_room: float = 0.85
+    arrow_share: float = 0.09
+    label_size: float = 7.5
     poses_on_the_way: int = 7
     most_named_obstacles: int = 12
     simulated_poses: tuple[float, ...] = (0.25, 0.5, 0.75)
@@ -52,7 +64,7 @@ class FilmSettings:
 
     Attributes:
         longest_side: of a frame [pixel].
-        frames_a_second: while the motion is shorter than the film may be [1/s].
+        frames_a_second: while the motion is shorter than the film may be [1/s]; a film counts hundredths of a second.
         most_frames: of longer motions, which are shown faster than they are.
         last_frame: how long the last frame stands [ms].
         oversampling: the arm is drawn this much larger and shrunk, so that its edges are smooth.
@@ -60,17 +72,27 @@ class FilmSettings:
         least_body: width of the arm's body, at least [pixel].
         axis_width: half the width of the arm's axis [pixel].
         body_opacity: of the arm's body, from 0 to 255.
+        start_opacity: likewise, of the arm's body at the start, which stays to be seen.
+        clock_size: height of the letters of the time [pixel].
+        video_side: longest side of a frame of a video [pixel].
+        video_frames_a_second: of a video [1/s].
+        most_video_frames: of longer motions, which are shown faster than they are.
     """
 
     longest_side: int = 480
-    frames_a_second: int = 20
-    most_frames: int = 80
+    frames_a_second: int = 25
+    most_frames: int = 120
     last_frame: int = 900
     oversampling: int = 2
     colours: int = 96
     least_body: float = 1.5
     axis_width: float = 0.7
     body_opacity: int = 215
+    start_opacity: int = 110
+    clock_size: int = 14
+    video_side: int = 960
+    video_frames_a_second: int = 50
+    most_video_frames: int = 1500
 
 
 @dataclass(frozen=True)
@@ -113,6 +135,35 @@ class ParetoPictureSettings:
     margins: float = 1.55
 
 
+@dataclass(frozen=True)
+class PaperFigureSettings:
+    """Sizes of the figures that are like those of the paper; all of them are taste.
+
+    Attributes:
+        curves: of keyframes that are drawn, evenly chosen.
+        curves_side: width and height of the drawing of curves and of that of curvatures [inch].
+        steps: into which a motion without stops is divided.
+        poses_a_step: between the ends of a step.
+        all_poses: of the whole motion in its last step.
+        step_width: of the picture of a step [inch].
+        link_poses: between the ends of the mapped motion.
+        links_side: longest side of that drawing [inch].
+        space_poses: of the simulated arm in each of three pictures.
+        space_side: width of each of them [inch].
+    """
+
+    curves: int = 14
+    curves_side: float = 3.6
+    steps: int = 4
+    poses_a_step: int = 4
+    all_poses: int = 22
+    step_width: float = 2.9
+    link_poses: int = 16
+    links_side: float = 6.0
+    space_poses: int = 5
+    space_side: float = 3.6
+
+
 PICTURES = PictureSettings()
 """Used where no other settings are given."""
 FILM = FilmSettings()
@@ -120,4 +171,6 @@ FILM = FilmSettings()
 PARETO_PICTURE = ParetoPictureSettings()
 """Likewise."""
 COMPARISON_PICTURES = ComparisonPictureSettings()
+"""Likewise."""
+PAPER_FIGURES = PaperFigureSettings()
 """Likewise."""

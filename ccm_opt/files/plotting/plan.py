@@ -1,52 +1,97 @@
-"""The picture ``plan.png``: the whole motion, with start, poses on the way, goal and path of the tip."""
+"""The picture ``plan.png``: the whole motion, with start, poses on the way, goals, path of the tip, least gap."""
 
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Wedge
 
 from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.action_window import action_window
 from ccm_opt.files.plotting.arm_drawing import draw_body, draw_poses, draw_tip_path
+from ccm_opt.files.plotting.axis_units import label_axes
+from ccm_opt.files.plotting.drawn_plan import DrawnPlan
+from ccm_opt.files.plotting.figure_files import FigureFormat, figure_file
+from ccm_opt.files.plotting.label_places import LabelPlaces, number_goal
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
-from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.problem import Goal, TipGoal, Tolerances
-from ccm_opt.solution import Solution
+from ccm_opt.ground.length_words import millimetres
+from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 
 
-def plan_png(solution: Solution, settings: PictureSettings = PICTURES) -> bytes:
-    """The picture of a plan: workspace, start, poses on the way, goal, path of the tip.
+def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PictureSettings = PICTURES) -> bytes:
+    """The picture of a plan: room, start, poses on the way, goals, path of the tip, least gap.
 
     Args:
-        solution: the plan.
+        plan: the plan.
+        kind: format of the file.
         settings: sizes.
 
     Returns:
-        The content of a PNG file.
+        The content of a file of that format.
     """
-    return figure_png(lambda: plan_figure(solution, settings))
+    return figure_file(lambda: plan_figure(plan, settings), kind)
 
 
-def plan_figure(solution: Solution, settings: PictureSettings = PICTURES) -> Figure:
+def plan_figure(plan: DrawnPlan, settings: PictureSettings = PICTURES) -> Figure:
     """The same picture as a matplotlib figure, made without pyplot."""
-    problem = solution.problem
-    points = solution.joint_positions
-    layout = layout_of(problem.workspace.boundary.bounds, settings)
+    problem = plan.problem
+    points = plan.points
+    window = action_window(problem, points, settings)
+    layout = layout_of(window, settings)
     figure = Figure(figsize=layout.size, dpi=settings.dots_per_inch)
     axes = figure.add_axes(layout.place)
-    draw_workspace(axes, problem.workspace, settings)
+    draw_workspace(axes, problem.workspace, settings, window)
     _draw_motion(axes, points, problem.arm.radius, settings.poses_on_the_way)
-    for stop, k in zip(problem.stops, solution.trajectory.stops, strict=True):
-        draw_body(axes, points[k], 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
-        draw_goal(axes, stop.goal, stop.tolerances, points[k], "", settings)
-    label = "goals" if problem.stops else "goal"
-    draw_goal(axes, problem.goal, problem.tolerances, points[-1], label, settings)
-    dress(figure, axes, f"{problem.name}: {solution.trajectory.duration:.2f} s")
+    draw_goals(axes, plan, settings)
+    _mark_least_gap(axes, plan, settings)
+    dress(figure, axes, f"{problem.name}: {plan.trajectory.duration:.2f} s", problem)
     return figure
+
+
+def draw_goals(axes: Axes, plan: DrawnPlan, settings: PictureSettings = PICTURES, *, poses: bool = True) -> None:
+    """All goals, with their numbers where there are several, and perhaps the arm at those on the way."""
+    problem = plan.problem
+    samples = [*plan.trajectory.stops, len(plan.points) - 1]
+    asked: list[tuple[Goal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
+    asked.append((problem.goal, problem.tolerances))
+    for number, ((goal, tolerances), k) in enumerate(zip(asked, samples, strict=True), start=1):
+        last = number == len(asked)
+        label = ("goals" if len(asked) > 1 else "goal") if last else ""
+        if poses and not last:
+            draw_body(axes, plan.points[k], 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
+        draw_goal(axes, goal, tolerances, plan.points[k], label, settings)
+        if len(asked) > 1:
+            place = goal.position if isinstance(goal, TipGoal) else plan.points[k, -1]
+            heading = goal.heading if isinstance(goal, TipGoal) else None
+            number_goal(axes, place, heading, number, settings.label_size - 0.5)
+
+
+def _mark_least_gap(axes: Axes, plan: DrawnPlan, settings: PictureSettings) -> None:
+    """A ring where the arm is nearest to something, with the gap."""
+    place = plan.nearest_point
+    if place is None or plan.nearest is None:
+        return
+    axes.plot(
+        *place, marker="o", markersize=10, markerfacecolor="none", markeredgewidth=1.4, color=style.LEAST_GAP,
+        zorder=10, linestyle="none",
+    )  # fmt: skip
+    places = LabelPlaces(axes)
+    shown = plan.points[even_steps(plan.points, settings.poses_on_the_way)]
+    radius = max(plan.problem.arm.radius, 1e-3 * plan.problem.arm.length)
+    bodies = [shapely.LineString(pose).buffer(radius) for pose in (plan.points[0], plan.points[-1], *shown)]
+    places.keep_free(shapely.union_all([*bodies, shapely.LineString(plan.points[:, -1]).buffer(0.5 * radius)]))
+    places.keep_names_free()
+    seen = shapely.box(*action_window(plan.problem, plan.points, settings))
+    outlines = [obstacle.outline() for obstacle in plan.problem.workspace.near(seen, 0.0).obstacles]
+    for outline in outlines[: settings.most_named_obstacles]:
+        places.keep_free(outline)
+    gap = millimetres(plan.nearest.gap)
+    places.write(place, f"least gap {gap}\nat {plan.nearest.time:.2f} s", style.LEAST_GAP, settings.label_size)
 
 
 @dataclass(frozen=True)
@@ -71,18 +116,24 @@ def layout_of(bounds: tuple[float, float, float, float], settings: PictureSettin
 def _draw_motion(axes: Axes, points: FloatArray, radius: float, on_the_way: int) -> None:
     """Start, poses on the way, end, path of the tip."""
     draw_body(axes, points[0], radius, style.START, style.START_EDGE, label="start", zorder=3)
-    draw_poses(axes, points[_even_steps(points, on_the_way)])
+    draw_poses(axes, points[even_steps(points, on_the_way)])
     draw_body(axes, points[-1], radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="end", zorder=6)
     draw_tip_path(axes, points[:, -1])
     axes.plot(*points[0, 0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
 
 
-def _even_steps(points: FloatArray, count: int) -> IntArray:
-    """Samples between start and end that are about equally far apart, by the mean distance that all joints travel."""
+def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:
+    """So many samples between start and end that are about equally far apart, by the distance that all joints travel.
+
+    Args:
+        points: of the arm at all samples, shape (T, links + 1, 2) [m].
+        count: between the ends.
+        ends: whether the first and the last sample are among them, besides.
+    """
     moved = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
     travelled = np.concatenate(([0.0], np.cumsum(moved)))
-    wanted = np.linspace(0.0, travelled[-1], count + 2)[1:-1]
-    return np.unique(np.searchsorted(travelled, wanted))
+    wanted = np.linspace(0.0, travelled[-1], count + 2)
+    return np.unique(np.searchsorted(travelled, wanted if ends else wanted[1:-1]))
 
 
 def draw_goal(
@@ -106,7 +157,7 @@ def draw_goal(
         axes.add_patch(Circle(tuple(goal.position), tolerances.position, zorder=1.5, **look))
     if goal.heading is None:
         return
-    reach = 0.09 * width
+    reach = settings.arrow_share * width
     if settings.least_wedge < tolerances.heading < np.pi:
         ends = np.rad2deg(goal.heading + tolerances.heading * np.array([-1.0, 1.0]))
         wedge = Wedge(tuple(goal.position), reach, *ends, color=style.GOAL_MARK, alpha=0.25, linewidth=0.0, zorder=8.5)
@@ -119,11 +170,10 @@ def draw_goal(
         )
 
 
-def dress(figure: Figure, axes: Axes, title: str) -> None:
-    """Title, axis labels, and the legend below the drawing."""
+def dress(figure: Figure, axes: Axes, title: str, problem: Problem) -> None:
+    """Title, axes in the unit of the problem's file, and the legend below the drawing."""
     axes.set_title(title, fontsize=10, loc="left", pad=8)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+    label_axes(axes, problem)
     axes.tick_params(length=2.5, color=style.WALL_EDGE)
     for spine in axes.spines.values():
         spine.set_visible(False)

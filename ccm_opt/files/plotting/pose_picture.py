@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.arm_drawing import draw_body
+from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.files.plotting.plan import draw_goal, dress, layout_of
-from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
 from ccm_opt.solution import BindingSide, StaticPose
 
@@ -42,7 +42,7 @@ def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figu
     axes.plot(*points[0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
     draw_goal(axes, problem.goal, problem.tolerances, points, "goal", settings)
     gap = f"{1e3 * found.pose.gap:.1f} of {1e3 * found.pose.wanted_gap:.1f} mm wanted"
-    dress(figure, axes, f"{problem.name}: best pose at the goal, gap {gap}")
+    dress(figure, axes, f"{problem.name}: best pose at the goal, gap {gap}", problem)
     return figure
 
 

@@ -6,9 +6,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.files.plotting.plan import dress, layout_of
-from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace, polygon_patch
 from ccm_opt.solution import ReachMap
 
@@ -43,7 +43,7 @@ def reach_figure(found: ReachMap, settings: PictureSettings = PICTURES) -> Figur
     _scale(figure, (left + width) * across / wider + 0.02, bottom, height)
     _name_colour(axes, style.NOT_FOUND, "no pose found, not proved")
     _name_colour(axes, style.PROVED, "proved out of reach")
-    dress(figure, axes, f"{found.problem.name}: where the tip can be")
+    dress(figure, axes, f"{found.problem.name}: where the tip can be", found.problem)
     return figure
 
 

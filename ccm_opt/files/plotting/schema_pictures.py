@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
-from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import unit_vector
@@ -31,14 +31,14 @@ class SchemaPanel:
     Attributes:
         title: above it.
         configurations: in the order of the motion.
-        goal: drawn as an arrow.
+        goal: drawn as an arrow, or None.
         workspace: the room, or None in open space.
         subgoal: drawn as a hollow arrow, or None.
     """
 
     title: str
     configurations: tuple[Configuration, ...]
-    goal: TipGoal
+    goal: TipGoal | None
     workspace: Workspace | None = None
     subgoal: TipGoal | None = None
 
@@ -57,20 +57,27 @@ def schemas_png(
     Returns:
         The content of a PNG file.
     """
+    return figure_png(lambda: schemas_figure(panels, columns, shown, settings=settings))
 
-    def draw() -> Figure:
-        rows = -(-len(panels) // columns)
-        figure = Figure(figsize=(2.0 * _SIDE * columns, _SIDE * rows), dpi=settings.dots_per_inch, layout="constrained")
-        grid = figure.subplots(rows, 2 * columns, squeeze=False)
-        for k, panel in enumerate(panels):
-            row, column = divmod(k, columns)
-            _draw_configurations(grid[row, 2 * column], panel, shown)
-            _draw_curvature(grid[row, 2 * column + 1], panel, shown)
-        for axes in grid.ravel()[2 * len(panels) :]:
-            axes.set_axis_off()
-        return figure
 
-    return figure_png(draw)
+def schemas_figure(
+    panels: Sequence[SchemaPanel],
+    columns: int = 1,
+    shown: int = 14,
+    side: float = _SIDE,
+    settings: PictureSettings = PICTURES,
+) -> Figure:
+    """The same picture as a matplotlib figure; ``side`` is the width and height of one drawing [inch]."""
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(2.0 * side * columns, side * rows), dpi=settings.dots_per_inch, layout="constrained")
+    grid = figure.subplots(rows, 2 * columns, squeeze=False)
+    for k, panel in enumerate(panels):
+        row, column = divmod(k, columns)
+        _draw_configurations(grid[row, 2 * column], panel, shown)
+        _draw_curvature(grid[row, 2 * column + 1], panel, shown)
+    for axes in grid.ravel()[2 * len(panels) :]:
+        axes.set_axis_off()
+    return figure
 
 
 def _draw_configurations(axes: Axes, panel: SchemaPanel, shown: int) -> None:

@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.arm_drawing import draw_body
+from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
-from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.frames import joint_positions_3d

@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.arm_drawing import draw_body
+from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.files.plotting.plan import dress, layout_of
-from ccm_opt.files.plotting.png import figure_png
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace, polygon_patch
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointTrajectory, SurvivedError
@@ -53,7 +53,7 @@ def _figure(
     if joints.time is not None:
         _draw_limit(axes, problem, trajectory, joints)
     least = "" if joints.limited else "at least "
-    dress(figure, axes, f"{problem.name}: every joint may be off by {least}{np.rad2deg(joints.size):.3g}°")
+    dress(figure, axes, f"{problem.name}: every joint may be off by {least}{np.rad2deg(joints.size):.3g}°", problem)
     return figure
 
 

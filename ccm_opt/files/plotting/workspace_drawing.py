@@ -9,10 +9,27 @@ from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.freespace.workspace import Obstacle, Workspace
 
+_NAME_SIZE = 6.5
+"""[points]."""
+_WIDTH_OF_LETTER = 0.62
+"""Of a letter, as a share of its size, on average and a little more."""
 
-def draw_workspace(axes: Axes, workspace: Workspace, settings: PictureSettings = PICTURES) -> None:
-    """Draw boundary and obstacles; names only when they are few."""
-    _frame(axes, workspace.boundary)
+
+def draw_workspace(
+    axes: Axes,
+    workspace: Workspace,
+    settings: PictureSettings = PICTURES,
+    window: tuple[float, float, float, float] | None = None,
+) -> None:
+    """Draw boundary and obstacles; names only when they are few, and where they have room in what they name.
+
+    Args:
+        axes: where to draw; their size and place in the figure are known.
+        workspace: the room.
+        settings: how many names.
+        window: (xmin, ymin, xmax, ymax) that is shown [m]; the whole room when None.
+    """
+    _frame(axes, workspace.boundary, window or _whole_room(workspace, settings))
     for obstacle in workspace.obstacles:
         draw_obstacle(axes, obstacle)
     if len(workspace.obstacles) <= settings.most_named_obstacles:
@@ -37,29 +54,49 @@ def polygon_patch(polygon: shapely.Polygon, **look: object) -> PathPatch:
     return PathPatch(Path.make_compound_path(*(Path(ring, closed=True) for ring in rings)), **look)
 
 
-def _frame(axes: Axes, boundary: shapely.Polygon) -> None:
-    xmin, ymin, xmax, ymax = boundary.bounds
-    margin = 0.03 * max(xmax - xmin, ymax - ymin)
-    axes.set_xlim(xmin - margin, xmax + margin)
-    axes.set_ylim(ymin - margin, ymax + margin)
+def _whole_room(workspace: Workspace, settings: PictureSettings) -> tuple[float, float, float, float]:
+    xmin, ymin, xmax, ymax = workspace.boundary.bounds
+    margin = settings.beside_room * max(xmax - xmin, ymax - ymin)
+    return xmin - margin, ymin - margin, xmax + margin, ymax + margin
+
+
+def _frame(axes: Axes, boundary: shapely.Polygon, window: tuple[float, float, float, float]) -> None:
+    axes.set_xlim(window[0], window[2])
+    axes.set_ylim(window[1], window[3])
     axes.set_aspect("equal")
     axes.add_patch(polygon_patch(boundary, facecolor="white", edgecolor=style.BOUNDARY, linewidth=1.6, zorder=0))
 
 
 def _name(axes: Axes, obstacle: Obstacle) -> None:
-    """The obstacle's name at a point inside it, upright when the obstacle is."""
+    """The obstacle's name in the part of it that is seen, upright when that is; none where it has no room."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     outline = obstacle.outline()
-    place = shapely.get_coordinates(shapely.point_on_surface(outline))[0]
-    xmin, ymin, xmax, ymax = shapely.bounds(outline)
+    seen = shapely.intersection(outline, shapely.box(left, low, right, high))
+    if seen.is_empty:
+        return
+    # A point inside it that is as far from its edge as can be: there the name is least in the way.
+    if isinstance(seen, shapely.Polygon):
+        place = shapely.get_coordinates(shapely.maximum_inscribed_circle(seen))[0]
+    else:
+        place = shapely.get_coordinates(shapely.point_on_surface(seen))[0]
+    xmin, ymin, xmax, ymax = shapely.bounds(seen)
     upright = ymax - ymin > 1.5 * (xmax - xmin)
+    along, across = (ymax - ymin, xmax - xmin) if upright else (xmax - xmin, ymax - ymin)
+    pixels = min(axes.bbox.width / (right - left), axes.bbox.height / (high - low))
+    points = 72.0 / float(axes.figure.dpi) * pixels
+    if along * points < _NAME_SIZE * _WIDTH_OF_LETTER * len(obstacle.name) or across * points < _NAME_SIZE:
+        return
+    # In a box the middle looks better than the first of the many places that are as far from its edge.
+    box = seen.area > 0.95 * (xmax - xmin) * (ymax - ymin)
+    x, y = (0.5 * (xmin + xmax), 0.5 * (ymin + ymax)) if box else place
     axes.text(
-        place[0],
-        place[1],
+        x,
+        y,
         obstacle.name,
         rotation=90 if upright else 0,
         ha="center",
         va="center",
-        fontsize=6.5,
+        fontsize=_NAME_SIZE,
         color=style.BOUNDARY,
         clip_on=True,
         zorder=2,

@@ -33,12 +33,13 @@ SCRIPTS = (
 """Scripts of the page of a plan, in the order in which they are needed."""
 
 
-def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
+def report_html(solution: Solution, settings: ReportSettings = REPORT, *, picture: str = "plan.png") -> str:
     """The report of a plan.
 
     Args:
         solution: the plan.
         settings: how large, how exact.
+        picture: name of the file beside the page that shows the motion.
 
     Returns:
         A whole HTML page that loads nothing.
@@ -57,7 +58,7 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT) -> str:
         tolerance_section(solution.tolerance, units),
         problem_section(problem, units),
         making_section(solution),
-        files_section(problem.name),
+        files_section(problem.name, picture),
     )
     stage = stage_section(f"The arm of {problem.name} in its room", moves=True)
     header = page_header(problem, [plan_badges(solution)], plan_figures(solution, units), units)

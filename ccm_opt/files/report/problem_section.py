@@ -17,7 +17,6 @@ _FILES = {
     "trajectory.yaml": "the motion for ROS 2",
     "arm.urdf": "the arm for RViz and others",
     "arm.mjcf.xml": "the arm for MuJoCo",
-    "plan.png": "the motion in one picture",
     "motion.gif": "the motion as a film",
 }
 """Files beside the page, which links lead to."""
@@ -166,13 +165,15 @@ def timings_table(timings: Mapping[str, float]) -> Markup | None:
     return joined((element("h3", "CPU time"), table((), rows, numbers=(1,))))
 
 
-def files_section(name: str) -> Markup:
+def files_section(name: str, picture: str) -> Markup:
     """Links to the files beside the page, and the commands that go on from here.
 
     Args:
         name: of the output folder.
+        picture: name of the file of the motion's picture.
     """
-    links = (element("li", element("a", file, href=file), f": {words}") for file, words in _FILES.items())
+    files = {**_FILES, picture: "the motion in one picture"}
+    links = (element("li", element("a", file, href=file), f": {words}") for file, words in files.items())
     commands = "\n".join(f"ccm-opt {verb} {name}" for verb in ("check", "simulate", "tolerance"))
     return element(
         "section",

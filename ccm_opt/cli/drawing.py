@@ -1,0 +1,118 @@
+"""``ccm-opt draw``: the pictures of a written plan, made anew from its folder; and those that ``solve`` draws."""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ccm_opt.cli.choices import FigureKind, FigureName
+from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
+from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest, recorded_simulation
+from ccm_opt.solution import Solution
+
+STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
+"""What is drawn where nothing is asked for."""
+
+
+@dataclass(frozen=True)
+class DrawOptions:
+    """What the command line asks for.
+
+    Attributes:
+        figures: what to draw; all still figures when empty.
+        figure_format: of the figures.
+        out: folder of the pictures; that of each plan when None.
+    """
+
+    figures: Sequence[FigureName] = ()
+    figure_format: FigureKind = "png"
+    out: Path | None = None
+
+
+def plan_pictures(solution: Solution, kind: FigureKind = "png") -> Mapping[str, bytes]:
+    """The pictures of a plan that was just made, by file name; ``kind`` is the format of still ones."""
+    from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
+    from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
+    from ccm_opt.files.report.page import report_html  # noqa: PLC0415
+
+    plan = DrawnPlan.from_solution(solution)
+    return {
+        f"plan.{kind}": plan_picture(plan, kind),
+        "motion.gif": motion_gif(plan),
+        "report.html": report_html(solution, picture=f"plan.{kind}").encode(),
+    }
+
+
+def draw_folders(folders: Sequence[Path], options: DrawOptions) -> int:
+    """Draw the plans of folders; all are tried.
+
+    Args:
+        folders: output folders of ``ccm-opt solve``.
+        options: the options.
+
+    Returns:
+        The exit code.
+    """
+    return run_all(folders, lambda folder: _draw(folder, options))
+
+
+def _draw(folder: Path, options: DrawOptions) -> int:
+    # Several plans in one folder would overwrite each other's pictures, so that each has a folder of its own there.
+    out = folder if options.out is None else options.out / folder.resolve().name
+    drawn = drawn_files(folder, options.figures or STILL_FIGURES, options.figure_format)
+    for name, content in drawn.items():
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            (out / name).write_bytes(content)
+        except OSError as error:
+            raise ProblemError(f"cannot write {out / name}: {error.strerror or error}; choose another --out") from error
+    written = [str(out / name) for name in drawn]
+    show = "".join(f"{name}\n" for name in written)
+    return print_result(lambda: sys.stdout.write(show), SOLVED, lambda: {"status": "drawn", "files": written})
+
+
+def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = "png") -> dict[str, bytes]:
+    """The pictures of a written plan by file name.
+
+    Args:
+        folder: an output folder of ``ccm-opt solve``.
+        figures: what to draw.
+        kind: format of still figures.
+
+    Raises:
+        ProblemError: for an unreadable folder, or a video without ffmpeg.
+        VerificationError: the folder holds no plan.
+    """
+    problem = load_recorded_problem(folder)
+    motion = load_motion(folder, problem.arm)
+    from ccm_opt.files.plotting import paper_figures  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415
+    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
+    from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
+    from ccm_opt.files.plotting.video import motion_mp4  # noqa: PLC0415
+
+    points = problem.arm.joint_positions_at(motion.trajectory.positions)
+    plan = DrawnPlan(
+        problem=problem,
+        trajectory=motion.trajectory,
+        points=points,
+        curves=recorded_curves(folder, problem),
+        nearest=recorded_nearest(folder),
+        simulated=recorded_simulation(folder, problem),
+    )
+    drawers: Mapping[FigureName, Callable[[DrawnPlan, FigureKind], bytes]] = {
+        FigureName.PLAN: plan_picture,
+        FigureName.CURVES: paper_figures.curves_picture,
+        FigureName.STEPS: paper_figures.steps_picture,
+        FigureName.LINKS: paper_figures.links_picture,
+        FigureName.SPACE: paper_figures.space_picture,
+    }
+    files = {f"{name}.{kind}": drawers[name](plan, kind) for name in figures if name in drawers}
+    if FigureName.GIF in figures:
+        files["motion.gif"] = motion_gif(plan)
+    if FigureName.MP4 in figures:
+        files["motion.mp4"] = motion_mp4(plan)
+    return files

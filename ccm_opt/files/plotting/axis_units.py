@@ -1,0 +1,39 @@
+"""The unit of lengths on the axes of a picture: that of the problem's file."""
+
+import re
+
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from ccm_opt.problem import Problem
+
+_METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
+_UNITS = re.compile(r'^\s*units\s*=\s*["\'](\w+)["\']', re.MULTILINE)
+_ROUND = (1, 2, 2.5, 5, 10)
+"""Steps between ticks, times powers of ten."""
+
+
+def length_unit(problem: Problem) -> tuple[str, float]:
+    """Name of the unit in which a problem's file gives lengths, and its metres; metres where there is no file."""
+    # The key stands before the first table, where nothing else can be called so.
+    found = _UNITS.search(problem.source.partition("[")[0])
+    name = found[1] if found else "m"
+    return (name, _METRES[name]) if name in _METRES else ("m", 1.0)
+
+
+def label_axes(axes: Axes, problem: Problem) -> None:
+    """Ticks and names of both axes in the unit of the problem's file.
+
+    Args:
+        axes: in metres, whose limits are set.
+        problem: whose file names the unit.
+    """
+    name, metres = length_unit(problem)
+    for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y")):
+        low, high = axis.get_view_interval()
+        if metres != 1.0:
+            # Round numbers in that unit, which in metres may be no round ones.
+            ticks = MaxNLocator(6, steps=_ROUND).tick_values(low / metres, high / metres)
+            axis.set_ticks([metres * tick for tick in ticks if low <= metres * tick <= high])
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / metres:.6g}"))
+        axis.set_label_text(f"{letter} [{name}]")

@@ -1,0 +1,43 @@
+"""From a matplotlib figure to the content of a file, drawn with the package's fonts and without pyplot."""
+
+from collections.abc import Callable
+from io import BytesIO
+from typing import Literal, get_args
+
+from matplotlib import rc_context
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ccm_opt.files.plotting import style
+
+FigureFormat = Literal["png", "svg", "pdf"]
+FORMATS: tuple[FigureFormat, ...] = get_args(FigureFormat)
+"""What still pictures can be written as."""
+
+
+def figure_png(draw: Callable[[], Figure]) -> bytes:
+    """The content of the PNG file of a figure.
+
+    Args:
+        draw: makes the figure; it runs, and the figure is rendered, while the fonts are in force.
+    """
+    return figure_file(draw, "png")
+
+
+def figure_file(draw: Callable[[], Figure], kind: FigureFormat) -> bytes:
+    """The content of the file of a figure, the same for the same figure.
+
+    Args:
+        draw: makes the figure; it runs, and the figure is rendered, while the fonts are in force.
+        kind: the format.
+    """
+    buffer = BytesIO()
+    with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE, "svg.hashsalt": "ccm-opt"}):
+        figure = draw()
+        if kind == "png":
+            FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]
+        elif kind == "svg":
+            figure.savefig(buffer, format="svg", metadata={"Date": None})
+        else:
+            figure.savefig(buffer, format="pdf", metadata={"CreationDate": None})
+    return buffer.getvalue()

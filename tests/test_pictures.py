@@ -1,0 +1,212 @@
+"""Pictures and films of a plan: fitted to the action, in the unit of the file, from a solution or from a folder."""
+
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from matplotlib.figure import Figure
+from PIL import Image
+from typer.testing import CliRunner
+
+from ccm_opt.cli.choices import FigureName
+from ccm_opt.cli.commands import app
+from ccm_opt.cli.drawing import STILL_FIGURES, drawn_files
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.export.folder import WRITTEN_FILES, write_solution
+from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest, recorded_simulation
+from ccm_opt.files.plotting import video
+from ccm_opt.files.plotting.action_window import action_window
+from ccm_opt.files.plotting.animation import Film, motion_gif
+from ccm_opt.files.plotting.axis_units import length_unit
+from ccm_opt.files.plotting.drawn_plan import DrawnPlan
+from ccm_opt.files.plotting.label_places import LabelPlaces
+from ccm_opt.files.plotting.picture_settings import FILM
+from ccm_opt.files.plotting.plan import even_steps, plan_figure, plan_picture
+from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.jointed.frames import joint_positions_3d
+from ccm_opt.solution import Solution
+from ccm_opt.verification.room_over_time import room_over_time
+
+from .conftest import SMALL_PROBLEM
+
+BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+
+
+@pytest.fixture
+def measured(small_solution: Solution) -> Solution:
+    """The made-up plan with the record of its room, which a wanted gap of 0.2 m makes large enough to see the post."""
+    room = room_over_time(small_solution.problem, small_solution.trajectory, 0.2)
+    return replace(small_solution, room=room)
+
+
+@pytest.fixture
+def plan(measured: Solution) -> DrawnPlan:
+    """What pictures show of it."""
+    return DrawnPlan.from_solution(measured)
+
+
+@pytest.fixture
+def folder(measured: Solution, tmp_path: Path) -> Path:
+    """Its output folder."""
+    return write_solution(measured, tmp_path / "runs")
+
+
+@pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
+def test_the_picture_has_every_format_and_is_always_the_same(plan: DrawnPlan, kind: str) -> None:
+    """Files begin as their format does, and drawing again gives the same bytes."""
+    first = plan_picture(plan, kind)  # type: ignore[arg-type]
+    assert first.startswith(BEGINNINGS[kind])
+    assert plan_picture(plan, kind) == first  # type: ignore[arg-type]
+
+
+def test_the_picture_is_fitted_to_the_action(plan: DrawnPlan) -> None:
+    """All of the arm at all times is in it, little else is, and nothing that is far out of the room."""
+    xmin, ymin, xmax, ymax = action_window(plan.problem, plan.points)
+    radius = plan.problem.arm.radius
+    assert np.all(plan.points - radius >= (xmin, ymin))
+    assert np.all(plan.points + radius <= (xmax, ymax))
+    room = plan.problem.workspace.boundary
+    assert shapely.box(xmin, ymin, xmax, ymax).area < 0.5 * room.area
+    assert shapely.box(xmin, ymin, xmax, ymax).within(room.buffer(0.1))
+
+
+def test_axes_are_in_the_unit_of_the_file() -> None:
+    """A file in millimetres has millimetres at its axes, at round numbers; a problem made in Python has metres."""
+    problem = parse_problem(SMALL_PROBLEM.replace('name = "small"', 'name = "small"\nunits = "in"'))
+    assert length_unit(problem) == ("in", 0.0254)
+    assert length_unit(replace(problem, source="")) == ("m", 1.0)
+    points = problem.arm.joint_positions(np.zeros((3, 4)))
+    trajectory = _still(problem.arm.links)
+    figure = plan_figure(DrawnPlan(problem, trajectory, points))
+    (axes,) = figure.axes
+    assert axes.get_xlabel() == "x [in]"
+    ticks = np.array(axes.get_xticks()) / 0.0254
+    steps = np.diff(ticks)
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
+    np.testing.assert_allclose(ticks, np.round(ticks, 3), atol=1e-9)
+
+
+def _still(links: int):  # noqa: ANN202 - a trajectory of three samples
+    """Three samples of an arm that does not move."""
+    from ccm_opt.solution import JointTrajectory
+
+    rest = np.zeros((3, links))
+    return JointTrajectory(np.array([0.0, 0.5, 1.0]), rest, rest, rest)
+
+
+def test_the_least_gap_is_marked_where_it_is(plan: DrawnPlan) -> None:
+    """The mark stands as far from the link as from the post, and its words name gap and time."""
+    near = plan.nearest
+    assert near is not None
+    assert near.obstacle == "post"
+    place = plan.nearest_point
+    assert place is not None
+    post = plan.problem.workspace.obstacles[0]
+    at = [np.interp(near.time, plan.trajectory.time, column) for column in plan.trajectory.positions.T]
+    pose = plan.problem.arm.joint_positions_at(np.array(at))
+    to_link = shapely.distance(shapely.LineString(pose[near.link - 1 : near.link + 1]), shapely.Point(place))
+    assert to_link == pytest.approx(shapely.distance(post.core, shapely.Point(place)), rel=1e-9)
+    texts = [text.get_text() for text in plan_figure(plan).axes[0].texts]
+    assert f"least gap {1e3 * near.gap:.1f} mm\nat {near.time:.2f} s" in texts
+
+
+def test_labels_keep_off_each_other() -> None:
+    """Labels at one place do not overlap, nor what they have to keep off, and stay in the picture."""
+    figure = Figure(figsize=(4.0, 4.0), dpi=100)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(0.0, 1.0)
+    places = LabelPlaces(axes)
+    places.keep_free(shapely.box(0.5, 0.5, 0.9, 0.9))
+    for _ in range(4):
+        places.write(np.array([0.5, 0.5]), "least gap 8.9 mm", "black", 8.0)
+    boxes = places.drawn
+    for k, one in enumerate(boxes):
+        assert all(shapely.intersection(one, other).area == pytest.approx(0.0) for other in boxes[:k])
+        assert shapely.box(0.0, 0.0, 288.0, 288.0).buffer(1e-6).contains(one)
+
+
+def test_poses_are_equally_far_apart(plan: DrawnPlan) -> None:
+    """Between poses that are drawn all joints together travel about equally far."""
+    samples = even_steps(plan.points, 5, ends=True)
+    assert (samples[0], samples[-1]) == (0, len(plan.points) - 1)
+    moved = np.linalg.norm(np.diff(plan.points, axis=0), axis=2).mean(axis=1)
+    travelled = np.concatenate(([0.0], np.cumsum(moved)))[samples]
+    np.testing.assert_allclose(np.diff(travelled), travelled[-1] / 6.0, atol=2.0 * moved.max())
+
+
+def test_the_film_lasts_as_long_as_the_motion(plan: DrawnPlan) -> None:
+    """Its frames end when the motion does, to a hundredth of a second, and the first and last differ."""
+    film = Image.open(BytesIO(motion_gif(plan)))
+    shown = 0.0
+    pictures = []
+    for k in range(film.n_frames):
+        film.seek(k)
+        pictures.append(np.asarray(film.convert("RGB")))
+        shown += film.info["duration"] / 1000.0
+    assert film.n_frames == round(FILM.frames_a_second * plan.trajectory.duration) + 1
+    assert shown - FILM.last_frame / 1000.0 == pytest.approx(plan.trajectory.duration, abs=0.011)
+    assert np.any(pictures[0] != pictures[-1])
+
+
+def test_long_films_are_faster_than_the_motion(plan: DrawnPlan) -> None:
+    """A motion of a minute has no more frames than a film may have, and its samples are evenly spread in time."""
+    slow = replace(plan, trajectory=replace(plan.trajectory, time=60.0 * plan.trajectory.time))
+    film = Film.of_plan(slow, FILM, FILM.frames_a_second, FILM.most_frames)
+    assert len(film.samples) == FILM.most_frames
+    assert film.seconds == pytest.approx((FILM.most_frames - 1) / FILM.frames_a_second)
+    spread = np.diff(slow.trajectory.time[film.samples])
+    assert np.ptp(spread) <= 2.0 * np.max(np.diff(slow.trajectory.time)) + 1e-9
+
+
+def test_a_video_needs_its_encoder(plan: DrawnPlan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With ffmpeg there is an MP4 file; without it the message says what is missing."""
+    if video.encoder() is not None:
+        content = video.motion_mp4(plan, replace(FILM, video_side=120, video_frames_a_second=10))
+        assert content[4:8] == b"ftyp"
+    monkeypatch.setattr(video, "encoder", lambda: None)
+    with pytest.raises(ProblemError, match="ffmpeg, which is not found"):
+        video.motion_mp4(plan)
+
+
+def test_a_folder_has_all_that_pictures_show(measured: Solution, folder: Path) -> None:
+    """Curves, least gap and simulated arm come back from the folder as they were."""
+    problem = measured.problem
+    curves = recorded_curves(folder, problem)
+    assert len(curves) == len(measured.path.curves)
+    arc = np.linspace(0.0, problem.arm.length, 9)
+    for one, other in zip(curves, measured.path.curves, strict=True):
+        np.testing.assert_allclose(one.positions_at(arc), other.positions_at(arc), atol=1e-12)
+    assert measured.room is not None
+    assert recorded_nearest(folder) == measured.room.nearest
+    expected = joint_positions_3d(problem.arm, measured.simulation.angles, np.zeros(len(measured.trajectory.time)))
+    np.testing.assert_allclose(recorded_simulation(folder, problem), expected, atol=1e-12)
+
+
+def test_draw_makes_all_figures_of_a_folder(folder: Path, plan: DrawnPlan, tmp_path: Path) -> None:
+    """Every still figure is written, that of the motion the same as from the solution; --out gathers them by plan."""
+    result = CliRunner().invoke(app, ["draw", str(folder)])
+    assert result.exit_code == 0, result.output
+    names = [f"{name}.png" for name in STILL_FIGURES]
+    assert {path.name for path in folder.glob("*.png")} == set(names)
+    assert set(names) <= WRITTEN_FILES
+    assert (folder / "plan.png").read_bytes() == plan_picture(plan)
+    options = ["--figure", "links", "--figure", "gif", "--figure-format", "svg", "--out", str(tmp_path / "paper")]
+    assert CliRunner().invoke(app, ["draw", str(folder), *options]).exit_code == 0
+    drawn = tmp_path / "paper" / "small"
+    assert {path.name for path in drawn.iterdir()} == {"links.svg", "motion.gif"}
+    assert (drawn / "links.svg").read_bytes().startswith(b"<?xml")
+
+
+def test_draw_says_what_it_cannot_draw(folder: Path, tmp_path: Path) -> None:
+    """A folder that is none, and curves that a folder has not, are bad input; so is an unknown figure."""
+    assert CliRunner().invoke(app, ["draw", str(tmp_path / "nothing")]).exit_code == 2
+    assert CliRunner().invoke(app, ["draw", str(folder), "--figure", "mona-lisa"]).exit_code == 2
+    with np.load(folder / "solution.npz") as arrays:
+        kept = {name: arrays[name] for name in arrays.files if not name.startswith("segment")}
+    np.savez(folder / "solution.npz", **kept)
+    with pytest.raises(ProblemError):
+        drawn_files(folder, [FigureName.CURVES])
