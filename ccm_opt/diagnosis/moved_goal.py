@@ -7,8 +7,10 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from ccm_opt.diagnosis.beyond_hole import beyond_hole
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, MovedGoalSettings
+from ccm_opt.diagnosis.keyed_poses import TipPlace
 from ccm_opt.diagnosis.parameters import Parameter
 from ccm_opt.diagnosis.reach import least_chord, supple_enough
 from ccm_opt.errors import Finding
@@ -30,12 +32,14 @@ def moved_goals(
     """
     goal = problem.goal
     about_goal = bool(findings) and all(finding.key.startswith("goal") for finding in findings)
-    if not about_goal or not isinstance(goal, TipGoal) or problem.stops or problem.arm.base_axes:
+    if not about_goal or not isinstance(goal, TipGoal) or problem.stops:
         return
     turn = _least_turn(problem, goal, settings)
     if turn is not None:
         yield _heading(goal, turn, settings)
-    place = _nearest_place(problem, goal, settings)
+    asked = TipPlace("goal", "goal.position", goal, problem.tolerances)
+    fixed = beyond_hole(problem, asked) if problem.arm.base_axes else problem
+    place = None if fixed is None else _nearest_place(fixed, goal, settings)
     if place is not None:
         yield _position(problem, goal, place, settings)
 
@@ -124,7 +128,9 @@ def _least_turn(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) ->
 
     def refused(turn: float) -> bool:
         turned = replace(problem, goal=TipGoal(goal.position, given + turn))
-        return any(True for check in (contact_at_tips, supple_enough) for _ in check(turned))
+        # How far a fed arm can turn depends on how far it is fed.
+        checks = (contact_at_tips,) if problem.arm.base_axes else (contact_at_tips, supple_enough)
+        return any(True for check in checks for _ in check(turned))
 
     if not refused(0.0):
         return None

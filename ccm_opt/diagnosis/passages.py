@@ -7,9 +7,11 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from ccm_opt.diagnosis.beyond_hole import beyond_hole
 from ccm_opt.diagnosis.contact import tip_has_room
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, PassageProofSettings
 from ccm_opt.diagnosis.keyed_poses import tip_places
+from ccm_opt.diagnosis.reach import within_reach
 from ccm_opt.diagnosis.wide_space import WideSpace, wide_space
 from ccm_opt.diagnosis.words import listed, point
 from ccm_opt.errors import Finding
@@ -19,19 +21,25 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import metres, millimetres
 from ccm_opt.ground.length_words import place as at
 from ccm_opt.ground.rounding import SHORTEST
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
 
 
 def wide_and_short_enough(problem: Problem) -> Iterator[Finding]:
-    """Goals of the tip without a way that is wide and short enough; only for a base that stands still."""
+    """Goals of the tip without a way that is wide and short enough: from the base, or from the hole of a feed axis."""
     for place in tip_places(problem):
-        search = PassageSearch(problem, place.goal.position, place.tolerances.position)
-        straight = float(np.hypot(*(search.goal - problem.arm.base)))
+        fixed = beyond_hole(problem, place) if problem.arm.base_axes else problem
+        if fixed is None:
+            continue
+        search = PassageSearch(fixed, place.goal.position, place.tolerances.position)
+        straight = float(np.hypot(*(search.goal - fixed.arm.base)))
         if search.space.connected:
-            # A straight way that is too long is a matter of reach, and is reported there.
+            # A straight way that is too long is a matter of reach, and is reported there; from a hole not always.
             straight_way = (straight - search.tolerance) * (1.0 + search.settings.detour)
-            if search.shortest > max(problem.arm.length * (1.0 + search.settings.touching), straight_way):
-                yield _too_long(search, place.key)
+            if problem.arm.base_axes and not any(finding.key == place.key for finding in within_reach(problem)):
+                straight_way = 0.0
+            if search.shortest > max(fixed.arm.length * (1.0 + search.settings.touching), straight_way):
+                yield _too_long(search, place.key, problem.arm)
         elif tip_has_room(problem, search.goal, search.tolerance):
             yield _closed(search, place.key)
 
@@ -122,22 +130,33 @@ def _largest(high: float, holds: Callable[[float], bool], fineness: float) -> fl
     return low
 
 
-def _too_long(search: PassageSearch, key: str) -> Finding:
-    """All ways are longer than the arm."""
+def _too_long(search: PassageSearch, key: str, asked: Arm) -> Finding:
+    """All ways are longer than the arm, or than what it has beyond its hole.
+
+    Args:
+        search: that found the shortest.
+        key: of the goal.
+        asked: the arm itself, which may be fed.
+    """
     arm = search.problem.arm
     need = search.shortest
     taut = search.space.routes(arm.base, search.goal, 1)[0].taut
     # The corner half-way stands for the detour; a straight way has none but its middle.
     corner = taut[len(taut) // 2] if len(taut) > 2 else taut.mean(axis=0)
     round_what = _walls_round(search, taut[1:-1])
-    bounds = {"arm.link_length": need / arm.links}
+    before = asked.length - arm.length
+    bounds = {"arm.link_length": (need + before) / arm.links}
+    if asked.feed is not None:
+        bounds["arm.feed.range"] = asked.feed.high + need - arm.length
     inflation = search.widest_within_length - search.problem.workspace.clearance
     if inflation > 0.0:
         bounds["arm.radius"] = inflation
     detour = f" round {listed(round_what)}" if round_what else ""
+    from_hole = "" if asked.feed is None else " from the hole"
+    only = "the arm only" if asked.feed is None else "beyond it the arm reaches only"
     return Finding(
         "too short",
-        f"{key}: the shortest way to the goal{detour} is {metres(need)} long, the arm only {metres(arm.length)}, "
+        f"{key}: the shortest way{from_hole} to the goal{detour} is {metres(need)} long, {only} {metres(arm.length)}, "
         f"{metres(need - arm.length)} too short",
         key=key,
         place=point(corner),
