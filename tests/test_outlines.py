@@ -43,6 +43,13 @@ def test_many_vertices_become_few() -> None:
     assert shapely.get_num_coordinates(simple.core) < 400
 
 
+def test_every_smooth_outline_becomes_simple() -> None:
+    """Among a hundred smooth outlines none keeps its 2000 vertices, wherever it begins."""
+    obstacles = polygon_field(102, FieldKind(100, vertices=2000)).workspace.obstacles
+    kept = [shapely.get_num_coordinates(simplified(each, 5e-5).core) for each in obstacles]
+    assert max(kept) < 300
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_walls_left_out_are_out_of_reach(seed: int) -> None:
     """No pose comes near a wall that the neighbourhood leaves out; none at the goal near one that routes leave out."""

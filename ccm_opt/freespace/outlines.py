@@ -26,17 +26,24 @@ def simplified(obstacle: Obstacle, error: float, settings: FreeSpaceSettings = D
     before = shapely.get_num_coordinates(core)
     if before < settings.many_vertices:
         return obstacle
-    simple = shapely.simplify(core, error, preserve_topology=True)
-    if not isinstance(simple, shapely.Polygon) or shapely.get_num_interior_rings(simple) != len(core.interiors):
-        return obstacle
-    if shapely.get_num_coordinates(simple) > settings.vertices_kept * before:
-        return obstacle
-    rings = zip((core.exterior, *core.interiors), (simple.exterior, *simple.interiors), strict=True)
-    moved = [_largest_move(shapely.get_coordinates(old), shapely.get_coordinates(new)) for old, new in rings]
-    # Between vertices the old outline is no farther from a new edge than at its ends, for distance is convex.
-    if not max(moved) <= error:
-        return obstacle
-    return replace(obstacle, core=simple, rounding=obstacle.rounding + max(moved))
+    # A ring that loses the vertex at which it begins may move by up to twice what it was allowed.
+    for allowed in (error, 0.5 * error):
+        simple = shapely.simplify(core, allowed, preserve_topology=True)
+        if not isinstance(simple, shapely.Polygon) or shapely.get_num_interior_rings(simple) != len(core.interiors):
+            return obstacle
+        if shapely.get_num_coordinates(simple) > settings.vertices_kept * before:
+            return obstacle
+        moved = _rings_moved(core, simple)
+        # Between vertices the old outline is no farther from a new edge than at its ends, for distance is convex.
+        if moved <= error:
+            return replace(obstacle, core=simple, rounding=obstacle.rounding + moved)
+    return obstacle
+
+
+def _rings_moved(old: shapely.Polygon, new: shapely.Polygon) -> float:
+    """Largest distance of a vertex of any ring from the ring that takes its place [m]."""
+    rings = zip((old.exterior, *old.interiors), (new.exterior, *new.interiors), strict=True)
+    return max(_largest_move(shapely.get_coordinates(one), shapely.get_coordinates(other)) for one, other in rings)
 
 
 def _largest_move(old: FloatArray, new: FloatArray) -> float:

@@ -99,7 +99,8 @@ def aim(problem: Problem, goal: TipGoal, settings: EndSettings = DEFAULT_ENDS) -
 
     need = arm.radius + problem.workspace.clearance
     place = shapely.Point(goal.position)
-    if float(problem.workspace.apart(place).min()) >= need:
+    _, room_there = problem.workspace.nearest(place)
+    if room_there >= need:
         return goal.position
 
     # A little more room than need be: at the very edge of free space no step has a choice.
@@ -166,11 +167,11 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
         # The rear end of the last link may swing by this much.
         play += arm.link_length * tolerances.heading
     need = arm.radius + problem.workspace.clearance - play
-    gaps = problem.workspace.apart(last) - need
-    k = int(np.argmin(gaps))
-    if gaps[k] < 0.0:
+    k, apart = problem.workspace.nearest(last)
+    gap = apart - need
+    if gap < 0.0:
         what = "tip is" if goal.heading is None else "last link is"
-        depth = millimetres(play - gaps[k])
+        depth = millimetres(play - gap)
         reason = f"at the goal the {what} {depth} too near to '{problem.workspace.walls[k].name}'"
         move = "move the goal" if goal.heading is None else "move the goal or change its heading"
         advice = (move, *room_advice(arm, problem.workspace))

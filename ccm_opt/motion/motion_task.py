@@ -136,7 +136,7 @@ class MotionTask:
         """Gap that the arm would have to walls at the nearest of some places of its axis, shape (m, 2) [m]."""
         if len(places) == 0:
             return np.inf
-        nearest = float(self.workspace.apart(shapely.MultiPoint(places)).min())
+        _, nearest = self.workspace.nearest(shapely.MultiPoint(places))
         return nearest - self.arm.radius - self.workspace.clearance
 
     @cached_property

@@ -36,7 +36,7 @@ def route_room(problem: Problem, ends: Ends, settings: CurvePlannerSettings = DE
     workspace = route_workspace(problem, ends, settings)
     if not ends.goal.is_set:
         goal = shapely.Point(ends.goal.position)
-        room = float(workspace.apart(goal).min())
+        _, room = workspace.nearest(goal)
         wide = least + float(np.clip(room - least - kept, kept, inflation))
     free = FreeSpace(workspace, wide)
     if _connected(problem, ends, free, settings):
