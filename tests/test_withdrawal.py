@@ -14,7 +14,10 @@ from ccm_opt.motion.drawing_back import lies_confined, ways_back, withdrawals
 from ccm_opt.motion.guides.withdrawal import Withdrawal
 from ccm_opt.motion.pose import Pose
 from ccm_opt.motion.step import Stepper
-from ccm_opt.problem import TipGoal
+from ccm_opt.motion.unwinding import drawn_in, mouth_of_passage
+from ccm_opt.problem import JointPose, TipGoal
+from tests.benchmarks.withdrawal_scenes import way_in, way_out
+from tests.benchmarks.wound_scenes import unwound
 from tests.planned_runs import run
 from tests.scenes import ROOM, Scene, later, make_arm, make_stepper, motion_task
 
@@ -95,6 +98,43 @@ def test_a_withdrawal_begins_afresh_each_time() -> None:
     assert first.fold.fold_at - before == pytest.approx(guide.settings.advance * stepper.space.nominal_length)
     assert guide.fold.fold_at == before
     assert guide.afresh().fold.fold_at == before
+
+
+@pytest.mark.parametrize("width", [0.05, 0.12])
+def test_the_arm_is_drawn_in_as_far_as_the_mouth_of_its_passage(width: float) -> None:
+    """The mouth is where the duct begins, a sample of the way and the step before its corners off at most."""
+    scene = in_duct(width, 3.0)
+    stepper, start = make_stepper(scene)
+    mouth = mouth_of_passage(stepper, start, motion_task(scene.problem()).tip_paths[0])
+    assert mouth == pytest.approx(0.25, abs=0.05)
+
+
+def test_no_arm_is_drawn_in_where_it_fills_no_passage() -> None:
+    """In a hall there is no mouth and no candidate."""
+    scene = in_duct(0.6, 3.0)
+    stepper, start = make_stepper(scene)
+    assert not list(drawn_in(stepper, start, None, motion_task(scene.problem()).tip_paths[0]))
+
+
+@pytest.mark.parametrize("kind", ["tip", "arm"])
+def test_an_arm_whose_base_is_in_a_bottle_is_drawn_in_through_its_neck(kind: str) -> None:
+    """From outside the arm comes back into the bottle, coils up there, and the verifier passes the motion."""
+    out = way_in("in-bottle", 2, 900.0)
+    there = run(out)
+    assert there.trajectory is not None, there.reason
+    back = run(way_out(out, there.trajectory, kind), optimised=False)
+    assert back.outcome == "verified", back.reason
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_coils_have_a_known_way_out(seed: int) -> None:
+    """Straightened joint after joint from the tip on, a coil touches nothing: its problem is known to have a plan."""
+    problem = way_in("coil", seed)
+    goal = problem.goal
+    assert isinstance(goal, JointPose)
+    poses = np.array(unwound(problem.arm, problem.arm.headings(goal.bends), 3))
+    # Certified between poses where they stand still only by rounding: as near as they are, all of it is free.
+    assert len(Certificate(problem.arm, problem.workspace).failures(poses)) == 0
 
 
 def test_an_arm_leaves_a_duct_by_drawing_back() -> None:

@@ -16,6 +16,7 @@ from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, GuideSettings
 from ccm_opt.motion.sliding import slid_out
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath
+from ccm_opt.motion.unwinding import drawn_in
 
 
 def first_candidates(
@@ -52,6 +53,7 @@ def first_candidates(
     # Out of a narrow place the arm comes only as it came in, and a tip that is drawn back alone buckles it.
     if tip_paths and lies_confined(stepper, start, tip_paths[0]):
         yield from withdrawn
+        yield from drawn_in(stepper, start, whole_arm, tip_paths[0])
 
     for path in tip_paths:
         # A fold lays the arm on its new route link by link, where a goal of the whole arm wants it; a tip alone can

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 import shapely
@@ -19,6 +20,9 @@ from ccm_opt.motion.pulling_over import heading_window
 from ccm_opt.motion.step import Stepper
 from ccm_opt.motion.tip_paths import TipPath
 
+WayOn: TypeAlias = Callable[[TipPath, Guide, Pose], Guide]
+"""Makes the guide that leads on from a pose, along a path of the tip, when another guide has ended there."""
+
 
 def slid_out(
     stepper: Stepper, start: Pose, whole_arm: FloatArray | None, paths: tuple[TipPath, ...]
@@ -33,26 +37,31 @@ def slid_out(
     """
     settings = stepper.settings.guides.sliding
     mouths = [(path, mouth_of_gates(stepper, start, path)) for path in paths]
-    by_tip = partial(_by_tip, stepper)
-    ways: list[tuple[Callable[[TipPath, Guide, Pose], Guide], ...]] = [(by_tip,)]
-    if whole_arm is not None:
-        # Straight on, an arm that has come out may be swept back into the wall that it has come through.
-        straight = partial(_straight_on, stepper, whole_arm)
-        ways = [(straight,), (by_tip, straight)]
-    for onward in ways:
+    for onward in ways_on(stepper, whole_arm):
         # What goes straight on from the gates does not ask along which path.
         tried: set[tuple[float, int]] = set()
         for path, mouth in mouths:
             if mouth is None:
                 continue
             for side in (path.side, -path.side):
-                if by_tip not in onward and (round(mouth, 6), side) in tried:
+                straight_on = whole_arm is not None and len(onward) == 1
+                if straight_on and (round(mouth, 6), side) in tried:
                     continue
                 tried.add((round(mouth, 6), side))
                 make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side, settings)
                 name = f"slid out of gates, bowed to the {'left' if side > 0 else 'right'}"
                 resume = tuple(partial(each, path) for each in onward)
                 yield GuideCandidate(f"{name}, {path.name}", make_guide, resume)
+
+
+def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn, ...]]:
+    """Guides, one after the other, that lead an arm on to its goal when it has come out; the quickest way first."""
+    by_tip = partial(_by_tip, stepper)
+    if whole_arm is None:
+        return [(by_tip,)]
+    # Straight on, an arm that has come out may be swept back into the wall that it has come through.
+    straight = partial(_straight_on, stepper, whole_arm)
+    return [(straight,), (by_tip, straight)]
 
 
 def mouth_of_gates(stepper: Stepper, start: Pose, path: TipPath) -> float | None:

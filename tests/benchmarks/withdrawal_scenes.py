@@ -20,6 +20,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal
 from ccm_opt.solution import JointTrajectory
 from tests.benchmarks.scene_families import DRAWS, SPARE, NoSceneError, clear, smooth
+from tests.benchmarks.wound_scenes import out_of_bottle, wound_up
 from tests.scenes import Scene, clutter, make_arm
 
 LINKS = (16, 24, 30, 36)
@@ -223,7 +224,9 @@ FAMILIES: dict[str, tuple[Callable[[np.random.Generator, Arm], Inside], tuple[fl
 }
 """Families with the range of their arms' radius [m]."""
 CLUTTER = "clutter"
-NAMES = (*FAMILIES, CLUTTER)
+WOUND = {"coil": wound_up, "in-bottle": out_of_bottle}
+"""Families whose way in is a way out of a coil, or of a bottle, run backwards."""
+NAMES = (*FAMILIES, CLUTTER, *WOUND)
 
 
 def way_in(family: str, seed: int, time_limit: float = 60.0) -> Problem:
@@ -235,6 +238,8 @@ def way_in(family: str, seed: int, time_limit: float = 60.0) -> Problem:
     rng = np.random.default_rng([seed, NAMES.index(family)])
     links = int(rng.choice(LINKS))
     name = f"{family}-{seed}"
+    if family in WOUND:
+        return WOUND[family](rng, links, name, time_limit)
     if family == CLUTTER:
         scene = clutter(int(rng.integers(2**31)), int(rng.choice((20, 40, 60))), links)
         return scene.problem(time_limit=time_limit, name=name)
