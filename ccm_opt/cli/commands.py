@@ -132,6 +132,22 @@ def solve_command(
     return solve_files(files, options)
 
 
+@command(app, "view", ("ccm-opt view problems/swan-neck.toml", "ccm-opt view runs/swan-neck --port 8090"))
+def view_command(
+    item: Annotated[
+        Path,
+        typer.Argument(help="Problem file, or folder that solve wrote.", metavar="FILE|FOLDER", show_default=False),
+    ],
+    *,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page, on this machine alone.")] = 8080,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open the page.")] = False,
+) -> int:
+    """Show a motion in space in the browser; drag its goal or a wall, and it is planned again."""
+    from ccm_opt.cli.viewing import view_item  # noqa: PLC0415 - loads numpy
+
+    return view_item(item, port, browser=not no_browser)
+
+
 @command(
     app,
     "pose",

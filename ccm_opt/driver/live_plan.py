@@ -81,7 +81,7 @@ class LivePlan:
 
     def __post_init__(self) -> None:
         problem = self.problem
-        if problem.arm.base_axes or problem.stops or problem.planner.method != "nlp":
+        if not self.suits(problem):
             raise ProblemError(
                 f"'{problem.name}' cannot be planned live: it has a feed axis, goals on the way, or a planner other "
                 "than nlp; solve it anew after every change"
@@ -91,6 +91,11 @@ class LivePlan:
         self._quick = replace(self._thorough, settings=self.live.hurried(self.settings).curve)
         self._planner = ResumingPlanner(self._thorough)
         self._make(problem)
+
+    @staticmethod
+    def suits(problem: Problem) -> bool:
+        """Whether a problem can be planned live."""
+        return not problem.arm.base_axes and not problem.stops and problem.planner.method == "nlp"
 
     def move_goal(
         self, position: Sequence[float] | FloatArray | None = None, heading: float | None = None
@@ -136,10 +141,13 @@ class LivePlan:
         room = replace(workspace, obstacles=obstacles)
         return self._changed(replace(self.problem, workspace=room, source=""))
 
-    def plan_anew(self) -> LiveAnswer:
-        """Plan the problem as it is from nothing, with all the time that it gives; the shorter of two plans is kept.
+    def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
+        """Plan the problem as it is from nothing; the shorter of two plans is kept.
 
         A plan that follows its problem keeps to one side of every obstacle; from elsewhere there may be a shorter way.
+
+        Args:
+            time_limit: CPU time for it [s]; that of the problem when None.
 
         Returns:
             Whether there is a plan, and else why not.
@@ -147,7 +155,7 @@ class LivePlan:
         begin = time.process_time()
         followed, plan, verified, planner = self.current, self.plan, self._verified, self._planner
         self._planner = ResumingPlanner(self._thorough)
-        self._attempt(self.problem)
+        self._attempt(self._within(self.problem.planner.time_limit if time_limit is None else time_limit))
         shorter = self.current and self.plan.trajectory.duration < plan.trajectory.duration
         if followed and not shorter:
             self.current, self.reason = True, ""
@@ -169,8 +177,12 @@ class LivePlan:
         begin = time.process_time()
         self.problem = problem
         self._planner.planner = self._quick
-        self._attempt(replace(problem, planner=replace(problem.planner, time_limit=self.live.patience)))
+        self._attempt(self._within(self.live.patience))
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
+
+    def _within(self, time_limit: float) -> Problem:
+        """The problem as it is, with another limit of CPU time [s]."""
+        return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
 
     def _attempt(self, problem: Problem) -> None:
         """Plan a problem, or note why there is no plan."""

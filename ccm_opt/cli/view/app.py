@@ -1,0 +1,194 @@
+"""The page in the browser: the scene, its switches, and what happens when somebody drags or plays."""
+
+import io
+import threading
+import time
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field
+from functools import partial
+from math import floor
+from typing import Any
+
+import numpy as np
+import viser
+
+from ccm_opt.cli.view.frames import MotionFrames
+from ccm_opt.cli.view.handles import Handles
+from ccm_opt.cli.view.scene import LAYERS, Scene
+from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
+from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
+from ccm_opt.files.report.room_words import millimetres
+from ccm_opt.ground.rounding import TINY
+from ccm_opt.solution import Check
+
+LOOPBACK = "127.0.0.1"
+"""Only this machine sees the page: whoever can reach it can make it plan."""
+SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
+
+
+@dataclass
+class Player:
+    """Where the playing motion is.
+
+    Attributes:
+        playing: whether it moves.
+        time: of the motion [s].
+        speed: seconds of the motion in a second.
+    """
+
+    playing: bool = True
+    time: float = 0.0
+    speed: float = 1.0
+
+
+@dataclass
+class ViewerApp:
+    """A motion in the browser.
+
+    Attributes:
+        frames: the motion to begin with.
+        live: the plan that follows drags; None where nothing can be dragged.
+        port: of the page, on this machine alone.
+        checks: of the motion to begin with; none where they are not known.
+        settings: of what is shown.
+    """
+
+    frames: MotionFrames
+    live: LivePlan | None
+    port: int
+    checks: tuple[Check, ...] = ()
+    settings: ViewSettings = VIEW
+    server: viser.ViserServer = field(init=False)
+    scene: Scene = field(init=False)
+    player: Player = field(init=False, default_factory=Player)
+    _slider: Any = field(init=False)
+    _play: Any = field(init=False)
+    _speed: Any = field(init=False)
+    _status: Any = field(init=False)
+    _lock: threading.RLock = field(init=False, default_factory=threading.RLock)
+
+    def __post_init__(self) -> None:
+        with redirect_stdout(io.StringIO()):  # where it would introduce itself
+            self.server = viser.ViserServer(host=LOOPBACK, port=self.port, label="ccm-opt view", verbose=False)
+        self.scene = Scene(self.server, self.frames, self.settings)
+        self.scene.draw()
+        self.server.on_client_connect(self.scene.look)
+        self._status = self.server.gui.add_markdown("")
+        self._build_player()
+        self._build_layers()
+        self._handles = None if self.live is None else Handles(self.scene, self.live, self._planned)
+        self.tell(_summary(self.frames, self.checks))
+
+    @property
+    def address(self) -> str:
+        """Of the page."""
+        return f"http://{LOOPBACK}:{self.server.get_port()}"
+
+    @property
+    def _end(self) -> float:
+        """Where the time slider ends, a millisecond at most before the motion does [s]."""
+        return floor(1e3 * self.frames.duration) / 1e3
+
+    def run(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Play until Ctrl-C, or until something holds."""
+        try:
+            last = time.monotonic()
+            slid = last
+            while not until():
+                time.sleep(1.0 / self.settings.frame_rate)
+                now = time.monotonic()
+                with self._lock:
+                    if self.player.playing:
+                        self._advance(now - last)
+                        if now - slid >= 1.0 / self.settings.slider_rate:
+                            slid = now
+                            self._slider.value = round(min(self.player.time, self._end), 3)
+                last = now
+        finally:
+            if self._handles is not None:
+                self._handles.end()
+            self.server.stop()
+
+    def _advance(self, wall: float) -> None:
+        """Play on by some wall time [s]; the end is shown for a while."""
+        player = self.player
+        player.time += player.speed * wall
+        if player.time > self.frames.duration + player.speed * self.settings.rest:
+            player.time = 0.0
+        self.scene.pose(min(player.time, self.frames.duration))
+
+    def tell(self, words: str) -> None:
+        """Show what there is to say about the plan."""
+        self._status.content = words
+
+    def _build_player(self) -> None:
+        gui = self.server.gui
+        with gui.add_folder("Play"):
+            self._play = gui.add_checkbox("playing", initial_value=True)
+            self._slider = gui.add_slider("time [s]", 0.0, self._end, 0.001, 0.0)
+            self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+
+        self._slider.on_update(self._slid)
+        self._play.on_update(self._played)
+        self._speed.on_update(self._sped)
+
+    def _slid(self, event: Any) -> None:
+        # What people set has a client; what the player sets has none.
+        if event.client is not None:
+            with self._lock:
+                self._play.value = self.player.playing = False
+                self.player.time = float(self._slider.value)
+                self.scene.pose(self.player.time)
+
+    def _played(self, _: Any) -> None:
+        self.player.playing = self._play.value
+
+    def _sped(self, _: Any) -> None:
+        self.player.speed = float(self._speed.value)
+
+    def _build_layers(self) -> None:
+        gui = self.server.gui
+        with gui.add_folder("Show"):
+            colour = gui.add_dropdown("colour of links", ("nothing", "gap", "torque"), initial_value="nothing")
+            boxes = {layer: gui.add_checkbox(layer, initial_value=layer in self.scene.shown) for layer in LAYERS}
+
+        colour.on_update(self._coloured)
+        for layer, box in boxes.items():
+            box.on_update(partial(self._switched, layer))
+
+    def _coloured(self, event: Any) -> None:
+        with self._lock:
+            self.scene.colour_by = event.target.value
+            self.scene.pose(min(self.player.time, self.frames.duration))
+
+    def _switched(self, layer: str, event: Any) -> None:
+        with self._lock:
+            self.scene.switch(layer, on=event.target.value)
+
+    def _planned(self, live: LivePlan, answer: LiveAnswer | str) -> None:
+        """Show what came of a change: the new plan, or the last one and why there is none."""
+        with self._lock:
+            self.scene.draw_room(live.problem)
+            if isinstance(answer, str):
+                self.tell(f"**Not planned.** {answer}")
+                return
+            if not answer.current:
+                self.tell(f"**No plan to here; the last one is shown.** {answer.reason}")
+                return
+            plan = live.plan
+            share = self.player.time / max(self.frames.duration, TINY)
+            self.frames = MotionFrames(plan.problem, plan.trajectory, plan.joints, self.settings)
+            self.scene.frames = self.frames
+            self.scene.draw_motion()
+            self.player.time = share * self.frames.duration
+            self.scene.pose(min(self.player.time, self.frames.duration))
+            self._slider.max = self._end
+        self.tell(f"{_summary(self.frames, plan.checks)}\n\nplanned and verified in {answer.cpu:.2f} s")
+
+
+def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
+    """The motion in a few words."""
+    gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
+    near = "" if gap is None or not np.isfinite(gap) else f", walls no nearer than {millimetres(gap)}"
+    return f"**{frames.problem.name}**: {frames.duration:.2f} s{near}"

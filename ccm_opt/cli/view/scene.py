@@ -1,0 +1,208 @@
+"""What stands in the browser's scene: room, arm, start, goals, the region swept, and the way there.
+
+The scene counts in arm lengths, so that the camera and the handles suit arms of any size.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import shapely
+import viser
+
+from ccm_opt.cli.view import colours
+from ccm_opt.cli.view.frames import MotionFrames
+from ccm_opt.cli.view.meshes import Mesh, cylinder, extruded, in_space, turned
+from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
+from ccm_opt.files.report.route_layers import route_layers
+from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.problem import Problem, TipGoal
+
+LAYERS = {"swept region": "/tube", "start": "/start", "route": "/route", "regions": "/regions", "names": "/names"}
+"""What can be switched on and off, and where it stands in the scene."""
+
+
+@dataclass
+class Scene:
+    """The scene of one motion; everything of it is drawn again when the motion changes.
+
+    Attributes:
+        server: shows it.
+        frames: the motion.
+        settings: of the pictures.
+        shown: names of the layers that are switched on.
+        colour_by: what the colours of the links mean: ``nothing``, ``gap`` or ``torque``.
+    """
+
+    server: viser.ViserServer
+    frames: MotionFrames
+    settings: ViewSettings = VIEW
+    shown: set[str] = field(default_factory=lambda: {"start", "names"})
+    colour_by: str = "nothing"
+    _arm: Any = None
+    _joints: Any = None
+
+    @property
+    def unit(self) -> float:
+        """Metres in a unit of the scene."""
+        return float(self.frames.problem.arm.length)
+
+    @property
+    def radius(self) -> float:
+        """That the arm is drawn with, in units of the scene."""
+        return max(self.frames.problem.arm.radius / self.unit, self.settings.thin_arm)
+
+    @property
+    def depth(self) -> float:
+        """How far obstacles reach before and behind the plane, in units of the scene."""
+        return max(self.settings.depth * self.radius, self.settings.least_depth)
+
+    def draw(self) -> None:
+        """Draw everything."""
+        self.server.scene.set_up_direction("+z")
+        self.draw_room(self.frames.problem)
+        self.draw_motion()
+
+    def look(self, client: viser.ClientHandle) -> None:
+        """Put a client's camera before the room."""
+        low_x, low_y, high_x, high_y = np.array(self.frames.problem.workspace.boundary.bounds) / self.unit
+        middle = np.array([0.5 * (low_x + high_x), 0.0, 0.5 * (low_y + high_y)])
+        away = max(high_x - low_x, high_y - low_y)
+        client.camera.position = middle + np.array([0.12 * away, -away, 0.25 * away])
+        client.camera.look_at = middle
+
+    def draw_room(self, problem: Problem) -> None:
+        """Draw walls, obstacles and goals of a problem, which may be ahead of the motion."""
+        boundary = shapely.get_coordinates(problem.workspace.boundary.exterior) / self.unit
+        for name, depth in (("near", -self.depth), ("far", self.depth)):
+            ring = in_space(boundary, depth)
+            segments = np.stack((ring[:-1], ring[1:]), axis=1)
+            self.server.scene.add_line_segments(f"/room/{name}", segments, colours.WALLS, thickness=0.004)
+        for obstacle in problem.workspace.obstacles:
+            self.draw_obstacle(obstacle)
+        goals = [*(stop.goal for stop in problem.stops), problem.goal]
+        for number, goal in enumerate(goals, start=1):
+            if isinstance(goal, TipGoal):
+                self._draw_goal(goal, str(number) if len(goals) > 1 else "")
+
+    def draw_obstacle(self, obstacle: Obstacle) -> None:
+        """Draw one obstacle, in place of an earlier one of that name."""
+        shape = shapely.transform(obstacle.outline(quad_segs=self.settings.curved), lambda places: places / self.unit)
+        vertices, faces = extruded(shape, -self.depth, self.depth)
+        path = _path("/room", obstacle.name)
+        self.server.scene.add_mesh_simple(path, vertices, faces, color=colours.WALLS, opacity=0.75, side="double")
+        middle = shapely.get_coordinates(shapely.point_on_surface(shape))[0]
+        place = in_space(middle, -self.depth)
+        visible = "names" in self.shown
+        self.server.scene.add_label(_path("/names", obstacle.name), obstacle.name, position=place, visible=visible)
+
+    def _draw_goal(self, goal: TipGoal, number: str) -> None:
+        place = in_space(goal.position / self.unit)
+        name = f"/goal{number}"
+        self.server.scene.add_icosphere(name, radius=1.4 * self.radius, color=colours.GOAL, opacity=0.6, position=place)
+        if number:
+            self.server.scene.add_label(f"{name}/number", number)
+        if goal.heading is not None:
+            mesh = cylinder(6.0 * self.radius, 0.35 * self.radius, self.settings.sides)
+            self._mesh(f"{name}/heading", mesh, colours.GOAL, wxyz=turned(np.array(goal.heading)))
+
+    def draw_motion(self) -> None:
+        """Draw the arm and all that belongs to the motion."""
+        arm = self.frames.problem.arm
+        link = cylinder(arm.link_length / self.unit, self.radius, self.settings.sides)
+        start = self.frames.points[0] / self.unit
+        wxyzs = turned(_headings(start))
+        plain = colours.plain(arm.links)
+        self._arm = self.server.scene.add_batched_meshes_simple(
+            "/arm/links", *link, wxyzs, in_space(start[:-1]), batched_colors=plain
+        )
+        ball = _ball(self.radius)
+        upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (arm.links + 1, 1))
+        self._joints = self.server.scene.add_batched_meshes_simple(
+            "/arm/joints", *ball, upright, in_space(start), batched_colors=colours.plain(arm.links + 1)
+        )
+        line = in_space(start)
+        self.server.scene.add_spline_catmull_rom(
+            LAYERS["start"], line, color=colours.START, thickness=0.6 * self.radius, visible="start" in self.shown
+        )
+        tip = in_space(self.frames.points[:, -1] / self.unit)
+        chosen = np.linspace(0, len(tip) - 1, self.settings.frames).astype(int)
+        pieces = np.stack((tip[chosen[:-1]], tip[chosen[1:]]), axis=1)
+        self.server.scene.add_line_segments("/tip", pieces, colours.ROUTE, thickness=0.004)
+        self._draw_layers()
+        self.pose(0.0)
+
+    def _draw_layers(self) -> None:
+        """Draw what is costly, if anybody wants to see it."""
+        if "swept region" in self.shown:
+            swept = shapely.transform(self.frames.swept(), lambda places: places / self.unit)
+            mesh = extruded(swept, -0.2 * self.radius, 0.2 * self.radius)
+            self._mesh(LAYERS["swept region"], mesh, colours.TUBE, opacity=0.35)
+        if not self.shown & {"route", "regions"}:
+            return
+        layers = route_layers(self.frames.problem, self.frames.points[-1])
+        route = np.array(layers.get("route", []), dtype=np.float64)
+        if "route" in self.shown and len(route) > 1:
+            line = in_space(route / self.unit)
+            pieces = np.stack((line[:-1], line[1:]), axis=1)
+            self.server.scene.add_line_segments(LAYERS["route"], pieces, colours.GOAL, thickness=0.006)
+        regions = layers.get("regions", [])
+        if "regions" in self.shown and isinstance(regions, list):
+            rings = [np.array([*ring, ring[0]], dtype=np.float64) / self.unit for ring in regions]
+            sides = [np.stack((in_space(ring[:-1]), in_space(ring[1:])), axis=1) for ring in rings]
+            if sides:
+                self.server.scene.add_line_segments(
+                    LAYERS["regions"], np.vstack(sides), colours.REGION, thickness=0.003
+                )
+
+    def switch(self, layer: str, *, on: bool) -> None:
+        """Switch a layer on or off."""
+        self.shown.add(layer) if on else self.shown.discard(layer)
+        if layer == "names":
+            self.draw_room(self.frames.problem)
+        elif on:
+            self.draw_motion()
+        else:
+            self.server.scene.remove_by_name(LAYERS[layer])
+
+    def pose(self, time: float) -> None:
+        """Show the arm at a time [s]."""
+        points = self.frames.pose(time) / self.unit
+        self._arm.batched_positions = in_space(points[:-1])
+        self._arm.batched_wxyzs = turned(_headings(points))
+        coloured = self._colours(time)
+        self._arm.batched_colors = coloured
+        # A joint is as the link before it, which it ends.
+        self._joints.batched_colors = np.vstack((coloured[:1], coloured))
+        self._joints.batched_positions = in_space(points)
+
+    def _colours(self, time: float) -> colours.Colours:
+        problem = self.frames.problem
+        if self.colour_by == "gap":
+            return colours.by_gap(self.frames.gaps(time), max(2.0 * problem.default_gap, 1e-12))
+        if self.colour_by == "torque":
+            return colours.by_use(self.frames.torque_shares(time))
+        return colours.plain(problem.arm.links)
+
+    def _mesh(self, name: str, mesh: Mesh, colour: tuple[int, int, int], **options: Any) -> None:
+        self.server.scene.add_mesh_simple(name, *mesh, color=colour, side="double", **options)
+
+
+def _headings(points: FloatArray) -> FloatArray:
+    """Headings of links between places, shape (n + 1, 2) to (n,) [rad]."""
+    along = np.diff(points, axis=0)
+    return np.arctan2(along[:, 1], along[:, 0])
+
+
+def _ball(radius: float) -> Mesh:
+    """A ball about the origin."""
+    from trimesh.creation import icosphere  # noqa: PLC0415 - comes with viser
+
+    ball = icosphere(subdivisions=2, radius=radius)
+    return np.asarray(ball.vertices, dtype=np.float64), np.asarray(ball.faces, dtype=np.int64)
+
+
+def _path(folder: str, name: str) -> str:
+    """Where something of a name stands in the scene; a slash in it would make a branch."""
+    return f"{folder}/{name.replace('/', '|')}"

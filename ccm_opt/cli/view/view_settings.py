@@ -1,0 +1,40 @@
+"""How a motion is shown in the browser."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ViewSettings:
+    """How a motion is shown in the browser; all of them are taste.
+
+    Attributes:
+        frame_rate: poses a second that are sent to the browser while the motion plays [1/s].
+        slider_rate: times a second that the time slider follows it [1/s].
+        frames: poses of a motion at which gaps are looked at for colours.
+        tube_frames: poses whose union is the region that the arm sweeps.
+        rest: wall time for which the last pose is shown before the motion plays again [s].
+        depth: of extruded obstacles behind and before the plane, in radii of the arm.
+        least_depth: the same at least, as a share of the arm's length.
+        thin_arm: radius at which an arm without one is drawn, as a share of its length.
+        sides: of the cylinder that a link is drawn as.
+        curved: segments of a quarter circle in outlines.
+        quiet: wall time without a drag after which the plan is sought anew, for a shorter way [s].
+        anew: CPU time for that [s].
+    """
+
+    frame_rate: float = 30.0
+    slider_rate: float = 10.0
+    frames: int = 160
+    tube_frames: int = 200
+    rest: float = 0.8
+    depth: float = 4.0
+    least_depth: float = 0.06
+    thin_arm: float = 0.006
+    sides: int = 20
+    curved: int = 6
+    quiet: float = 1.0
+    anew: float = 3.0
+
+
+VIEW = ViewSettings()
+"""Used where no other settings are given."""

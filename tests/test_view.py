@@ -1,0 +1,192 @@
+"""The viewer: solids over shapes of the plane, poses at any time, colours, and plans that follow what is dragged."""
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import ccm_opt
+from ccm_opt.cli.commands import app as command_line
+from ccm_opt.cli.view import colours
+from ccm_opt.cli.view.app import ViewerApp
+from ccm_opt.cli.view.frames import MotionFrames
+from ccm_opt.cli.view.handles import heading_of
+from ccm_opt.cli.view.meshes import cylinder, extruded, in_space, turned
+from ccm_opt.cli.view.replanner import Replanner
+from ccm_opt.cli.view.view_settings import ViewSettings
+from ccm_opt.cli.viewing import viewer_of
+from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
+from ccm_opt.problem import TipGoal
+
+from .conftest import PROBLEMS
+
+SWAN = PROBLEMS / "swan-neck.toml"
+PORT = 18080
+"""The first that is tried; the viewer takes the next one that is free."""
+
+
+@given(
+    corners=st.integers(3, 9),
+    seed=st.integers(0, 10**6),
+    hole=st.booleans(),
+    depth=st.floats(0.1, 3.0),
+)
+def test_solids_have_the_volume_of_their_shape(corners: int, seed: int, hole: bool, depth: float) -> None:
+    """They are closed, and hold the shape's area times their depth."""
+    random = np.random.default_rng(seed)
+    angles = np.sort(random.uniform(0.0, 2.0 * np.pi, corners)) + np.arange(corners) * 1e-2
+    radii = random.uniform(0.7, 1.5, corners)
+    shape = shapely.Polygon(np.stack((radii * np.cos(angles), radii * np.sin(angles)), axis=1))
+    if not shape.is_valid or shape.area < 0.1:
+        return
+    if hole:
+        shape = shape.difference(shape.buffer(-0.2).buffer(-0.05))
+    vertices, faces = extruded(shape, -0.5 * depth, 0.5 * depth)
+    mesh = trimesh.Trimesh(vertices, faces)
+    mesh.merge_vertices()
+    trimesh.repair.fix_normals(mesh)
+    assert mesh.is_watertight
+    assert abs(mesh.volume) == pytest.approx(shape.area * depth, rel=1e-6)
+    assert mesh.area == pytest.approx(2.0 * shape.area + depth * shape.length, rel=1e-6)
+
+
+def test_a_cylinder_is_one() -> None:
+    """It is closed, and its volume that of its sides."""
+    mesh = trimesh.Trimesh(*cylinder(2.0, 0.5, 64))
+    assert mesh.is_watertight
+    assert abs(mesh.volume) == pytest.approx(2.0 * np.pi * 0.25, rel=5e-3)
+
+
+@given(heading=st.floats(-3.1, 3.1))
+def test_handles_turn_as_the_plane_does(heading: float) -> None:
+    """A quaternion of a heading turns world x to that heading, and gives the heading back."""
+    w, *axis = turned(np.array(heading))
+    x = trimesh.transformations.quaternion_matrix([w, *axis])[:3, 0]
+    np.testing.assert_allclose(x, in_space(np.array([np.cos(heading), np.sin(heading)])), atol=1e-12)
+    assert heading_of(np.array([w, *axis])) == pytest.approx(heading, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def live() -> LivePlan:
+    """A plan of the swan's neck that follows."""
+    return LivePlan(ccm_opt.load_problem(SWAN))
+
+
+def frames_of(live: LivePlan) -> MotionFrames:
+    """Its motion."""
+    return MotionFrames(live.problem, live.plan.trajectory, live.plan.joints)
+
+
+def test_poses_gaps_and_torques_are_those_of_the_plan(live: LivePlan) -> None:
+    """At samples the pose is the plan's; the least gap is the verifier's, the largest torque share the peak's."""
+    frames = frames_of(live)
+    plan = live.plan
+    for k in (0, len(plan.trajectory.time) // 2, -1):
+        np.testing.assert_allclose(frames.pose(plan.trajectory.time[k]), plan.joint_positions[k], atol=1e-12)
+    least = min(frames.gaps(at).min() for at in np.linspace(0.0, frames.duration, 400))
+    assert least == pytest.approx(plan.metrics["least_wall_clearance_m"], abs=2e-4)
+    limit = live.problem.limits.torque
+    assert limit is not None
+    peak = max(frames.torque_shares(at).max() for at in plan.trajectory.time)
+    assert peak == pytest.approx((np.abs(plan.joints.torques) / limit).max())
+    assert frames.swept().contains(shapely.LineString(plan.joint_positions[0]))
+
+
+def test_colours_run_from_plenty_to_nothing() -> None:
+    """No gap is red, a gap of plenty and more is green, and whoever works at the limit is as one who touches."""
+    gaps = np.array([-1.0, 0.0, 0.01, 0.02, 1.0])
+    shown = colours.by_gap(gaps, 0.02)
+    assert np.array_equal(shown[0], shown[1])
+    assert np.array_equal(shown[3], shown[4])
+    assert np.array_equal(shown[1], colours.by_use(np.array([1.0]))[0])
+    assert shown[1][0] > shown[1][1]
+    assert shown[3][1] > shown[3][0]
+
+
+def test_only_the_last_place_of_a_drag_is_planned(live: LivePlan) -> None:
+    """While one change is planned those in between are forgotten, and after some quiet a plan is made anew."""
+    begun, free, heard = threading.Event(), threading.Event(), []
+    made: list[int] = []
+
+    def change(number: int) -> LiveAnswer:
+        made.append(number)
+        begun.set()
+        free.wait(20.0)
+        return LiveAnswer(current=True, reason="", cpu=0.0)
+
+    done = threading.Event()
+
+    def told(answer: LiveAnswer | str) -> None:
+        heard.append(answer)
+        if len(heard) == 3:
+            done.set()
+
+    replanner = Replanner(live, told, ViewSettings(quiet=0.1, anew=2.0))
+    replanner.start()
+    replanner.ask(lambda: change(1))
+    assert begun.wait(20.0)
+    for number in (2, 3, 4):
+        replanner.ask(lambda number=number: change(number))  # type: ignore[misc]
+    free.set()
+    assert done.wait(60.0)
+    replanner.end()
+    assert made == [1, 4]
+    assert isinstance(heard[-1], LiveAnswer)
+
+
+@pytest.fixture
+def viewer() -> Iterator[ViewerApp]:
+    """The page of the swan's neck."""
+    app = viewer_of(SWAN, PORT)
+    stop = threading.Event()
+    thread = threading.Thread(target=app.run, args=(stop.is_set,))
+    thread.start()
+    yield app
+    stop.set()
+    thread.join(20.0)
+
+
+def test_the_page_follows_its_plan(viewer: ViewerApp) -> None:
+    """It is served to this machine alone; it plays; a goal that moves is planned, one in a wall is explained."""
+    assert viewer.address.startswith("http://127.0.0.1:")
+    began = viewer.player.time
+    deadline = time.monotonic() + 20.0
+    while viewer.player.time == began and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert viewer.player.time > began
+    for layer in ("swept region", "route", "regions", "names"):
+        viewer.scene.switch(layer, on=True)
+        viewer.scene.switch(layer, on=False)
+    for meaning in ("gap", "torque"):
+        viewer.scene.colour_by = meaning
+        viewer.scene.pose(0.5)
+    live = viewer.live
+    assert live is not None
+    goal = live.problem.goal
+    assert isinstance(goal, TipGoal)
+    viewer._planned(live, live.move_goal(goal.position + 0.01))
+    assert viewer.frames.trajectory is live.plan.trajectory
+    assert "planned and verified" in viewer._status.content
+    viewer._planned(live, live.move_goal((0.2, 0.3)))
+    assert "No plan to here" in viewer._status.content
+    assert "hanging wall" in viewer._status.content
+
+
+def test_a_written_plan_is_shown_as_it_was_written(tmp_path: Path) -> None:
+    """A folder's own motion plays, whatever a plan made now would be; what is no plan is bad input."""
+    run = CliRunner().invoke
+    assert run(command_line, ["solve", str(SWAN), "--out", str(tmp_path), "--no-pictures", "-q"]).exit_code == 0
+    app = viewer_of(tmp_path / "swan-neck", PORT)
+    app.server.stop()
+    with np.load(tmp_path / "swan-neck" / "solution.npz") as arrays:
+        np.testing.assert_array_equal(app.frames.trajectory.time, arrays["time"])
+    done = run(command_line, ["view", str(tmp_path), "--no-browser"])
+    assert (done.exit_code, "solution.json: there is no such file" in done.output) == (2, True)
