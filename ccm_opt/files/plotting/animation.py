@@ -7,7 +7,6 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
-import shapely
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -160,27 +159,24 @@ class _ArmBrush:
         high = np.minimum(np.ceil(pixels.max(axis=0) + reach), frame.size).astype(int)
         if np.any(high <= low):
             return
-        line = shapely.LineString(self.settings.oversampling * (pixels - low))
         size = (int(high[0] - low[0]), int(high[1] - low[1]))
         place = (int(low[0]), int(low[1]))
-        for half, colour, value in ((0.5 * self.width, body, opacity), (self.settings.axis_width, axis, 255)):
-            mask = self._mask(line.buffer(half * self.settings.oversampling), size, value)
+        for width, colour, value in ((self.width, body, opacity), (2.0 * self.settings.axis_width, axis, 255)):
+            mask = self._mask(pixels - low, size, width, value)
             frame.paste(colour, (*place, place[0] + size[0], place[1] + size[1]), mask)
 
-    def _mask(self, body: shapely.Geometry, size: tuple[int, int], value: int) -> Image.Image:
-        """Where a body, drawn so many times larger, covers a box; shrinking makes its edges smooth."""
+    def _mask(self, pixels: FloatArray, size: tuple[int, int], width: float, value: int) -> Image.Image:
+        """Where a line of a width covers a box; drawn much larger, so that shrinking makes its edges smooth."""
         times = self.settings.oversampling
         large = Image.new("L", (times * size[0], times * size[1]))
         draw = ImageDraw.Draw(large)
-        for part in getattr(body, "geoms", [body]):
-            draw.polygon(_corners(part.exterior), fill=value)
-            for hole in part.interiors:
-                draw.polygon(_corners(hole), fill=0)
+        points = (times * pixels).tolist()
+        draw.line([tuple(point) for point in points], fill=value, width=max(round(times * width), 1))
+        # Round joints and ends, which make the body the union of capsules that it is.
+        half = max(0.5 * times * width - 0.5, 0.5)
+        for x, y in points:
+            draw.ellipse((x - half, y - half, x + half, y + half), fill=value)
         return large.reduce(times)
-
-
-def _corners(ring: shapely.LinearRing) -> list[tuple[float, float]]:
-    return [(float(x), float(y)) for x, y in shapely.get_coordinates(ring)]
 
 
 class _Clock:

@@ -1,6 +1,7 @@
 """The top of a page: name, verdict, description, and the few figures that one looks for first."""
 
 from collections.abc import Iterable, Iterator
+from math import pi
 
 from ccm_opt.files.report.markup import Markup, element, joined
 from ccm_opt.files.report.page_units import PageUnits
@@ -54,9 +55,13 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
         value = units.length(near.gap) if near.link else f"> {units.length(room.reach)}"
         found.append((value, f"least gap{wanted}"))
     if "tip_error_m" in metrics:
-        found.append((units.length(metrics["tip_error_m"]), "from the goal, at the end"))
+        allowed = units.given(solution.problem.tolerances.position, "m")
+        found.append((units.length(metrics["tip_error_m"]), f"from the goal, of {allowed} allowed"))
     if "heading_error_rad" in metrics:
-        found.append((units.shown(metrics["heading_error_rad"], "rad"), "off the goal's heading"))
+        allowed = units.given(min(solution.problem.tolerances.heading, pi), "rad")
+        found.append(
+            (units.shown(metrics["heading_error_rad"], "rad"), f"off the goal's heading, of {allowed} allowed")
+        )
     found += _peak_torque(solution, units)
     found.append((units.shown(solution.simulation.tracking_error, "rad"), "tracking error, simulated"))
     found.append((f"{sum(solution.timings.values()):.2f} s", "CPU time in all"))
