@@ -58,10 +58,8 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
         allowed = units.given(solution.problem.tolerances.position, "m")
         found.append((units.length(metrics["tip_error_m"]), f"from the goal, of {allowed} allowed"))
     if "heading_error_rad" in metrics:
-        allowed = units.given(min(solution.problem.tolerances.heading, pi), "rad")
-        found.append(
-            (units.shown(metrics["heading_error_rad"], "rad"), f"off the goal's heading, of {allowed} allowed")
-        )
+        turn = units.given(min(solution.problem.tolerances.heading, pi), "rad")
+        found.append((units.shown(metrics["heading_error_rad"], "rad"), f"off the goal's heading, of {turn} allowed"))
     found += _peak_torque(solution, units)
     found.append((units.shown(solution.simulation.tracking_error, "rad"), "tracking error, simulated"))
     found.append((f"{sum(solution.timings.values()):.2f} s", "CPU time in all"))
