@@ -176,12 +176,12 @@ def test_a_solved_problem_is_written_and_reported(
     assert (tmp_path / "runs" / "small" / "plan.png").read_bytes().startswith(b"\x89PNG")
     for piece in (
         "small: solved",
-        "tip error",
-        "least clearance",
+        "Tip at the goal",
+        "Gap to walls",
         "checks of the verifier hold",
         "link 3, post",
-        "duration",
-        "peak torque",
+        "Duration",
+        "Peak torque",
         "thinking",
     ):
         assert piece in output
@@ -318,7 +318,7 @@ def test_check_verifies_from_files_alone(problem_path: Path, tmp_path: Path, mon
     code, output = run("check", tmp_path / "small")
     assert code == 3
     assert "small: refused" in output
-    assert "goal position" in output
+    assert "Tip at the goal" in output
     assert "fails" in output
 
 

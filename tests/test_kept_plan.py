@@ -100,7 +100,7 @@ def test_a_plan_that_is_not_followed_is_written_and_told_apart(tmp_path: Path) -
     assert re.fullmatch(r"ball\d\d_bend", verdict["joint"])
     assert verdict["time"] > 0.0
     assert "torque limit" in verdict["reason"]
-    assert re.search(rf"^simulation +{verdict['outcome']}", out, re.MULTILINE)
+    assert re.search(rf"^Simulated arm +{verdict['outcome']}", out, re.MULTILINE)
     assert verdict["reason"].partition(";")[0] in err
     folder = tmp_path / "runs" / "swing"
     assert f">simulation: {verdict['outcome']}<" in (folder / "report.html").read_text(encoding="utf-8")

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
-from ccm_opt.cli.tables import checks_table, print_room, report_console
+from ccm_opt.cli.output import output
+from ccm_opt.cli.tables import checks_table, print_room, report_console, units_of
 from ccm_opt.cli.term_references import TermReferences
 from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem, recorded_constraints
 from ccm_opt.files.export.room_json import room_data
+from ccm_opt.files.report.check_words import checks_in_words
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check
 from ccm_opt.verification import verify
@@ -47,7 +49,11 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
 
     def show() -> None:
         console = report_console()
-        console.print(checks_table(f"{problem.name}: {verdict}", checks))
+        words = checks_in_words(checks, units_of(problem))
+        told = [check for check in words if output().verbose or not check.of_itself or not check.passed]
+        console.print(checks_table(f"{problem.name}: {verdict}", told))
+        if len(told) < len(words):
+            console.print(f"{len(words) - len(told)} checks of the plan against itself hold too")
         print_room(console, room)
 
     def data() -> dict[str, object]:

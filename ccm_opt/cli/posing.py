@@ -12,7 +12,7 @@ from ccm_opt.cli.failure_record import tell_where
 from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.stage_clock import StageClock, stage_display
-from ccm_opt.cli.tables import report_console, stage_line, value_table
+from ccm_opt.cli.tables import report_console, stage_line, units_of, value_table
 from ccm_opt.cli.term_references import NO_TERMS, TermReferences
 from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.files.export.failure_folder import write_pose_failure
@@ -114,17 +114,19 @@ def _pictures(found: StaticPose) -> Mapping[str, bytes]:
 def _print(found: StaticPose, clock: StageClock, folder: Path) -> None:
     """Print the pose, on stdout."""
     pose = found.pose
+    units = units_of(found.problem)
     table = value_table(f"{found.problem.name}: best pose at the goal")
-    table.add_row("gap", f"{pose.gap:.4g}", f"{pose.wanted_gap:.4g}", "m", escape(found.nearest))
-    table.add_row("cost", f"{pose.cost:.4g}", "", "", escape(_parts(pose.costs)))
+    table.add_row("gap", units.length(pose.gap), f"≥ {units.given(pose.wanted_gap, 'm')}", escape(found.nearest))
+    table.add_row("cost", f"{pose.cost:.4g}", "", escape(_parts(pose.costs)))
     for name, miss in found.residuals.items():
-        table.add_row(escape(f"residual of '{name}'"), f"{miss:.2g}", "", "", "")
+        table.add_row(escape(f"residual of '{name}'"), f"{miss:.2g}", "", "")
     for name, multiplier in list(pose.multipliers.items())[:ROWS_SHOWN]:
-        table.add_row("multiplier", f"{multiplier:.3g}", "", "", escape(name))
+        table.add_row("multiplier", f"{multiplier:.3g}", "", escape(name))
     for number, segment in enumerate(pose.curve.segments, start=1):
-        table.add_row(f"segment {number}", f"{segment.length:.4g}", "", "m", segment_words(segment))
+        table.add_row(f"segment {number}", units.length(segment.length), "", segment_words(segment))
     variables, rows = pose.size
-    table.add_row("NLP", f"{pose.iterations}", "", "iterations", f"{variables} variables, {rows} rows: {pose.status}")
+    steps = f"{pose.iterations} iterations"
+    table.add_row("NLP", steps, "", f"{variables} variables, {rows} rows: {pose.status}")
     console = report_console()
     console.print(table)
     for outcome in found.outcomes:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
-from ccm_opt.cli.tables import peak_torque_cells, report_console, value_table, verdict_cells
+from ccm_opt.cli.tables import peak_torque, report_console, units_of, value_table, verdict_cells
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem
 from ccm_opt.problem import Problem
@@ -97,17 +97,19 @@ def _draw(folder: Path, problem: Problem, motion: SavedMotion, simulated: Simula
 
 
 def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
+    units = units_of(problem)
     table = value_table(f"{problem.name}: simulated")
-    table.add_row("controller", problem.simulation.controller, "", "", f"step {problem.simulation.step:g} s")
+    table.add_row("controller", problem.simulation.controller, "", f"step {problem.simulation.step:g} s")
     for name, value in _disturbed(problem).items():
-        table.add_row(name.replace("_", " "), f"{value:.4g}", "", "", "unknown to the controller")
+        table.add_row(name.replace("_", " "), f"{value:.4g}", "", "unknown to the controller")
     for name, value in figures.items():
         words, _, unit = name.rpartition("_")
-        limit = f"{problem.workspace.clearance:.4g}" if "wall" in name else ""
-        table.add_row(words.replace("_", " "), f"{value:.4g}", limit, unit, "")
-    torques = peak_torque_cells(simulated.torques, problem.limits.torque, motion.joints.names, motion.trajectory.time)
-    table.add_row("peak torque", *torques)
-    table.add_row("simulation", *verdict_cells(simulated.verdict))
+        limit = f"≥ {units.given(problem.workspace.clearance, 'm')}" if "wall" in name else ""
+        table.add_row(words.replace("_", " "), units.shown(value, unit), limit, "")
+    peak, bound, _, where = peak_torque(simulated.torques, problem.limits.torque, motion.joints.names)
+    table.add_row("peak torque", peak, bound, where)
+    outcome, _, _, reason = verdict_cells(simulated.verdict)
+    table.add_row("simulation", outcome, "", reason)
     report_console().print(table)
 
 

@@ -11,55 +11,51 @@ from rich.table import Table
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import StageClock
+from ccm_opt.files.report.check_words import CheckWords, checks_in_words
+from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.solution import Check, RoomRecord, SimulationVerdict, Solution
-
-SUMMARY = {
-    "goal position": "tip error",
-    "goal heading": "heading error",
-    "goal joints": "largest joint error",
-    "goal on the curve": "distance from the curve",
-    "goal tip": "tip error",
-    "wall clearance": "least clearance",
-    "self-collision": "least clearance to itself",
-    "survived joint error": "survived joint error",
-}
-"""Checks that the closing table of a solve shows, and what they are called there."""
+from ccm_opt.problem import Problem
+from ccm_opt.solution import RoomRecord, SimulationVerdict, Solution
 
 
 def value_table(title: str) -> Table:
-    """An empty table of values."""
-    return _table(title, "value")
+    """An empty table of a name, a value with its unit, its limit, and a place."""
+    table = _plain_table(title)
+    table.add_column("", no_wrap=True)
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("limit", justify="right", no_wrap=True)
+    table.add_column("where")
+    return table
 
 
 def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     """Print what came out of a solved problem, on stdout."""
-    table = _table(f"{solution.problem.name}: solved", "value")
-    for check in solution.checks:
-        if check.name in SUMMARY:
-            values = (f"{check.worst:.4g}", f"{check.limit:.4g}", check.unit)
-            table.add_row(SUMMARY[check.name], *values, escape(check.where))
-    table.add_row("duration", f"{solution.trajectory.duration:.4g}", "", "s", "")
-    joints = solution.joints
-    torque_limit = solution.problem.limits.torque
-    table.add_row(
-        "peak torque", *peak_torque_cells(joints.torques, torque_limit, joints.names, solution.trajectory.time)
-    )
-    table.add_row("tracking error", f"{solution.simulation.tracking_error:.2g}", "", "rad", "in the simulation")
-    for name, value in solution.metrics.items():
-        if name.startswith("simulated_least"):
-            where = "in the simulation"
-            table.add_row(name.removesuffix("_m").replace("_", " "), f"{value:.4g}", "", "m", where)
-    table.add_row("simulation", *verdict_cells(solution.simulation.verdict))
+    problem = solution.problem
+    units = units_of(problem)
+    words = checks_in_words(solution.checks, units)
+    told = words if output().verbose else [check for check in words if not check.of_itself]
+    table = checks_table(f"{problem.name}: solved", told)
+    table.add_row("Duration", f"{solution.trajectory.duration:.4g} s", "", "", "")
+    if problem.limits.torque is None:
+        table.add_row("Peak torque", *peak_torque(solution.joints.torques, None, solution.joints.names))
+    verdict = solution.simulation.verdict
+    table.add_row("Simulated arm", *verdict_cells(verdict))
+    if verdict.followed:
+        error = units.shown(solution.simulation.tracking_error, "rad", 1.0)
+        table.add_row("Joints off the plan", error, "", "", "in the simulation")
     console = report_console()
     console.print(table)
-    if output().verbose:
-        console.print(checks_table("every check", solution.checks))
     print_room(console, solution.room)
-    console.print(f"all {len(solution.checks)} checks of the verifier hold")
-    console.print(escape(stage_line(clock)), soft_wrap=True)
+    of_itself = sum(check.of_itself for check in words)
+    console.print(f"all {len(words)} checks of the verifier hold, {of_itself} of the plan against itself")
+    console.print(escape(stage_line(clock)), soft_wrap=output().verbose)
     console.print(escape(f"written to {folder}"), soft_wrap=True)
+
+
+def units_of(problem: Problem) -> PageUnits:
+    """The units in which results of a problem are told: lengths in that of its file."""
+    return PageUnits.of_file(problem.length_unit, problem.arm.length)
 
 
 def print_room(console: Console, room: RoomRecord | None) -> None:
@@ -69,13 +65,30 @@ def print_room(console: Console, room: RoomRecord | None) -> None:
             console.print(escape(sentence), soft_wrap=True)
 
 
-def checks_table(title: str, checks: Sequence[Check]) -> Table:
-    """A table of checks: worst value, limit, whether it holds, and where."""
-    table = _table(title, "worst")
+def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
+    """A table of checks: worst value, limit, how much of it is used, and where."""
+    table = _plain_table(title)
+    table.add_column("", max_width=DISPLAY.widest_title)
+    table.add_column("worst", justify="right", no_wrap=True)
+    table.add_column("limit", justify="right", no_wrap=True)
+    table.add_column("used", justify="right", no_wrap=True)
+    table.add_column("where")
     for check in checks:
-        name = escape(check.name) if check.passed else f"[red]{escape(check.name)} fails[/red]"
-        table.add_row(name, f"{check.worst:.4g}", f"{check.limit:.4g}", check.unit, escape(check.where))
+        title = escape(check.title) if check.passed else f"[red]{escape(check.title)}: fails[/red]"
+        used = "" if check.used is None else f"{100.0 * check.used:.0f} %"
+        table.add_row(title, escape(check.worst), escape(_signed(check.limit)), used, escape(_place(check)))
     return table
+
+
+def _signed(limit: str) -> str:
+    """A limit in as few letters as a table has room for."""
+    return limit.replace("at least ", "≥ ").replace("at most ", "≤ ").replace("no contact", "> 0")
+
+
+def _place(check: CheckWords) -> str:
+    """Where and when the worst value is met."""
+    when = "" if check.time is None else f"{check.time:.2f} s"
+    return ", ".join(part for part in (check.where, when) if part)
 
 
 def columned_table(title: str, columns: Sequence[str], *, unwrapped: int | None = None) -> Table:
@@ -97,17 +110,6 @@ def _plain_table(title: str) -> Table:
     return Table(title=escape(title) or None, title_justify="left", title_style="bold", box=None, pad_edge=False)
 
 
-def _table(title: str, value: str) -> Table:
-    """An empty table of a name, a value, its limit, their unit and a place."""
-    table = _plain_table(title)
-    table.add_column("", no_wrap=True)
-    table.add_column(value, justify="right", no_wrap=True)
-    table.add_column("limit", justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    table.add_column("where")
-    return table
-
-
 def report_console() -> Console:
     """Standard output for tables; as wide as they need when it is not a terminal."""
     console = Console(highlight=False)
@@ -115,10 +117,9 @@ def report_console() -> Console:
 
 
 def verdict_cells(verdict: SimulationVerdict) -> tuple[str, str, str, str]:
-    """The verdict on a simulation, no limit and unit, and where and why, as cells of a table."""
+    """The verdict on a simulation, no limit, nothing used, and why, as cells of a table."""
     outcome = verdict.outcome if verdict.followed else f"[red]{verdict.outcome}[/red]"
-    step = f"with a step of {verdict.step:g} s"
-    return outcome, "", "", escape(f"{verdict.reason}; {step}" if verdict.reason else step)
+    return outcome, "", "", escape(verdict.reason)
 
 
 def stage_line(clock: StageClock) -> str:
@@ -128,19 +129,17 @@ def stage_line(clock: StageClock) -> str:
     return "time in s (CPU): " + ", ".join([*stages, total])
 
 
-def peak_torque_cells(
-    torques: FloatArray, limit: FloatArray | None, names: Sequence[str], time: FloatArray
-) -> tuple[str, str, str, str]:
-    """Peak torque, its limit, its unit and where it is met, as cells of a table.
+def peak_torque(torques: FloatArray, limit: FloatArray | None, names: Sequence[str]) -> tuple[str, str, str, str]:
+    """Peak torque, its limit, how much of it is used, and where it is met, as cells of a table.
 
     Args:
         torques: shape (samples, revolutes) [N m].
         limit: shape (revolutes,), or None without limits [N m].
         names: of the revolutes.
-        time: of the samples, shape (samples,) [s].
     """
     magnitudes = np.abs(torques)
-    sample, joint = np.unravel_index(np.argmax(magnitudes), magnitudes.shape)
-    bound = "none" if limit is None else f"{limit[joint]:.4g}"
-    where = f"{names[int(joint)]} at t = {time[sample]:.4f} s"
-    return f"{magnitudes[sample, joint]:.4g}", bound, "N m", escape(where)
+    joint = int(np.unravel_index(np.argmax(magnitudes), magnitudes.shape)[1])
+    peak = float(magnitudes[:, joint].max())
+    bound = "none" if limit is None else f"≤ {limit[joint]:.3g} N m"
+    used = "" if limit is None else f"{100.0 * peak / limit[joint]:.0f} %"
+    return f"{peak:.3g} N m", bound, used, escape(names[joint])

@@ -1,14 +1,13 @@
 """``ccm-opt tolerance``: the errors of the arm, its place, the room and its loads that a written plan survives."""
 
 from collections.abc import Sequence
-from math import degrees
 from pathlib import Path
 
 from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
-from ccm_opt.cli.tables import report_console, value_table
+from ccm_opt.cli.tables import report_console, units_of, value_table
 from ccm_opt.driver.verified_plan import verified
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import TOLERANCE_FILES
@@ -70,18 +69,10 @@ def _write(path: Path, content: bytes) -> None:
 def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
     """The errors that a plan survives, with what limits them."""
     table = value_table(f"{problem.name}: survives errors of")
+    units = units_of(problem)
     asked = problem.joint_error
     for error in errors:
-        size, unit = _shown(error)
-        limit = f"{degrees(asked):.4g}" if error.name == "joints" and asked > 0.0 else ""
-        table.add_row(error.name, f"{'' if error.limited else '≥ '}{size:.4g}", limit, unit, escape(error.where))
+        size = ("" if error.limited else "≥ ") + units.shown(error.size, error.unit)
+        limit = f"≥ {units.given(asked, 'rad')}" if error.name == "joints" and asked > 0.0 else ""
+        table.add_row(error.name, size, limit, escape(error.where))
     return table
-
-
-def _shown(error: SurvivedError) -> tuple[float, str]:
-    """An error in the unit that people use."""
-    if error.unit == "rad":
-        return degrees(error.size), "deg"
-    if error.unit == "m":
-        return 1e3 * error.size, "mm"
-    return error.size, error.unit

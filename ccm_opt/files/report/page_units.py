@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from math import degrees, floor, isfinite, log10
 
+from ccm_opt.files.problem_file.typed_quantities import METRES
+from ccm_opt.problem import LengthUnit
+
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"
 """Stands where there is no value."""
@@ -57,6 +60,13 @@ class PageUnits:
             name, metres = _UNITS_OF_LENGTH[2]
         finest = floor(-log10(_FINEST_SHARE * length / metres))
         return cls(name, metres, min(max(finest, 0), 4))
+
+    @classmethod
+    def of_file(cls, length_unit: LengthUnit, length: float) -> "PageUnits":
+        """The unit that a problem file counts lengths in, for an arm of a length [m]."""
+        metres = METRES[length_unit]
+        finest = floor(-log10(_FINEST_SHARE * length / metres))
+        return cls(length_unit, metres, min(max(finest, 0), 6))
 
     def length(self, value: float) -> str:
         """A length [m] with its unit."""
