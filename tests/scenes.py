@@ -94,9 +94,9 @@ def swept(start: FloatArray, end: FloatArray, steps: int) -> FloatArray:
     return (1.0 - u) * start + u * end
 
 
-def sweep_gaps(arm: Arm, workspace: Workspace, headings: FloatArray) -> tuple[float, float]:
-    """Least wall gap and least self gap over sampled poses, headings (m, links); not told apart beyond 0.1 m [m]."""
-    points = arm.joint_positions(headings)
+def sweep_gaps(arm: Arm, workspace: Workspace, poses: FloatArray) -> tuple[float, float]:
+    """Least wall gap and least self gap over sampled poses, shape (m, c); not told apart beyond 0.1 m [m]."""
+    points = arm.points(poses)
     hull = shapely.convex_hull(shapely.MultiPoint(points.reshape(-1, 2)))
     reach = arm.radius + workspace.clearance + WIDE
     near = tuple(o for o in workspace.obstacles if o.core.distance(hull) < reach + o.rounding)

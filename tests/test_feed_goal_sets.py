@@ -10,28 +10,16 @@ from hypothesis import strategies as st
 
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.ground.angles import unit_vector, wrap
+from ccm_opt.ground.angles import wrap
 from ccm_opt.motion.ends import tip_goal
 from ccm_opt.planners.feed import FeedPlanner
 from ccm_opt.planners.feed.members_on_way import members_on_way
 from ccm_opt.planners.goal_members import goal_members
-from ccm_opt.problem import Problem, TipGoal, Tolerances
+from ccm_opt.problem import TipGoal
 
-from .benchmarks.feed_families import elbow, into_clutter, straight_out, tank
+from .benchmarks.feed_families import elbow, into_clutter, straight_out, tank, widened
 
 FAMILIES = {"clutter": into_clutter, "elbow": elbow, "straight": straight_out, "tank": tank}
-
-
-def widened(problem: Problem, rng: np.random.Generator) -> Problem:
-    """The problem with a disc and a range of headings that hold its goal, their middle anywhere, walls included."""
-    goal = problem.goal
-    assert isinstance(goal, TipGoal)
-    width = float(rng.uniform(0.02, 0.2))
-    turn = float(rng.uniform(0.1, 1.5))
-    # What the planner keeps back of a tolerance is left out, so that the narrow goal is in the set.
-    middle = goal.position + 0.9 * width * rng.uniform() * unit_vector(rng.uniform(-np.pi, np.pi))
-    heading = None if goal.heading is None else goal.heading + 0.9 * turn * rng.uniform(-1.0, 1.0)
-    return replace(problem, goal=TipGoal(middle, heading), tolerances=Tolerances(width, turn))
 
 
 @pytest.mark.parametrize("family", sorted(FAMILIES))

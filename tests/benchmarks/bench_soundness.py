@@ -17,7 +17,7 @@ import numpy as np
 import ccm_opt
 from ccm_opt.errors import NoPlanFound, VerificationError
 from ccm_opt.problem import Problem
-from tests.benchmarks import scene_families, withdrawal_scenes
+from tests.benchmarks import feed_families, scene_families, withdrawal_scenes
 from tests.benchmarks.bench_planning import head, row
 from tests.benchmarks.dense_sweep import sweep
 from tests.benchmarks.polygon_fields import FieldKind, field_problem
@@ -65,6 +65,24 @@ def strewn(seed: int, limit: float) -> Problem:
     return clutter(seed, int(rng.choice((10, 20, 40, 60))), int(rng.choice((12, 24, 48)))).problem(time_limit=limit)
 
 
+def fed(family: str) -> Source:
+    """Arms on a feed axis."""
+
+    def drawn(seed: int, limit: float) -> Problem:
+        rng = np.random.default_rng((seed, 11))
+        problem = feed_families.FAMILIES[family](rng, int(rng.choice((12, 20, 32))))
+        return replace(problem, planner=replace(problem.planner, time_limit=limit))
+
+    return drawn
+
+
+def fed_wide(seed: int, limit: float) -> Problem:
+    """Wide goals of fed arms in elbows."""
+    rng = np.random.default_rng((seed, 12))
+    problem = feed_families.widened(feed_families.elbow(rng), rng)
+    return replace(problem, planner=replace(problem.planner, time_limit=limit))
+
+
 SOURCES: dict[str, Source] = {
     **{family: passages(family) for family in scene_families.FAMILIES},
     **{family: inside(family) for family in withdrawal_scenes.FAMILIES},
@@ -72,6 +90,8 @@ SOURCES: dict[str, Source] = {
     "few links": few_link_problem,
     "field": field,
     "clutter": strewn,
+    **{f"fed, {family}": fed(family) for family in feed_families.FAMILIES},
+    "fed, wide goal": fed_wide,
 }
 
 

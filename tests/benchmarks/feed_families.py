@@ -6,16 +6,18 @@ nearer than 10 mm. Joint limits are such that arms of any number of links curve 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import shapely
 
 from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.planners.following.slide import pose_on
-from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from tests.feed_scenes import LINK, RADIUS, fed_arm, make_problem, make_room
 from tests.scenes import random_polygon
 
@@ -226,6 +228,18 @@ def tank(rng: np.random.Generator, links: int = LINKS) -> Problem:
     # The wall in which the hole is belongs to the room.
     walls = shapely.difference(shell, shapely.box(-1.0, -2.0, 0.0, 2.0))
     return make_problem(arm, make_room(Obstacle("tank", walls)), TipGoal(path.points[-1]))
+
+
+def widened(problem: Problem, rng: np.random.Generator) -> Problem:
+    """The problem with a disc and a range of headings that hold its goal, their middle anywhere, walls included."""
+    goal = problem.goal
+    assert isinstance(goal, TipGoal)
+    width = float(rng.uniform(0.02, 0.2))
+    turn = float(rng.uniform(0.1, 1.5))
+    # What the planner keeps back of a tolerance is left out, so that the narrow goal is in the set.
+    middle = goal.position + 0.9 * width * rng.uniform() * unit_vector(rng.uniform(-np.pi, np.pi))
+    heading = None if goal.heading is None else goal.heading + 0.9 * turn * rng.uniform(-1.0, 1.0)
+    return replace(problem, goal=TipGoal(middle, heading), tolerances=Tolerances(width, turn))
 
 
 FAMILIES: dict[str, Family] = {
