@@ -136,7 +136,7 @@ def checks_of_own_terms(folder: Path, file: Path, capfd: pytest.CaptureFixture[s
     assert check_folders([folder], (f"{file}:high",)) == 0
     told = capfd.readouterr()
     assert "not checked" not in told.err
-    assert "high middle" in told.out
+    assert "Your constraint “high" in told.out
     file.write_text(file.read_text().replace("lower=-0.1", "lower=0.5").replace("q.tip[0]", "q.path_parameter"))
     assert check_folders([folder], (f"{file}:high",)) == 3
     assert ": fails" in capfd.readouterr().out
