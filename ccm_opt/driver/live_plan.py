@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import shapely
 
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
 from ccm_opt.driver.kept_plan import as_it_stands, described
@@ -14,7 +13,6 @@ from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, verified_plan
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
-from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
@@ -137,9 +135,7 @@ class LivePlan:
         if name not in {obstacle.name for obstacle in workspace.obstacles}:
             known = ", ".join(obstacle.name for obstacle in workspace.obstacles)
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
-        obstacles = tuple(_moved(each, by) if each.name == name else each for each in workspace.obstacles)
-        room = replace(workspace, obstacles=obstacles)
-        return self._changed(replace(self.problem, workspace=room, source=""))
+        return self._changed(replace(self.problem, workspace=workspace.with_moved(name, _place(by)), source=""))
 
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
         """Plan the problem as it is from nothing; the shorter of two plans is kept.
@@ -218,7 +214,3 @@ def _place(position: Sequence[float] | FloatArray) -> FloatArray:
     if place.shape != (2,) or not np.isfinite(place).all():
         raise ProblemError(f"expected a place (x, y) in metres, got {position!r}")
     return place
-
-
-def _moved(obstacle: Obstacle, by: Sequence[float] | FloatArray) -> Obstacle:
-    return replace(obstacle, core=shapely.transform(obstacle.core, lambda points: points + _place(by)))

@@ -55,6 +55,20 @@ class Workspace:
     obstacles: tuple[Obstacle, ...] = ()
     clearance: float = 0.0
 
+    def middle_of(self, name: str) -> FloatArray:
+        """Centre of an obstacle of a name, shape (2,) [m]."""
+        core = next(obstacle.core for obstacle in self.obstacles if obstacle.name == name)
+        return np.asarray(shapely.get_coordinates(shapely.centroid(core))[0], dtype=np.float64)
+
+    def with_moved(self, name: str, by: FloatArray) -> "Workspace":
+        """The room with the obstacles of a name moved by so much, shape (2,) [m]."""
+
+        def moved(obstacle: Obstacle) -> Obstacle:
+            return replace(obstacle, core=shapely.transform(obstacle.core, lambda points: points + by))
+
+        obstacles = tuple(moved(each) if each.name == name else each for each in self.obstacles)
+        return replace(self, obstacles=obstacles)
+
     @cached_property
     def walls(self) -> tuple[Obstacle, ...]:
         """All that the arm must keep away from, the obstacles first, then the boundary's edge."""

@@ -4,13 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import shapely
 
 from ccm_opt.cli.view.meshes import in_space, turned
 from ccm_opt.cli.view.replanner import Replanner
 from ccm_opt.cli.view.scene import Scene
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
-from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import TipGoal
 
@@ -51,7 +49,7 @@ class Handles:
         if what == GOAL and isinstance(problem.goal, TipGoal):
             self._put_on_goal(problem.goal)
         else:
-            self._put_on_obstacle(next(each for each in problem.workspace.obstacles if each.name == what))
+            self._put_on_obstacle(what)
 
     def _put_on_goal(self, goal: TipGoal) -> None:
         handle = self._handle(goal.position, goal.heading)
@@ -63,15 +61,12 @@ class Handles:
 
         handle.on_update(dragged)
 
-    def _put_on_obstacle(self, obstacle: Obstacle) -> None:
-        handle = self._handle(_middle(obstacle), None)
+    def _put_on_obstacle(self, name: str) -> None:
+        handle = self._handle(self._live.problem.workspace.middle_of(name), None)
 
         def change(place: FloatArray) -> LiveAnswer:
             # Where it is now is known only when the change is made: others may have been made meanwhile.
-            now = next(each for each in self._live.problem.workspace.obstacles if each.name == obstacle.name)
-            return self._live.move_obstacle(
-                obstacle.name, place - shapely.get_coordinates(shapely.centroid(now.core))[0]
-            )
+            return self._live.move_obstacle(name, place - self._live.problem.workspace.middle_of(name))
 
         def dragged(_: Any) -> None:
             place = self._place(handle)
@@ -95,11 +90,6 @@ class Handles:
         """Where a handle is in the plane, shape (2,) [m]."""
         x, _, z = handle.position
         return np.array([x, z]) * self._scene.unit
-
-
-def _middle(obstacle: Obstacle) -> FloatArray:
-    """Where the handle of an obstacle is, shape (2,) [m]."""
-    return np.asarray(shapely.get_coordinates(shapely.centroid(obstacle.core))[0], dtype=np.float64)
 
 
 def heading_of(wxyz: FloatArray) -> float:

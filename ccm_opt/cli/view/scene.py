@@ -15,7 +15,6 @@ from ccm_opt.cli.view.frames import MotionFrames
 from ccm_opt.cli.view.meshes import Mesh, cylinder, extruded, in_space, turned
 from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
 from ccm_opt.files.report.route_layers import route_layers
-from ccm_opt.freespace.workspace import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem, TipGoal
 
@@ -80,22 +79,22 @@ class Scene:
             segments = np.stack((ring[:-1], ring[1:]), axis=1)
             self.server.scene.add_line_segments(f"/room/{name}", segments, colours.WALLS, thickness=0.004)
         for obstacle in problem.workspace.obstacles:
-            self.draw_obstacle(obstacle)
+            self._draw_obstacle(obstacle.name, obstacle.outline(quad_segs=self.settings.curved))
         goals = [*(stop.goal for stop in problem.stops), problem.goal]
         for number, goal in enumerate(goals, start=1):
             if isinstance(goal, TipGoal):
                 self._draw_goal(goal, str(number) if len(goals) > 1 else "")
 
-    def draw_obstacle(self, obstacle: Obstacle) -> None:
+    def _draw_obstacle(self, name: str, outline: shapely.Geometry) -> None:
         """Draw one obstacle, in place of an earlier one of that name."""
-        shape = shapely.transform(obstacle.outline(quad_segs=self.settings.curved), lambda places: places / self.unit)
+        shape = shapely.transform(outline, lambda places: places / self.unit)
         vertices, faces = extruded(shape, -self.depth, self.depth)
-        path = _path("/room", obstacle.name)
+        path = _path("/room", name)
         self.server.scene.add_mesh_simple(path, vertices, faces, color=colours.WALLS, opacity=0.75, side="double")
         middle = shapely.get_coordinates(shapely.point_on_surface(shape))[0]
         place = in_space(middle, -self.depth)
         visible = "names" in self.shown
-        self.server.scene.add_label(_path("/names", obstacle.name), obstacle.name, position=place, visible=visible)
+        self.server.scene.add_label(_path("/names", name), name, position=place, visible=visible)
 
     def _draw_goal(self, goal: TipGoal, number: str) -> None:
         place = in_space(goal.position / self.unit)
