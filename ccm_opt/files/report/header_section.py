@@ -22,7 +22,7 @@ def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Fi
         units: of the page.
     """
     theme = element("button", "◐ auto", id="theme", type="button", title="light or dark")
-    name = element("h1", problem.name, *badges)
+    name = element("h1", f"{problem.name} ", *badges)
     lead = element("p", problem.description or _summary(problem, units), cls="lead")
     shown = [element("div", element("b", value), element("span", words), cls="figure") for value, words in figures]
     return element(
