@@ -32,7 +32,7 @@ def rendered(page: str, folder: Path, fragment: str = "") -> str:
     """The page's elements once its scripts have run; what they complain of fails the test."""
     file = folder / "report.html"
     file.write_text(page, encoding="utf-8")
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--virtual-time-budget=1500"]
+    options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--virtual-time-budget=5000"]
     command = [BROWSER, *options, f"--user-data-dir={folder / 'profile'}", "--dump-dom", f"{file.as_uri()}{fragment}"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     complaints = [line for line in run.stderr.splitlines() if "CONSOLE" in line]

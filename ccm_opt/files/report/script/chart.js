@@ -18,8 +18,8 @@ class Chart {
     host.append(html("figcaption", {}, html("b", {}, title), this.caption), this.box);
     this.drawing = svg("svg", { role: "img", "aria-label": title, class: "chart" });
     this.box.prepend(this.drawing);
-    this.listen();
     onWidth(this.box, () => this.redraw());
+    this.listen();
     timeline.follow(time => this.showTime(time));
   }
 

@@ -22,9 +22,10 @@ function byId(id) {
   return document.getElementById(id);
 }
 
-// Calls back when an element gets another width, at first too; in the next frame, as drawing may change its height.
+// Calls back at once, and when an element gets another width; then in the next frame, as drawing may change its height.
 function onWidth(node, act) {
-  let known = -1;
+  let known = node.clientWidth;
+  act();
   new ResizeObserver(() => {
     if (node.clientWidth === known) return;
     known = node.clientWidth;
