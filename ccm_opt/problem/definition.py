@@ -5,6 +5,7 @@ from typing import Literal, TypeAlias
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.length_words import metres
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.problem.defects import defects
@@ -22,7 +23,7 @@ WANTED_SHARE_OF_RADIUS = 0.5
 """The same as a share of its radius; the lesser room counts."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Problem:
     """One planning problem.
 
@@ -91,3 +92,9 @@ class Problem:
         found = tuple(defects(self))
         if found:
             raise ProblemError(f"problem '{self.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in found))
+
+    def __repr__(self) -> str:
+        arm = self.arm
+        goals = f", {len(self.stops) + 1} goals" if self.stops else ""
+        room = f"{len(self.workspace.obstacles)} obstacles"
+        return f"<Problem '{self.name}': {arm.links} links, {metres(arm.length)} long, {room}{goals}>"

@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import millimetres
 from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
@@ -28,7 +30,7 @@ def _left_out() -> FloatArray:
     return np.zeros((0, 0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class JointPath:
     """An untimed, certified motion of the jointed arm.
 
@@ -65,8 +67,11 @@ class JointPath:
             goal_pose=None,
         )
 
+    def __repr__(self) -> str:
+        return f"<JointPath through {len(self.keyframes)} keyframes, {self.candidate}>"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class JointTrajectory:
     """A timed motion, sampled.
 
@@ -142,8 +147,11 @@ class JointTrajectory:
             stops=tuple(stop - first for stop in self.stops if first <= stop < last),
         )
 
+    def __repr__(self) -> str:
+        return f"<JointTrajectory of {len(self.time)} samples, {self.duration:.3f} s>"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class JointStates:
     """The same motion as the drives see it: the three revolutes of every ball joint, and the axes of the base.
 
@@ -168,8 +176,11 @@ class JointStates:
         if self.base_forces.shape == (0, 0):
             object.__setattr__(self, "base_forces", np.zeros((len(self.angles), 0)))
 
+    def __repr__(self) -> str:
+        return f"<JointStates of {len(self.names)} revolutes, {len(self.angles)} samples>"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class SimulatedMotion:
     """What the simulated arm did, at the trajectory's own samples.
 
@@ -195,6 +206,9 @@ class SimulatedMotion:
         if self.base_positions.shape == (0, 0):
             object.__setattr__(self, "base_positions", np.zeros((len(self.angles), 0)))
 
+    def __repr__(self) -> str:
+        return f"<SimulatedMotion: {self.verdict.outcome}>"
+
 
 @dataclass(frozen=True)
 class Check:
@@ -219,7 +233,7 @@ class Check:
     place: NearPlace | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution:
     """A verified plan with everything computed on the way. What is not solved is an exception, never a solution.
 
@@ -255,3 +269,20 @@ class Solution:
     def joint_positions(self) -> FloatArray:
         """Joint and tip positions at every sample, shape (T, links + 1, 2) [m]."""
         return self.problem.arm.joint_positions_at(self.trajectory.positions)
+
+    def __repr__(self) -> str:
+        arm = self.problem.arm
+        gap = self.metrics.get("least_wall_clearance_m", np.inf)
+        near = f", walls no nearer than {millimetres(gap)}" if np.isfinite(gap) else ""
+        motion = f"{arm.links} links, {self.trajectory.duration:.2f} s{near}"
+        return f"<Solution of '{self.problem.name}': {motion}, {len(self.checks)} checks hold>"
+
+    def _repr_html_(self) -> str:
+        """A table for notebooks: the checks with their worst values and limits."""
+        cells = [
+            f"<tr><td>{escape(check.name)}</td><td>{check.worst:.3g} {escape(check.unit)}</td>"
+            f"<td>{check.limit:.3g}</td><td>{escape(check.where)}</td></tr>"
+            for check in self.checks
+        ]
+        head = "<tr><th>check</th><th>worst</th><th>limit</th><th>where</th></tr>"
+        return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}{''.join(cells)}</table>"
