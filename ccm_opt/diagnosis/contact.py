@@ -21,10 +21,7 @@ from ccm_opt.problem import Problem
 
 
 def contact_at_poses(problem: Problem) -> Iterator[Finding]:
-    """Every wall that the arm touches in a pose of the problem, deepest first, and where it touches itself.
-
-    The guide tube of a feed axis is no part of the problem, so poses on one are left to the planner.
-    """
+    """Every wall that the arm touches in a pose of the problem, deepest first, and where it touches itself."""
     for pose in whole_poses(problem):
         yield from sorted(_walls_touched(problem, pose), key=lambda finding: -(finding.measured or 0.0))
         yield from _self_touched(problem.arm, pose)
