@@ -34,9 +34,7 @@ NECESSARY: tuple[Check, ...] = (
 )
 """All necessary checks, the most elementary first."""
 
-FIXED_BASE: frozenset[Check] = frozenset(
-    (supple_enough, strong_enough, two_links_turn, three_links_turn)
-)
+FIXED_BASE: frozenset[Check] = frozenset((supple_enough, strong_enough, two_links_turn, three_links_turn))
 """Checks whose proofs hold for a base that stands still."""
 
 
