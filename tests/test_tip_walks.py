@@ -50,7 +50,8 @@ def test_what_is_found_is_certified_and_touches_nothing(seed: int, *, late: bool
         assert_right(motion, scene)
         return
     assert failures[-1].candidate == WALKS
-    assert len(failures) == (1 if late else 1 + 2 * len(FEW.margins))
+    # Straight on, along the shortest path where that is another, and by a fold where that is not too long.
+    assert late or len(FEW.margins) < len(failures) <= 1 + 3 * len(FEW.margins)
 
 
 def test_a_seed_repeats_its_walks() -> None:

@@ -62,8 +62,9 @@ def _with_room(ended: Motion, found: Motion, task: MotionTask, margin: float | N
     widened = with_more_room(ended, weighed, margin)
     if not lacks_room(widened, task):
         return widened
-    if len(widened.coordinates) - 1 > task.settings.optimisation.most_intervals:
-        return shortened(widened, weighed, margin)  # another as long would cost as much again
+    # Another as long would cost as much again; and among many walls what is won is small beside what is wanted.
+    if len(widened.coordinates) - 1 > task.settings.optimisation.most_intervals or task.among_many_walls:
+        return shortened(widened, weighed, margin)
     # What a long motion lacks holds it back from becoming shorter. The shortest one, which grazes walls, becomes
     # longer as it gets room, and mostly stays the shorter of the two.
     short = optimise(found, replace(task, wanted_gap=0.0), margin)

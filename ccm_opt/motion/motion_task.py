@@ -208,6 +208,11 @@ class MotionTask:
         return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_headings=headings)
 
     @property
+    def among_many_walls(self) -> bool:
+        """Whether so many walls are near that poses at the goal are dear to find, and room is small."""
+        return len(self.workspace.walls) > self.settings.search.many_walls
+
+    @property
     def parametric(self) -> bool:
         """Whether a limit depends on the path parameter, so that a motion has to be tracked under it."""
         return any(limit.parametric for limit in self.user_limits)

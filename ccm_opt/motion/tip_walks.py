@@ -21,7 +21,7 @@ from ccm_opt.motion.guide_candidate import GuideCandidate
 from ccm_opt.motion.into_set import GuideIntoSet
 from ccm_opt.motion.motion_task import Motion, MotionTask
 from ccm_opt.motion.pose import Pose
-from ccm_opt.motion.pulling_over import led_along
+from ccm_opt.motion.pulling_over import led_along, pulled_over
 from ccm_opt.motion.search_run import SearchRun, pose_headings
 from ccm_opt.motion.settings.tip_walk_settings import TipWalkSettings
 from ccm_opt.motion.tip_ways import TipWays
@@ -55,8 +55,8 @@ class TipWalkStrategy:
 
     def applies(self, task: MotionTask) -> bool:
         """A goal of the whole arm is seldom met by a tip that is led."""
-        many = len(task.workspace.walls) > task.settings.search.many_walls
-        return many and not task.parametric and task.goal_headings is None and len(task.tip_paths) > 0
+        fits = not task.parametric and task.goal_headings is None
+        return fits and task.among_many_walls and len(task.tip_paths) > 0
 
     def find(self, task: MotionTask, failures: list[Failure], nominal_links: float) -> Motion | None:
         """The first motion that arrives and is certified."""
@@ -82,14 +82,16 @@ class TipWalkStrategy:
 
 
 def _straight_on(run: SearchRun, ways: TipWays) -> Iterator[GuideCandidate]:
-    """The tip led along the arm as it lies and over to the goal, and along its shortest path."""
-    shortest = min((path.taut for path in run.task.tip_paths), key=path_length)
+    """The tip led along the arm as it lies and over to the goal, and along its shortest path; then a fold there."""
+    shortest = min(run.task.tip_paths, key=lambda path: path.length)
     along_arm = ways.straight_on(run.start)
     if along_arm is not None:
         yield _led(run, "as the arm lies", along_arm)
     # The same path, mostly.
-    if along_arm is None or abs(path_length(along_arm) - path_length(shortest)) > SHORTEST:
-        yield _led(run, "the shortest", shortest)
+    if along_arm is None or abs(path_length(along_arm) - shortest.length) > SHORTEST:
+        yield _led(run, "the shortest", shortest.taut)
+    lengths = run.stepper.settings.guides.hairpin.lengths[:1]
+    yield from pulled_over(run.stepper, run.start, None, shortest, lengths)
 
 
 def _led(run: SearchRun, which: str, taut: FloatArray) -> GuideCandidate:
