@@ -47,6 +47,7 @@ def find_pose(
         ProblemError: the goal is for the whole arm, so that there is nothing to find, or the base moves.
         NoPlanFound: no pose was found; the diagnosis says what is missed, and whether that is proved.
     """
+    Problem.expected(problem)
     stages = Stages(progress, problem.planner.time_limit)
     numbers = settings or DEFAULT_SETTINGS
     refuse_other_questions(problem)

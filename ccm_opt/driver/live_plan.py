@@ -79,6 +79,7 @@ class LivePlan:
 
     def __post_init__(self) -> None:
         problem = self.problem
+        Problem.expected(problem)
         if not self.suits(problem):
             raise ProblemError(
                 f"'{problem.name}' cannot be planned live: it has a feed axis, goals on the way, or a planner other "

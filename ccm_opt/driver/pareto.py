@@ -49,6 +49,7 @@ def pareto(
         VerificationError: the verifier refuses that plan.
         CancelledWithPlan: on Ctrl-C once there is the first plan, which it holds.
     """
+    Problem.expected(problem)
     if problem.arm.base_axes or problem.planner.method != "nlp":
         raise ProblemError(
             f'{problem.name}: plans for several wanted gaps need a fixed base and planner.method "nlp"; '

@@ -53,6 +53,7 @@ def solve(
         VerificationError: the verifier refuses the plan; a defect of the planner.
         CancelledWithPlan: on Ctrl-C once there is a verified plan, which it holds; a ``KeyboardInterrupt``.
     """
+    Problem.expected(problem)
     stages = Stages(progress, problem.planner.time_limit)
     numbers = settings or DEFAULT_SETTINGS
     deadline = Deadline.after(problem.planner.time_limit)

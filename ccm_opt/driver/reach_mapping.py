@@ -62,6 +62,7 @@ def reach_map(
         ProblemError: the base moves, or the grid makes no sense.
         UnreachableGoal: the start touches something or breaks a joint limit.
     """
+    Problem.expected(problem)
     numbers = settings or DEFAULT_SETTINGS
     stages = Stages()
     grid = _grid(problem, step, headings, numbers)

@@ -15,11 +15,12 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verifie
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import CancelledWithPlan, ProblemError
+from ccm_opt.ground.expected import expect
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.legs import Leg, whole_path
 from ccm_opt.planners.protocols import Planner
-from ccm_opt.problem import Goal, JointPose, Problem, Stop, Tolerances
+from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.solution import JointPath, JointTrajectory, Solution
 from ccm_opt.user_terms.terms import Constraint, Cost
 
@@ -59,6 +60,8 @@ def retarget(
         NoPlanFound: with a diagnosis: the new goal cannot be reached from where the arm comes to rest.
         VerificationError: the verifier refuses the motion.
     """
+    expect(solution, Solution, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
+    expect(goal, (TipGoal, JointPose, CurvePose), "a goal", "for example ccm_opt.problem.TipGoal(position, heading)")
     problem = solution.problem
     arm = problem.arm
     stages = Stages(progress, problem.planner.time_limit)

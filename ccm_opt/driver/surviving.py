@@ -6,6 +6,7 @@ import numpy as np
 
 from ccm_opt.driver.closed_loop import simulated_once
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.ground.expected import expect
 from ccm_opt.problem import Disturbances, Problem
 from ccm_opt.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
 from ccm_opt.solution.simulation_verdict import FOLLOWED
@@ -31,6 +32,7 @@ def tolerance_of(
     Returns:
         Of joints, link lengths, base heading, base position and walls, certified; then of payload and friction.
     """
+    expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
     numbers = settings or DEFAULT_SETTINGS
     return tolerance_of_motion(
         solution.problem, solution.trajectory, solution.joints, simulated=simulated, settings=numbers

@@ -5,6 +5,7 @@ from typing import Literal, TypeAlias
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.expected import expect
 from ccm_opt.ground.length_words import metres
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import Limits
@@ -87,6 +88,15 @@ class Problem:
         """
         share = WANTED_SHARE_OF_LENGTH * self.arm.length
         return share if self.arm.radius == 0.0 else min(share, WANTED_SHARE_OF_RADIUS * self.arm.radius)
+
+    @staticmethod
+    def expected(value: object) -> None:
+        """Refuse what is no problem where one is expected.
+
+        Raises:
+            ProblemError: with what was given, and how a problem is had.
+        """
+        expect(value, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
 
     def __post_init__(self) -> None:
         found = tuple(defects(self))

@@ -12,6 +12,14 @@ from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.terms import Constraint, Cost
 
+_COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
+"""Operations whose result is true or false."""
+
+
+def _is_comparison(entry: Any) -> bool:
+    """Whether an entry of an expression is true or false and nothing else."""
+    return any(entry.is_op(operation) for operation in _COMPARISONS)
+
 
 def _expression(term: Constraint | Cost, kind: str, quantities: Quantities) -> Any:
     """The expression as a column, checked."""
@@ -31,6 +39,11 @@ def _expression(term: Constraint | Cost, kind: str, quantities: Quantities) -> A
             f"{kind} '{term.name}': expected a CasADi SX expression of the quantities, got {got}"
         ) from error
 
+    if isinstance(made, bool) or any(_is_comparison(column[k]) for k in range(column.numel())):
+        raise ProblemError(
+            f"{kind} '{term.name}': expected a number, got a comparison, which is true or false; "
+            "return what is compared, and bound it by lower= and upper="
+        )
     if column.numel() == 0:
         raise ProblemError(f"{kind} '{term.name}': the expression is empty, expected at least one entry")
     # Without allow_free CasADi would refuse the foreign symbols too, but with an error that does not name the term.

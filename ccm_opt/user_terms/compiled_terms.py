@@ -9,6 +9,7 @@ import numpy as np
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.expected import expect
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.user_terms.building import compiled_constraint, compiled_cost, refuse_double_names
 from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost, as_cost
@@ -130,6 +131,8 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
     Raises:
         ProblemError: an expression has a wrong shape or type, or holds foreign symbols; the message names it.
     """
+    expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")
+    expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
     for constraint in constraints:
         _refuse_other_kind(constraint, Constraint)
     for cost in costs:

@@ -41,6 +41,7 @@ def verify(
     Returns:
         One check a promise, each with its worst value and where it was met; malformed data end the list at once.
     """
+    Problem.expected(problem)
     settings = settings.for_problem(problem)
     form = check_form(problem, trajectory, joints, settings)
     names = _check_names(problem, joints)

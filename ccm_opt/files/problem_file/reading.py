@@ -14,6 +14,7 @@ from ccm_opt.files.problem_file.changed_keys import with_keys_set
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.lines import locate_keys
 from ccm_opt.files.problem_file.table_reading import check_data
+from ccm_opt.ground.expected import expect
 from ccm_opt.problem import Problem
 
 STANDARD_INPUT = "-"
@@ -34,6 +35,7 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = ()) -> Problem:
         ProblemFileError: with every defect of the file, its key path and its line.
         ProblemError: for a change that leads to no place.
     """
+    expect(path, (str, Path), "the path of a problem file", "parse_problem reads the text of one")
     if str(path) == STANDARD_INPUT:
         path_name = "standard input"
         text = _decoded(sys.stdin.buffer.read(), path_name)
