@@ -4,7 +4,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 
+import numpy as np
+
+from ccm_opt.ground.angles import whole_turns
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.polyline import arc_lengths, leg_headings, legs_at
 from ccm_opt.motion.continuation import Stalled, settle
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.limits.gate_rails import GateRails
@@ -36,6 +40,32 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
     for guess in chain(task.guesses, task.further_guesses()):
         goal = pose_at_goal(task, stepper, guess)
         yield None if goal is None else _exchanged(task, goal.headings, goal.points)
+
+
+def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask]:
+    """The same from poses that are laid through narrow gates; none where the goal is the whole arm's."""
+    if task.goal_headings is None:
+        for guess in _laid_through_gates(task):
+            goal = pose_at_goal(task, stepper, guess)
+            if goal is not None:
+                yield _exchanged(task, goal.headings, goal.points)
+
+
+def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
+    """Link headings (links,) [rad] of the arm laid along routes through narrow gates; none where there are no gates.
+
+    No curve of the goal's program may pass a gate that the arm itself hardly passes.
+    """
+    arm = task.arm
+    for path in task.tip_paths:
+        if path.side < 0 or not path.rails:
+            continue  # both sides have one route
+        arcs = arc_lengths(path.route)
+        along = leg_headings(path.route)
+        along += whole_turns(arm.base_heading - along[0])
+        # What the arm is longer than its route lies along the last leg, beyond the goal, until it is settled.
+        middles = arm.link_length * (np.arange(arm.links) + 0.5)
+        yield along[legs_at(arcs, np.minimum(middles, arcs[-1]))]
 
 
 def _exchanged(task: MotionTask, headings: FloatArray, points: FloatArray) -> MotionTask:
@@ -77,6 +107,9 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
     space = stepper.space
     near = stepper.pose(fit_coordinates(space.matrix, guess - space.offset, task.arm.length))
     goal = task.limited_goal
+    centred = _in_the_middle_of_gates(stepper, goal, near)
+    if centred is not None:
+        return centred
     try:
         pose = settle(stepper, goal, near, task.deadline)[-1]
     except Stalled:
@@ -84,21 +117,30 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
     # Settling may have begun inside a wall; every pose after that was only asked to be no worse.
     if stepper.finder.find(pose.points).gap.min(initial=1.0) <= 0.0:
         return None
-    return _in_the_middle_of_gates(stepper, goal, pose)
+    return _in_the_middle_of_gates(stepper, goal, pose) or pose
 
 
-def _in_the_middle_of_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose:
-    """A pose at the goal with its axis in the middle of the gates it lies in, where that can be; else as it is.
+def _in_the_middle_of_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
+    """The pose at the goal, near another, whose axis is in the middle of the gates it lies in; None if there is none.
 
     From the very edge of a gate's play no step leads away.
     """
     rails = tuple(limit for limit in stepper.limits if isinstance(limit, GateRails))
     if not rails:
-        return pose
+        return None
     centred = stepper.pose(polish(stepper.space, replace(goal, limits=(*goal.limits, *rails)), pose.v))
-    roomier = stepper.finder.find(centred.points).gap.min(initial=1.0) > stepper.finder.find(pose.points).gap.min()
-    kept = goal.on_goal(centred) and goal.limits_met(centred) and not stepper.finder.crosses(centred.points)
-    return centred if kept and roomier else pose
+    clear = stepper.finder.find(centred.points).gap.min(initial=1.0) > 0.0 and not stepper.finder.crosses(
+        centred.points
+    )
+    kept = goal.on_goal(centred) and goal.limits_met(centred) and all(rail.met(centred) for rail in rails)
+    return centred if clear and kept and _within_limits(stepper, centred) else None
+
+
+def _within_limits(stepper: Stepper, pose: Pose) -> bool:
+    """Whether a pose bends no joint farther than steps do."""
+    space = stepper.space
+    share = stepper.settings.step.limit_share
+    return bool(np.all(np.abs(space.bends(pose.headings)) <= share * space.bend_limits))
 
 
 def reversed_motion(motion: Motion) -> Motion:

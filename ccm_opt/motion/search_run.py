@@ -56,6 +56,8 @@ class SearchRun:
             nominal_links: nominal links to the arm's length.
         """
         narrowed = task.settings.step.narrowed(margin_links)
+        if task.gates is not None:
+            narrowed = replace(narrowed, ridge=narrowed.gate_ridge)
         if narrowed is not task.settings.step:
             task = replace(task, settings=replace(task.settings, step=narrowed))
         space, start = LinkSpace.through(task.arm, task.start, nominal_links, clamped=task.clamped)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.arcs_at_limits import ArcsAtLimits
-from ccm_opt.motion.backward import backward_tasks, ending_in, reversed_motion
+from ccm_opt.motion.backward import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
 from ccm_opt.motion.connect.connecting import CONNECT, Connecting
 from ccm_opt.motion.continuation import Stalled
 from ccm_opt.motion.failures import Failure
@@ -296,6 +296,10 @@ def candidate_motions(
             yield reversed_motion(motion) if motion is not None else None
     if into_gates:
         yield forward.run(forward.first(), failures)
+        for turned in laid_backward_tasks(task, forward.stepper):
+            backward = SearchRun.from_task(turned, margin, nominal_links)
+            motion = backward.run(backward.first(), failures)
+            yield reversed_motion(motion) if motion is not None else None
     yield forward.run(forward.further(), failures)
 
 

@@ -94,6 +94,11 @@ class GateRails(Limit):
         crossed = found.crossed[0]
         return self.lines.slopes(space, headings[None], found)[0][crossed], -found.aside[0][crossed]
 
+    def met(self, pose: Pose) -> bool:
+        """Whether a pose crosses every line in the middle, up to the play beside which joints are left alone."""
+        found = self.lines.crossings(pose.points[None], np.inf)
+        return bool(np.all(np.abs(found.aside) <= self.play))
+
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Equations of the lines that are crossed by inner keyframes; both ends stand where they do."""
