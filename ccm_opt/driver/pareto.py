@@ -117,10 +117,12 @@ class _Run:
         top = largest_wanted_gap(fastest, self.settings, trade_off)
         plan = self.tried(top, number)
         least = trade_off.least_top * self.problem.default_gap
-        if plan.solution is None or not least <= plan.gap < trade_off.enough_of_top * top:
-            return plan
-        # No bound knew how narrow the scene is, but this plan does.
-        return self.tried(plan.gap, number)
+        for _ in range(trade_off.narrowings):
+            if plan.solution is None or not least <= plan.gap < trade_off.enough_of_top * plan.wanted_gap:
+                break
+            # No bound knew how narrow the scene is, but this plan does.
+            plan = self.tried(plan.gap, number)
+        return plan
 
 
 def largest_wanted_gap(
