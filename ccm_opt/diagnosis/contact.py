@@ -141,7 +141,7 @@ def _touch(
         where = _outermost(body, problem.workspace.boundary)
         how = f"{what} is {millimetres(-gap)} outside the '{wall.name}' at {at(where)}"
     elif free > 0.0:
-        how = f"{what} overlaps '{wall.name}' by {millimetres(free if gap >= 0.0 else -gap)}"
+        how = f"{what} overlaps '{wall.name}' by {millimetres(free)}"
     else:
         how = f"{what} comes within {millimetres(-free)} of '{wall.name}', the clearance is {millimetres(clearance)}"
     bounds = {}
