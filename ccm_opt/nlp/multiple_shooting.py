@@ -1,7 +1,7 @@
 """The configuration NLP as data: symbols and named rows, built once a size; bounds and parameters, per task."""
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -143,7 +143,8 @@ def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.vstack((stages[:, :STATES], variables[-STATES:])), stages[:, STATES:]
 
 
-@cache
+# Tasks share few programs, and each keeps a built solver of tens of megabytes alive.
+@lru_cache(maxsize=4)
 def symbolic_program(
     segments: int, half_planes: int, settings: ConfigurationSettings = DEFAULT_CONFIGURATION
 ) -> ShootingProgram:
@@ -185,7 +186,7 @@ def symbolic_program(
     )
 
 
-@cache
+@lru_cache(maxsize=4)
 def _with_fixed_knots(program: ShootingProgram) -> ShootingProgram:
     """Spacing rows as equations a_i = L_k / 4; the last of the four follows from the others."""
     upper = program.upper.copy()
