@@ -49,7 +49,8 @@ def members_on_way(
 def _first_good(arm: Arm, goal: GoalPose, room: FreeSpace, way: FloatArray, spacing: float) -> Iterator[GoalMember]:
     """The first place of a way in the set at which the way heads as the goal allows, else where it nearly does."""
     arcs = arc_lengths(way)
-    places = np.arange(0.0, arcs[-1], spacing)
+    # The way's end is a member whatever the spacing; a small set may hold no other place.
+    places = np.append(np.arange(0.0, arcs[-1], spacing), arcs[-1])
     points = points_at(way, arcs, places)
     inside = np.hypot(*(points - goal.position).T) <= goal.room[0]
     if not inside.any():
