@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ccm_opt.driver.solve_settings import Settings
     from ccm_opt.driver.surviving import tolerance_of
     from ccm_opt.files.problem_file import load_problem
+    from ccm_opt.files.saved_plans import SavedPlan, animate, load, plot, save
     from ccm_opt.ground.progress import Progress
     from ccm_opt.problem import Problem
     from ccm_opt.solution import Solution
@@ -38,23 +39,33 @@ __all__ = [
     "Problem",
     "Progress",
     "Quantities",
+    "SavedPlan",
     "Settings",
     "Solution",
     "__version__",
+    "animate",
     "check",
     "constraint",
     "cost",
     "errors",
     "find_pose",
+    "load",
     "load_problem",
     "pareto",
+    "plot",
     "reach_map",
     "retarget",
+    "save",
     "solve",
     "tolerance_of",
 ]
 
 _HOMES = {
+    "save": ("ccm_opt.files.saved_plans", "save"),
+    "plot": ("ccm_opt.files.saved_plans", "plot"),
+    "load": ("ccm_opt.files.saved_plans", "load"),
+    "animate": ("ccm_opt.files.saved_plans", "animate"),
+    "SavedPlan": ("ccm_opt.files.saved_plans", "SavedPlan"),
     "Constraint": ("ccm_opt.user_terms.terms", "Constraint"),
     "Cost": ("ccm_opt.user_terms.terms", "Cost"),
     "Interval": ("ccm_opt.user_terms.terms", "Interval"),

@@ -82,10 +82,7 @@ def main() -> None:
 
 def draw(solution: ccm_opt.Solution, file: Path) -> None:
     """The plan with lines of sight."""
-    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - likewise
-
-    figure = plan_figure(DrawnPlan.from_solution(solution))
+    figure = solution.plot()
     points = solution.joint_positions
     for k in np.linspace(0, len(points) - 1, 9).astype(int):
         figure.axes[0].plot(*np.stack((points[k, -1], GAUGE)).T, color="tab:red", linewidth=0.7, zorder=7)

@@ -55,10 +55,7 @@ def main() -> None:
 
 def draw(solution: ccm_opt.Solution, file: Path) -> None:
     """The plan with the line, and the middle third at the goal."""
-    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - likewise
-
-    figure = plan_figure(DrawnPlan.from_solution(solution))
+    figure = solution.plot()
     third = solution.problem.arm.links // 3
     axes = figure.axes[0]
     axes.axhline(LINE, color="tab:red", linewidth=1.0, linestyle=":", zorder=7)

@@ -71,10 +71,7 @@ def main() -> None:
 
 def draw(solution: ccm_opt.Solution, file: Path) -> None:
     """The plan with the given path below that of the tip."""
-    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - likewise
-
-    figure = plan_figure(DrawnPlan.from_solution(solution))
+    figure = solution.plot()
     figure.axes[0].plot(*seam(np.linspace(0.0, 1.0, 200), np.sin), color="tab:red", linewidth=4.0, alpha=0.4, zorder=4)
     figure.savefig(file)
 

@@ -59,10 +59,7 @@ def main() -> None:
             f"peak torque {figures['peak_torque_Nm']:.2f} N m, {solution.trajectory.duration:.2f} s"
         )
     if solution is not None and len(sys.argv) > 1:
-        from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
-        from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - likewise
-
-        plan_figure(DrawnPlan.from_solution(solution)).savefig(Path(sys.argv[1]))
+        solution.plot().savefig(Path(sys.argv[1]))
 
 
 if __name__ == "__main__":

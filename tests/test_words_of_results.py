@@ -1,8 +1,13 @@
-"""What results say of themselves at a prompt and in a notebook: a line, and a table, not their arrays."""
+"""What results say of themselves at a prompt and in a notebook, and how they are drawn, saved and loaded there."""
 
 from html import escape
+from pathlib import Path
+
+import numpy as np
+import pytest
 
 import ccm_opt
+from ccm_opt.errors import ProblemError
 
 from .conftest import PROBLEMS
 
@@ -19,3 +24,21 @@ def test_results_describe_themselves_in_a_line() -> None:
     table = solution._repr_html_()
     assert all(escape(check.name) in table for check in solution.checks)
     assert table.count("<tr>") == len(solution.checks) + 1
+
+
+def test_plans_are_saved_loaded_and_drawn(tmp_path: Path) -> None:
+    """A loaded plan passes the verifier, and looks like the one that was saved; films are written by their ending."""
+    solution = ccm_opt.solve(ccm_opt.load_problem(PROBLEMS / "open-space.toml"))
+    folder = solution.save(tmp_path / "kept")
+    plan = ccm_opt.load(folder)
+    np.testing.assert_array_equal(plan.trajectory.positions, solution.trajectory.positions)
+    assert all(check.passed for check in ccm_opt.check(plan.problem, plan.trajectory, plan.joints))
+    assert repr(plan).startswith("<SavedPlan of 'open-space'")
+    drawn = [figure.axes[0].get_title() for figure in (solution.plot(), ccm_opt.plot(plan))]
+    assert drawn[0] == drawn[1]
+    film = solution.animate(tmp_path / "film.gif")
+    assert film.read_bytes().startswith(b"GIF8")
+    with pytest.raises(ProblemError, match=r"a film ends with \.gif or \.mp4, got 'film\.avi'"):
+        ccm_opt.animate(plan, tmp_path / "film.avi")
+    with pytest.raises(ProblemError, match="there is no such file"):
+        ccm_opt.load(tmp_path / "nothing")

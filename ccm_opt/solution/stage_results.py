@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
-from typing import TYPE_CHECKING
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -286,3 +288,22 @@ class Solution:
         ]
         head = "<tr><th>check</th><th>worst</th><th>limit</th><th>where</th></tr>"
         return f"<p>{escape(repr(self)[1:-1])}</p><table>{head}{''.join(cells)}</table>"
+
+    def plot(self) -> Any:
+        """Draw the plan, see ``ccm_opt.plot``; a matplotlib figure."""
+        return _shower().plot(self)
+
+    def animate(self, file: str | Path) -> Path:
+        """Write a film of the plan, see ``ccm_opt.animate``."""
+        written: Path = _shower().animate(self, file)
+        return written
+
+    def save(self, folder: str | Path) -> Path:
+        """Save the plan to a folder, see ``ccm_opt.save``."""
+        written: Path = _shower().save(self, folder)
+        return written
+
+
+def _shower() -> Any:
+    """What draws and saves plans; it stands floors above, and is looked for only when somebody asks for it."""
+    return import_module("ccm_opt.files.saved_plans")

@@ -1,0 +1,130 @@
+"""Plans kept and shown from Python: saved to a folder, loaded from one, drawn, and animated."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.export.folder import solution_files, write_folder
+from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
+from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest
+from ccm_opt.ground.expected import expect
+from ccm_opt.problem import Problem
+from ccm_opt.solution import JointStates, JointTrajectory, Solution
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ccm_opt.files.plotting.drawn_plan import DrawnPlan
+
+
+@dataclass(frozen=True, repr=False)
+class SavedPlan:
+    """A plan as its folder holds it.
+
+    Attributes:
+        folder: where it was loaded from.
+        problem: what it solves.
+        trajectory: the motion in time.
+        joints: the same for the drives.
+    """
+
+    folder: Path
+    problem: Problem
+    trajectory: JointTrajectory
+    joints: JointStates = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"<SavedPlan of '{self.problem.name}': {self.trajectory.duration:.2f} s, from {self.folder}>"
+
+
+def load(folder: str | Path) -> SavedPlan:
+    """Load a plan from an output folder of ``ccm-opt solve`` or of ``save``.
+
+    What is loaded is read, not verified again: ``ccm_opt.check(plan.problem, plan.trajectory, plan.joints)`` does that.
+
+    Args:
+        folder: the folder.
+
+    Raises:
+        ProblemError: there is no such folder, or it is not readable.
+        VerificationError: it holds the record of a failure.
+    """
+    expect(folder, (str, Path), "the path of an output folder")
+    place = Path(folder)
+    problem = load_recorded_problem(place)
+    motion = load_motion(place, problem.arm)
+    return SavedPlan(place, problem, motion.trajectory, motion.joints)
+
+
+def save(solution: Solution, folder: str | Path) -> Path:
+    """Save a solution to a folder, as ``ccm-opt solve --no-pictures`` does.
+
+    Args:
+        solution: the plan.
+        folder: that is to hold it; an earlier plan in it gives way, files of yours stay.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ProblemError: it cannot be written, or holds something else.
+    """
+    expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
+    expect(folder, (str, Path), "the path of an output folder")
+    return write_folder(Path(folder), solution_files(solution))
+
+
+def plot(plan: Solution | SavedPlan) -> "Figure":
+    """Draw a plan: room, start, poses on the way, goals, path of the tip, least gap.
+
+    Args:
+        plan: just made, or loaded.
+
+    Returns:
+        A matplotlib figure, which notebooks show, and ``savefig`` writes.
+    """
+    from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
+
+    return plan_figure(_drawn(plan))
+
+
+def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
+    """Write a film of a plan.
+
+    Args:
+        plan: just made, or loaded.
+        file: ends with ``.gif``, or with ``.mp4`` where ffmpeg is installed.
+
+    Returns:
+        The file.
+
+    Raises:
+        ProblemError: for another ending, without ffmpeg, or where the file cannot be written.
+    """
+    from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.video import motion_mp4  # noqa: PLC0415
+
+    expect(file, (str, Path), "the path of a film")
+    place = Path(file)
+    films = {".gif": motion_gif, ".mp4": motion_mp4}
+    if place.suffix not in films:
+        raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
+    content = films[place.suffix](_drawn(plan))
+    try:
+        place.write_bytes(content)
+    except OSError as error:
+        raise ProblemError(f"cannot write {place}: {error.strerror or error}") from error
+    return place
+
+
+def _drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
+    """What pictures show of a plan."""
+    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
+
+    expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
+    if isinstance(plan, Solution):
+        return DrawnPlan.from_solution(plan)
+    points = plan.problem.arm.joint_positions_at(plan.trajectory.positions)
+    curves = recorded_curves(plan.folder, plan.problem)
+    return DrawnPlan(plan.problem, plan.trajectory, points, curves, recorded_nearest(plan.folder))
