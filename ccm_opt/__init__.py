@@ -89,12 +89,18 @@ _HOMES = {
 """Module and name of each public object."""
 
 
+_MAKING_SOLUTIONS = frozenset(("LivePlan", "Solution", "pareto", "retarget", "solve"))
+"""Names by which one comes by solutions."""
+
+
 def __getattr__(name: str) -> object:
     """Load a public name when it is first used."""
     if name == "errors":
         return import_module("ccm_opt.errors")
     if name not in _HOMES:
         raise AttributeError(f"module 'ccm_opt' has no attribute {name!r}; it has {', '.join(__all__)}")
+    if name in _MAKING_SOLUTIONS:
+        import_module("ccm_opt.files.saved_plans")  # which lets solutions draw and save themselves
     module, attribute = _HOMES[name]
     value = getattr(import_module(module), attribute)
     globals()[name] = value

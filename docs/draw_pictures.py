@@ -22,7 +22,8 @@ from ccm_opt.files.plotting.hairpin_concept import HairpinMoment, HairpinScene, 
 from ccm_opt.files.plotting.sag_concept import SagScene, sag_png
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.motion.continuation import follow

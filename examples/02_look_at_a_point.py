@@ -21,7 +21,7 @@ import numpy as np
 import shapely
 
 import ccm_opt
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.problem import JointPose, Problem, TipGoal
 
 OPEN_SPACE = Path(__file__).parent.parent / "problems" / "open-space.toml"

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem

@@ -4,7 +4,8 @@ import networkx as nx
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 
 SIDE = 2.4
 

@@ -5,7 +5,8 @@ import shapely
 from shapely import affinity
 
 from ccm_opt.comparison.scenes import ROOM
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm

@@ -15,7 +15,8 @@ from collections.abc import Callable
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, TipGoal, Tolerances

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.continuum.configuration import Configuration
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, TipGoal, VerificationOptions
 
 

@@ -18,7 +18,8 @@ from ccm_opt.comparison.scenes import (
     random_headings,  # noqa: F401 - likewise
     random_polygon,  # noqa: F401 - likewise
 )
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm

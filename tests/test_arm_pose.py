@@ -14,7 +14,7 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import PIECES
 from ccm_opt.continuum.spline import second_derivatives
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve

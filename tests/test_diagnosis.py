@@ -26,7 +26,8 @@ from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
 from ccm_opt.errors import Diagnosis, Finding, MotionNotFound, ProblemError, RetimingError, UnreachableGoal
 from ccm_opt.files.problem_file import problem_from_mapping
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.solution import JointPath

@@ -15,7 +15,8 @@ from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.diagnosis.unit_hints import unit_hints
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.jointed.arm import Feed
 from ccm_opt.motion.ends import resolve_ends

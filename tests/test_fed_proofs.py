@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.moved_goal import moved_goals
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.problem import Problem, TipGoal
 
 from .benchmarks.feed_families import FAMILIES

@@ -15,7 +15,8 @@ from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.diagnosis.passages import without
 from ccm_opt.errors import UnreachableGoal
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.problem import JointPose, Problem, Tolerances

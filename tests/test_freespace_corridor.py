@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.freespace.corridor import Corridor
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from tests.freespace_scenes import clutter, mixed_room, sheets
 
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.funnel import taut_string
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.sleeve import concatenate, reduce
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.polyline import path_length
 from tests.freespace_scenes import clutter, divided_room, mixed_room, visibility_length, winding_numbers
 

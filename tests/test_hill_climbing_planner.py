@@ -9,7 +9,7 @@ import shapely
 from ccm_opt import load_problem, solve
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import MotionNotFound, ProblemError, TimeLimitReached
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import TipPose

@@ -12,7 +12,7 @@ from ccm_opt import load_problem
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.cubic_spiral import CubicSpiral
 from ccm_opt.errors import ProblemError
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.hill_climbing.clearance_field import ClearanceField
 from ccm_opt.hill_climbing.curve_track import track_through
 from ccm_opt.hill_climbing.distance import TipPose

@@ -13,7 +13,8 @@ from ccm_opt.collision.certificate import Certificate
 from ccm_opt.collision.compiled_proofs import compiled_proofs
 from ccm_opt.collision.pair_proofs import InterpretedProofs
 from ccm_opt.collision.stretches import Stretches
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 

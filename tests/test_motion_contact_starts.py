@@ -8,7 +8,8 @@ import shapely
 
 from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE
 from ccm_opt.errors import UnreachableGoal
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.problem import JointPose, Problem
 from tests.planned_runs import run

@@ -13,7 +13,8 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.motion.clamped_spline import clamped_spline

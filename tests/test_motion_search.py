@@ -12,7 +12,8 @@ from ccm_opt.collision.certificate import Certificate
 from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.arm import Arm

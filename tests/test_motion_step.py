@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.collision.contacts import WALL
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.limits.contact_limit import allowed_shortfall, contact_rows, keeps_clear
 from ccm_opt.motion.pose import Pose, Term

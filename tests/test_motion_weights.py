@@ -10,7 +10,8 @@ import shapely
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.limits.clearance_rows import motion_rows

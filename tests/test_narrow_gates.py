@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.free_space_settings import FINE_FREE_SPACE
 from ccm_opt.freespace.narrow_gates import GateRuns
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.polyline import leg_headings, without_repeats
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.limits.gate_lines import GateLines

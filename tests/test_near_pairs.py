@@ -14,7 +14,8 @@ from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.collision.contacts import Contacts
 from ccm_opt.collision.neighbour_pairs import NeighbourPairs
 from ccm_opt.collision.pair_search import PairQuestion
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground import compiled_source
 from ccm_opt.ground.box_tree import BoxTree
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE

@@ -13,7 +13,8 @@ from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.solution_assembly import PACKAGES
 from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.files.problem_file import parse_problem
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm

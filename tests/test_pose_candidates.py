@@ -8,7 +8,8 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import WHOLE_TURN
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.motion.link_space import LinkSpace

@@ -12,7 +12,8 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file import load_problem, problem_from_mapping
 from ccm_opt.files.problem_file.problem_data import problem_data, recorded_data
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import (
     CurvePose,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.passage_widths import passage_widths
 from ccm_opt.motion.tip_paths import find_tip_paths, turning_by

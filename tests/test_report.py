@@ -26,7 +26,7 @@ from ccm_opt.files.report.page_units import MINUS, PageUnits, three_digits
 from ccm_opt.files.report.phase_data import limit_shares
 from ccm_opt.files.report.thinning import kept_samples
 from ccm_opt.files.report.time_series import series_groups
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, GoalPoseRecord, Solution, SurvivedError

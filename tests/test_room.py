@@ -16,7 +16,8 @@ from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.diagnosis.walls_apart import gap_between_walls
 from ccm_opt.files.report.room_words import room_sentences
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.solution import JointTrajectory, PossibleGap, RoomRecord

@@ -20,7 +20,7 @@ from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.files.scene_import import ImportOptions, import_scene
 from ccm_opt.files.scene_import.chains import Piece, joined_pieces
 from ccm_opt.files.scene_import.curves import flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 
 from .conftest import SMALL_PROBLEM
 

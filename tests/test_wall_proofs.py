@@ -12,7 +12,8 @@ from ccm_opt.collision.certificate import Certificate
 from ccm_opt.collision.compiled_wall_proofs import CompiledWallProofs, compiled_wall_proofs
 from ccm_opt.collision.stretches import Stretches
 from ccm_opt.collision.wall_proofs import InterpretedWallProofs, WallQuestion
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import IntArray
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
 from ccm_opt.jointed.arm import Arm

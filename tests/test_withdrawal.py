@@ -7,7 +7,8 @@ import pytest
 import shapely
 
 from ccm_opt.collision.certificate import Certificate
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.continuation import Stalled, follow
 from ccm_opt.motion.drawing_back import lies_confined, ways_back, withdrawals

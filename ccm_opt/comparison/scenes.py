@@ -10,7 +10,8 @@ import numpy as np
 import shapely
 from scipy.optimize import brentq
 
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm

@@ -10,7 +10,8 @@ from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
 from ccm_opt.diagnosis.words import point
 from ccm_opt.errors import Finding
-from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import BOUNDARY_NAME
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import millimetres

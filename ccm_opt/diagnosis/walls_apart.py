@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import PossibleGap

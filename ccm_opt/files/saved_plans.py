@@ -11,6 +11,7 @@ from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest
 from ccm_opt.ground.expected import expect
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory, Solution
+from ccm_opt.solution.presenting import present_with
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -128,3 +129,14 @@ def _drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
     points = plan.problem.arm.joint_positions_at(plan.trajectory.positions)
     curves = recorded_curves(plan.folder, plan.problem)
     return DrawnPlan(plan.problem, plan.trajectory, points, curves, recorded_nearest(plan.folder))
+
+
+class _ThisModule:
+    """The functions above, as solutions ask for them."""
+
+    plot = staticmethod(plot)
+    animate = staticmethod(animate)
+    save = staticmethod(save)
+
+
+present_with(_ThisModule())

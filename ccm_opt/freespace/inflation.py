@@ -11,7 +11,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import heading_of, unit_vector
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.polygons import cross

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.polygons import nearest_on_segments
 

@@ -13,7 +13,7 @@ from ccm_opt.ground.box_tree import BoxTree
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ccm_opt.freespace.workspace import Obstacle
+    from ccm_opt.freespace.obstacle import Obstacle
 
 
 @dataclass(frozen=True)

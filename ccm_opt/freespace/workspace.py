@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.wall_segments import WallSegments
 from ccm_opt.freespace.walls import Walls
 from ccm_opt.ground.arrays import FloatArray
@@ -15,30 +16,6 @@ from ccm_opt.ground.rounding import TINY
 BOUNDARY_NAME = "workspace boundary"
 _LOOKED_AT_FIRST = 4
 """Walls whose distance says which others may be nearer."""
-
-
-@dataclass(frozen=True)
-class Obstacle:
-    """One obstacle, the set of points within ``rounding`` of ``core``; exact for every kind in a problem file.
-
-    Attributes:
-        name: the user's name for it, used in every message.
-        core: a polygon (polygon, box), a point (circle) or a line string (wall) [m].
-        rounding: radius of the disc that sweeps the core [m]; a circle's radius, half a wall's thickness, else 0.
-    """
-
-    name: str
-    core: shapely.Geometry
-    rounding: float = 0.0
-
-    def outline(self, grow: float = 0.0, quad_segs: int = 8) -> shapely.Geometry:
-        """The obstacle grown by ``grow`` [m], as a geometry that *contains* it (arcs are circumscribed)."""
-        radius = self.rounding + grow
-        if radius <= 0.0:
-            return self.core
-        circumscribed = radius / np.cos(np.pi / (4 * quad_segs))
-        grown: shapely.Geometry = shapely.buffer(self.core, circumscribed, quad_segs=quad_segs)
-        return grown
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSettings
 from ccm_opt.freespace.narrow_gates import gate_rails
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.angles import heading_of, sweep_on_side, unit_vector, wrap
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import metres

@@ -14,7 +14,8 @@ import shapely
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import words_for_unit
 from ccm_opt.jointed.arm import Arm

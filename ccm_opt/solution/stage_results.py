@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from ccm_opt.ground.length_words import millimetres
 from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
+from ccm_opt.solution.presenting import presenter
 from ccm_opt.solution.room_record import NearPlace, RoomRecord
 from ccm_opt.solution.simulation_verdict import FOLLOWED, SimulationVerdict
 from ccm_opt.solution.survived_error import SurvivedError
@@ -291,19 +291,12 @@ class Solution:
 
     def plot(self) -> Any:
         """Draw the plan, see ``ccm_opt.plot``; a matplotlib figure."""
-        return _shower().plot(self)
+        return presenter().plot(self)
 
     def animate(self, file: str | Path) -> Path:
         """Write a film of the plan, see ``ccm_opt.animate``."""
-        written: Path = _shower().animate(self, file)
-        return written
+        return presenter().animate(self, file)
 
     def save(self, folder: str | Path) -> Path:
         """Save the plan to a folder, see ``ccm_opt.save``."""
-        written: Path = _shower().save(self, folder)
-        return written
-
-
-def _shower() -> Any:
-    """What draws and saves plans; it stands floors above, and is looked for only when somebody asks for it."""
-    return import_module("ccm_opt.files.saved_plans")
+        return presenter().save(self, folder)

@@ -9,7 +9,8 @@ import numpy as np
 import shapely
 
 from ccm_opt.comparison.scenes import random_headings
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import JointPose, Problem, TipGoal

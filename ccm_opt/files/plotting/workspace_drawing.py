@@ -7,7 +7,8 @@ from matplotlib.path import Path
 
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 
 _NAME_SIZE = 6.5
 """[points]."""

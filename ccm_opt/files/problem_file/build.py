@@ -25,7 +25,8 @@ from ccm_opt.files.problem_file.schema import (
     VerificationTable,
     WorkspaceTable,
 )
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.problem import (

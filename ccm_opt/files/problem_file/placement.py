@@ -7,7 +7,8 @@ import shapely
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.reading_settings import READING
 from ccm_opt.files.problem_file.typed_quantities import METRES
-from ccm_opt.freespace.workspace import BOUNDARY_NAME, Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
 
 
 def depth_inside(obstacle: Obstacle, point: Sequence[float]) -> float:

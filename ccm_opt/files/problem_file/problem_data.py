@@ -11,7 +11,8 @@ from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.files.problem_file.reading import parse_problem
 from ccm_opt.files.problem_file.reading_settings import READING
 from ccm_opt.files.problem_file.scene_file import obstacle_table
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import (

@@ -12,7 +12,7 @@ from ccm_opt.files.scene_import.formats import READERS
 from ccm_opt.files.scene_import.found_shapes import Disc, Line, Region, Shape
 from ccm_opt.files.scene_import.import_settings import IMPORT, ImportOptions, ImportSettings
 from ccm_opt.files.scene_import.obstacles import obstacles_of, with_unique_names
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 
 

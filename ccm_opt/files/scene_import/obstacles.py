@@ -12,7 +12,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.found_shapes import Disc, Line, Shape
 from ccm_opt.files.scene_import.import_settings import IMPORT, ImportSettings
 from ccm_opt.files.scene_import.rings import filled, polygons_of
-from ccm_opt.freespace.workspace import Obstacle
+from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 
 MAX_COORDINATE = 1e9

@@ -5,7 +5,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import shapely
 
-from ccm_opt.freespace.workspace import Obstacle, Workspace
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
