@@ -3,8 +3,6 @@
 from pathlib import Path
 from typing import Any, Protocol
 
-from ccm_opt.errors import ProblemError
-
 
 class Presenter(Protocol):
     """Draws, animates and saves plans."""
@@ -35,8 +33,8 @@ def presenter() -> Presenter:
     """Who draws and saves plans.
 
     Raises:
-        ProblemError: nobody has said that they can.
+        RuntimeError: nobody has said that they can; what ``ccm_opt`` hands out does.
     """
     if not _PRESENTERS:
-        raise ProblemError("nothing that draws and saves plans is loaded; import ccm_opt.files.saved_plans first")
+        raise RuntimeError("nothing that draws and saves plans is loaded; import ccm_opt.files.saved_plans first")
     return _PRESENTERS[-1]
