@@ -4,13 +4,16 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ccm_opt.cli.choices import FigureKind, FigureName
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
-from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest, recorded_simulation
+from ccm_opt.files.saved_plans import drawn, load
 from ccm_opt.solution import Solution
+
+if TYPE_CHECKING:
+    from ccm_opt.files.plotting.drawn_plan import DrawnPlan
 
 STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
 """What is drawn where nothing is asked for."""
@@ -62,14 +65,14 @@ def draw_folders(folders: Sequence[Path], options: DrawOptions) -> int:
 def _draw(folder: Path, options: DrawOptions) -> int:
     # Several plans in one folder would overwrite each other's pictures, so that each has a folder of its own there.
     out = folder if options.out is None else options.out / folder.resolve().name
-    drawn = drawn_files(folder, options.figures or STILL_FIGURES, options.figure_format)
-    for name, content in drawn.items():
+    pictures = drawn_files(folder, options.figures or STILL_FIGURES, options.figure_format)
+    for name, content in pictures.items():
         try:
             out.mkdir(parents=True, exist_ok=True)
             (out / name).write_bytes(content)
         except OSError as error:
             raise ProblemError(f"cannot write {out / name}: {error.strerror or error}; choose another --out") from error
-    written = [str(out / name) for name in drawn]
+    written = [str(out / name) for name in pictures]
     show = "".join(f"{name}\n" for name in written)
     return print_result(lambda: sys.stdout.write(show), SOLVED, lambda: {"status": "drawn", "files": written})
 
@@ -86,23 +89,12 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
         ProblemError: for an unreadable folder, or a video without ffmpeg.
         VerificationError: the folder holds no plan.
     """
-    problem = load_recorded_problem(folder)
-    motion = load_motion(folder, problem.arm)
+    plan = drawn(load(folder))
     from ccm_opt.files.plotting import paper_figures  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415
-    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
     from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
     from ccm_opt.files.plotting.video import motion_mp4  # noqa: PLC0415
 
-    points = problem.arm.joint_positions_at(motion.trajectory.positions)
-    plan = DrawnPlan(
-        problem=problem,
-        trajectory=motion.trajectory,
-        points=points,
-        curves=recorded_curves(folder, problem),
-        nearest=recorded_nearest(folder),
-        simulated=recorded_simulation(folder, problem),
-    )
     drawers: Mapping[FigureName, Callable[[DrawnPlan, FigureKind], bytes]] = {
         FigureName.PLAN: plan_picture,
         FigureName.CURVES: paper_figures.curves_picture,

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 from rich.markup import escape
@@ -21,8 +20,6 @@ from ccm_opt.files.export.pose_folder import write_pose
 from ccm_opt.files.export.pose_json import pose_json, segment_words
 from ccm_opt.problem import Problem
 from ccm_opt.solution import StaticPose
-from ccm_opt.user_terms.references import load_terms
-from ccm_opt.user_terms.terms import Constraint, Cost
 
 ROWS_SHOWN = 5
 """Multipliers that the table shows; all are in the record."""
@@ -79,17 +76,14 @@ def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: Te
     clock.begin("loading")
     from ccm_opt.driver.finding_pose import find_pose  # noqa: PLC0415 - loads casadi
 
-    if terms != NO_TERMS:
-        constraints = load_terms(terms.constraints, Constraint)
-        costs = load_terms(terms.costs, Cost)
-        find_pose = partial(find_pose, constraints=constraints, costs=costs)
+    arguments = terms.loaded()
 
     def record(status: str, diagnosis: Diagnosis) -> None:
         folder = write_pose_failure(problem, status, diagnosis, out, clock.timings)
         tell_where(folder, out / problem.name, "why there is no new one is recorded")
 
     try:
-        return find_pose(problem, progress=clock)
+        return find_pose(problem, progress=clock, **arguments)
     except NoPlanFound as error:
         record(error.status, error.diagnosis)
         raise

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import solution_files, write_folder
 from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
-from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest
+from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest, recorded_simulation
 from ccm_opt.ground.expected import expect
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory, Solution
@@ -87,7 +87,7 @@ def plot(plan: Solution | SavedPlan) -> "Figure":
     """
     from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
-    return plan_figure(_drawn(plan))
+    return plan_figure(drawn(plan))
 
 
 def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
@@ -111,7 +111,7 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
     films = {".gif": motion_gif, ".mp4": motion_mp4}
     if place.suffix not in films:
         raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
-    content = films[place.suffix](_drawn(plan))
+    content = films[place.suffix](drawn(plan))
     try:
         place.write_bytes(content)
     except OSError as error:
@@ -119,16 +119,21 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
     return place
 
 
-def _drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
-    """What pictures show of a plan."""
+def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
+    """What pictures show of a plan; of one that was loaded the simulated arm too."""
     from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
 
     expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
     if isinstance(plan, Solution):
         return DrawnPlan.from_solution(plan)
-    points = plan.problem.arm.joint_positions_at(plan.trajectory.positions)
-    curves = recorded_curves(plan.folder, plan.problem)
-    return DrawnPlan(plan.problem, plan.trajectory, points, curves, recorded_nearest(plan.folder))
+    return DrawnPlan(
+        problem=plan.problem,
+        trajectory=plan.trajectory,
+        points=plan.problem.arm.joint_positions_at(plan.trajectory.positions),
+        curves=recorded_curves(plan.folder, plan.problem),
+        nearest=recorded_nearest(plan.folder),
+        simulated=recorded_simulation(plan.folder, plan.problem),
+    )
 
 
 class _ThisModule:

@@ -39,6 +39,7 @@ class Scene:
     settings: ViewSettings = VIEW
     shown: set[str] = field(default_factory=lambda: {"start", "names"})
     colour_by: str = "nothing"
+    _standing: tuple[object, bool] | None = None
     _arm: Any = None
     _joints: Any = None
 
@@ -73,12 +74,16 @@ class Scene:
 
     def draw_room(self, problem: Problem) -> None:
         """Draw walls, obstacles and goals of a problem, which may be ahead of the motion."""
+        # Most drags move the goal alone, and leave the room the same object.
+        named = "names" in self.shown
+        new = self._standing is None or self._standing[0] is not problem.workspace or self._standing[1] != named
+        self._standing = (problem.workspace, named)
         boundary = shapely.get_coordinates(problem.workspace.boundary.exterior) / self.unit
         for name, depth in (("near", -self.depth), ("far", self.depth)):
             ring = in_space(boundary, depth)
             segments = np.stack((ring[:-1], ring[1:]), axis=1)
             self.server.scene.add_line_segments(f"/room/{name}", segments, colours.WALLS, thickness=0.004)
-        for obstacle in problem.workspace.obstacles:
+        for obstacle in problem.workspace.obstacles if new else ():
             self._draw_obstacle(obstacle.name, obstacle.outline(quad_segs=self.settings.curved))
         goals = [*(stop.goal for stop in problem.stops), problem.goal]
         for number, goal in enumerate(goals, start=1):
