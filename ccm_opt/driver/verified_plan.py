@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt import retiming, verification
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.errors import Diagnosis, MotionNotFound, RetimingError, VerificationError
+from ccm_opt.errors import CcmError, Diagnosis, MotionNotFound, RetimingError, VerificationError
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
@@ -146,7 +146,7 @@ def timed_leg(
 
     Raises:
         NoPlanFound: the path cannot be timed within the limits.
-        VerificationError: no timing passes; it names what the last of them fails.
+        VerificationError: the only timing does not pass; it names what that fails.
     """
     arm = leg.problem.arm
     timings = timings_of(leg, inverse_dynamics, retimer, settings)
@@ -157,7 +157,7 @@ def timed_leg(
             # Timings are made one by one, so that what is not needed is never computed.
             trajectory = next(timings, None)
             if trajectory is None:
-                raise VerificationError(failures)
+                raise _no_timing(failures, by_transitions=retimer is None and leg.problem.planner.retiming == "paul")
             joints = joint_states(arm, trajectory, inverse_dynamics)
         with stages("verification"):
             checks = verification.verify(leg.problem, trajectory, joints, settings.verification)
@@ -170,6 +170,15 @@ def timed_leg(
         # No planner of an arm whose base moves knows the user's constraints: that they fail is no defect of it.
         if arm.base_axes and failures == broken_terms:
             raise MotionNotFound(_not_kept(failures))
+
+
+def _no_timing(failures: list[str], *, by_transitions: bool) -> CcmError:
+    """What is wrong where no timing passes: that turns leave the path is the method's nature, all else is a defect."""
+    if not by_transitions:
+        return VerificationError(failures)
+    reason = f"even with its narrowest turns a motion of legs and turns fails; the first that does: {failures[0]}"
+    advice = ('use planner.retiming = "toppra", which stays on the path',)
+    return RetimingError(Diagnosis(reason, "retiming", advice, {"failures": failures}))
 
 
 def results_of_terms(

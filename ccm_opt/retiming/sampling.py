@@ -82,6 +82,11 @@ def sample_motion(
         time = near_the_path(spline, profile, time, chords, coordinates, settings)
     if jumps is not None:
         time = with_jumps(time, jumps, settings.beside_jump)
+    return samples_at(spline, profile, time)
+
+
+def samples_at(spline: BSpline, profile: Profile, time: FloatArray) -> MotionSamples:
+    """The motion of a path at given times, the first and last of which are those of its ends, shape (T,) [s]."""
     s, speed, growth = (values[:, None] for values in profile.at(time))
     # Both ends are free of rounding, so that start and goal are met exactly and at rest.
     s[[0, -1], 0] = (0.0, 1.0)

@@ -19,7 +19,8 @@ from ccm_opt.retiming.motion_samples import MotionSamples
 from ccm_opt.retiming.path_limits import likely_coordinates
 from ccm_opt.retiming.path_rows import PathRows, path_rows
 from ccm_opt.retiming.profile import SpeedProfile
-from ccm_opt.retiming.sampling import Chords, sample_motion
+from ccm_opt.retiming.sampling import Chords, sample_motion, samples_at
+from ccm_opt.retiming.seen_accelerations import halved_where_unseen
 from ccm_opt.retiming.smoothing import SmoothProfile, jerk_limited
 from ccm_opt.retiming.speed_rounds import fastest_within
 from ccm_opt.retiming.timed_path import TimedPath
@@ -143,12 +144,23 @@ class _Timing:
                 settings,
                 self._jumps(profile),
             )
+            samples = self._with_all_seen(samples, profile)
             stretch = needed_stretch(samples, self.limits)
             if stretch <= settings.small_stretch:
                 return samples.slowed(max(stretch, 1.0))
             self.rows(samples.s)  # a drive that is too weak between grid points is the reason, and is named
             profile = profile.slowed(stretch)
         raise _no_speed(profile)
+
+    def _with_all_seen(self, samples: MotionSamples, profile: SpeedProfile | SmoothProfile) -> MotionSamples:
+        """The samples, with more between them where accelerations swing unseen."""
+        settings = self.settings.sampling
+        for _ in range(settings.cuttings):
+            time = halved_where_unseen(samples, self.path.bounds.acceleration, settings)
+            if time is None:
+                break
+            samples = samples_at(self.path.spline, profile, time)
+        return samples
 
     def _jumps(self, profile: SpeedProfile | SmoothProfile) -> FloatArray | None:
         """When the motion's accelerations jump; None for a motion whose jerk is limited."""

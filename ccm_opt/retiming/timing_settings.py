@@ -107,13 +107,18 @@ class SamplingSettings:
         hair: sag that is allowed anyhow [m]. Derived: half of what the verifier forgives, which the driver puts in its
             place for the arm and the problem; as it stands here, for an arm of a metre.
         most_pieces: pieces that a step may be cut into so that chords stay near the path. Taste; it bounds the samples.
-        cuttings: most rounds of cutting steps. Measured: the first leaves few steps too long.
+        cuttings: most rounds of cutting steps, for chords and again for accelerations. Measured: the first leaves few
+            steps too long for chords.
         jump: change of an acceleration or effort, as a share of its limit, at which a sample is put when it happens at
             once. A drive's reference that is interpolated between two samples beside a jump passes the accelerations
             before and after it by up to a third of the jump. Taste: what smaller ones add is within the share that
             plans leave.
         beside_jump: share of a step by which such a sample is at least away from its neighbours. Derived: nearer than
             this to a sample, a jump adds less than 4 %.
+        unseen_share: share of the velocity that a joint gains and loses which its samples may leave unexplained; steps
+            are halved until it is no more. Derived: half of what the verifier allows.
+        unseen_floor: the same as a share of what the acceleration limit allows over the whole motion. Derived: so is
+            this.
         small_stretch: stretch of time that keeps the samples where they are on the path; steps are shorter by as much
             before it. Taste.
         resamplings: most samplings, each of a motion slower than the last by at least a small stretch. Derived: they
@@ -128,6 +133,8 @@ class SamplingSettings:
     cuttings: int = 8
     jump: float = 0.1
     beside_jump: float = 0.02
+    unseen_share: float = 0.025
+    unseen_floor: float = 5e-4
     small_stretch: float = 1.01
     resamplings: int = 60
 
