@@ -18,7 +18,7 @@ from ccm_opt.files.plotting.schema_pictures import SchemaPanel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0
 from ccm_opt.hill_climbing.steps import SchemaStopped
-from ccm_opt.planners.baseline import Follower
+from ccm_opt.planners.baseline.follower import Follower
 
 PROBLEMS = Path(__file__).parent.parent / "problems"
 

@@ -16,7 +16,7 @@ import ccm_opt
 from ccm_opt.files.plotting.schema_pictures import SchemaPanel, schemas_png
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.fold_plan import fold_plan, subgoals
-from ccm_opt.planners.baseline import Follower
+from ccm_opt.planners.baseline.follower import Follower
 from ccm_opt.planners.baseline.hill_climbing_planner import obstacle_ahead
 from ccm_opt.problem import TipGoal
 

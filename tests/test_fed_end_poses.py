@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.angles import wrap
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.planners.feed import FeedPlanner
 from ccm_opt.planners.feed.fed_task import fed_task
+from ccm_opt.planners.feed.feed_planner import FeedPlanner
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.problem import TipGoal
 

@@ -12,7 +12,7 @@ from ccm_opt.errors import NoPlanFound
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.angles import wrap
 from ccm_opt.motion.ends import tip_goal
-from ccm_opt.planners.feed import FeedPlanner
+from ccm_opt.planners.feed.feed_planner import FeedPlanner
 from ccm_opt.planners.feed.members_on_way import members_on_way
 from ccm_opt.planners.goal_members import goal_members
 from ccm_opt.problem import TipGoal

@@ -16,9 +16,9 @@ from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0
 from ccm_opt.hill_climbing.steps import SchemaStopped, run
 from ccm_opt.jointed.arm import Feed
-from ccm_opt.planners.baseline import Follower, HillClimbingPlanner
 from ccm_opt.planners.baseline.baseline_settings import BaselineSettings
-from ccm_opt.planners.baseline.hill_climbing_planner import first_plan, obstacle_ahead
+from ccm_opt.planners.baseline.follower import Follower
+from ccm_opt.planners.baseline.hill_climbing_planner import HillClimbingPlanner, first_plan, obstacle_ahead
 from ccm_opt.problem import Problem, TipGoal
 
 from .conftest import PROBLEMS

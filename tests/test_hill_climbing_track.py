@@ -17,7 +17,7 @@ from ccm_opt.hill_climbing.clearance_field import ClearanceField
 from ccm_opt.hill_climbing.curve_track import track_through
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.region_plan import passages
-from ccm_opt.planners.baseline import Follower
+from ccm_opt.planners.baseline.follower import Follower
 
 from .conftest import PROBLEMS
 
