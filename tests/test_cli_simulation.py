@@ -71,6 +71,16 @@ def test_describe_prints_the_link_parameter_table(solved: Path) -> None:
     assert "payload 0.02 kg" in out
 
 
+def test_pd_follows_without_being_tuned(solved: Path) -> None:
+    """With gains that come from the arm ``--controller pd`` follows the plan, also with a load that it does not know."""
+    for load in ((), ("--payload", "0.05")):
+        code, out, _ = run("simulate", str(solved), "--controller", "pd", "--no-pictures", *load, "--json")
+        assert code == 0
+        assert metrics_of(out)["tracking_error_rad"] < 0.05
+    table = run("simulate", str(solved), "--controller", "pd", "--no-pictures")[1]
+    assert re.search(r"gains +[\d.]+ to [\d.]+ N m/rad +suit the arm at 50 1/s", table)
+
+
 def test_simulate_repeats_what_was_recorded(solved: Path) -> None:
     """Without options the simulation tracks as it did, draws a picture, and ends with 0."""
     code, out, _ = run("simulate", str(solved), "--json")

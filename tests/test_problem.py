@@ -55,7 +55,7 @@ def test_a_list_is_not_an_array(problem: Problem) -> None:
 
 def test_unstable_gains_are_refused_before_planning(problem: Problem) -> None:
     """Gains that no motion can be simulated with are refused as input, not after a plan was found."""
-    options = replace(problem.simulation, controller="pd", proportional_gain=200.0, derivative_gain=5.0)
+    options = replace(problem.simulation, controller="pd", proportional_gain=200.0, derivative_gain=0.02)
     heard: list[Progress] = []
     with pytest.raises(ProblemError, match="the simulation cannot run: pd with"):
         ccm_opt.solve(replace(problem, simulation=options), progress=heard.append)

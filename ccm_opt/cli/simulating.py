@@ -100,6 +100,8 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
     units = units_of(problem)
     table = value_table(f"{problem.name}: simulated")
     table.add_row("controller", problem.simulation.controller, "", f"step {problem.simulation.step:g} s")
+    if problem.simulation.controller == "pd":
+        table.add_row("gains", *_words_of_gains(problem))
     for name, value in _disturbed(problem).items():
         table.add_row(name.replace("_", " "), f"{value:.4g}", "", "unknown to the controller")
     for name, value in figures.items():
@@ -111,6 +113,19 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
     outcome, _, _, reason = verdict_cells(simulated.verdict)
     table.add_row("simulation", outcome, "", reason)
     report_console().print(table)
+
+
+def _words_of_gains(problem: Problem) -> tuple[str, str, str]:
+    """Gains of the joints' PD law: value, nothing where a limit would stand, and where they come from."""
+    from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
+
+    options = problem.simulation
+    stiffness = gains(problem.arm, options).proportional
+    given = options.proportional_gain is not None or options.derivative_gain is not None
+    least = f"{stiffness.min():.4g}"
+    most = f"{stiffness.max():.4g}"
+    value = f"{most} N m/rad" if least == most else f"{least} to {most} N m/rad"
+    return value, "", "as given" if given else f"suit the arm at {options.bandwidth:g} 1/s"
 
 
 def _disturbed(problem: Problem) -> dict[str, float]:

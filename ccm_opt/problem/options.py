@@ -100,9 +100,9 @@ class SimulationOptions:
         gravity: shape (3,) [m/s²]; the plane of motion is x-z.
         step: integration step [s].
         controller: the tracking law.
-        bandwidth: natural frequency ωn of the computed-torque error dynamics [1/s].
-        proportional_gain: of the PD law [N m/rad].
-        derivative_gain: of the PD law [N m s/rad].
+        bandwidth: natural frequency ωn that both laws are tuned for [1/s].
+        proportional_gain: of the PD law for every joint [N m/rad]; None for what suits the arm at this bandwidth.
+        derivative_gain: of the PD law for every joint [N m s/rad]; likewise.
         disturbances: what the controller does not know of.
     """
 
@@ -110,8 +110,8 @@ class SimulationOptions:
     step: float = 1e-3
     controller: ControllerName = "computed-torque"
     bandwidth: float = 50.0
-    proportional_gain: float = 2.0
-    derivative_gain: float = 0.002
+    proportional_gain: float | None = None
+    derivative_gain: float | None = None
     disturbances: Disturbances = field(default_factory=Disturbances)
 
 

@@ -1,6 +1,6 @@
 """The bodies of the arm as the dynamics see them: one link a ball, the two frames between massless (section 5.4)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,6 +70,11 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     slides = float(len(arm.base_axes))
     world = np.array([*local_gravity, arm.payload, slides])
     return ArmModel(arm_structure(arm), bodies, drives, world)
+
+
+def with_rotor_code(model: ArmModel) -> ArmModel:
+    """The same model by the code that knows of rotors, be their inertia zero."""
+    return replace(model, structure=replace(model.structure, geared=True))
 
 
 def _per_ball(arm: Arm, value: FloatArray | float) -> FloatArray:

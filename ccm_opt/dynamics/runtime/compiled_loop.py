@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.runtime.compiled_function import CompiledArm
-from ccm_opt.dynamics.runtime.control_law import LoopParameters
+from ccm_opt.dynamics.runtime.control_law import LoopParameters, stiffened
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.library_cache import pointer_to
 
@@ -18,15 +18,16 @@ class _LoopStruct(ctypes.Structure):
     _fields_ = (
         ("plant", ctypes.c_void_p),
         ("model", ctypes.c_void_p),
+        ("stiffened", ctypes.c_void_p),
         ("count", ctypes.c_long),
         ("held", ctypes.c_long),
         ("computed", ctypes.c_long),
         ("step", ctypes.c_double),
-        ("kp", ctypes.c_double),
-        ("kd", ctypes.c_double),
         ("feed_kp", ctypes.c_double),
         ("feed_kd", ctypes.c_double),
         ("feed_limit", ctypes.c_double),
+        ("kp", ctypes.c_void_p),
+        ("kd", ctypes.c_void_p),
         ("limit", ctypes.c_void_p),
         ("reference", ctypes.c_void_p),
         ("noise", ctypes.c_void_p),
@@ -50,9 +51,14 @@ class CompiledLoop:
     def __init__(self, library: ctypes.CDLL, plant: ArmModel, model: ArmModel, parameters: LoopParameters) -> None:
         self._plant = CompiledArm(library, plant)
         self._model = CompiledArm(library, model)
+        self._stiffened = self._model if parameters.computed else CompiledArm(library, stiffened(model, parameters))
         self._simulate = library.simulate
         self._parameters = parameters
-        self._limit = np.ascontiguousarray(parameters.limit, dtype=np.float64)
+        # Kept, for C is given their addresses.
+        self._by_joint = [
+            np.ascontiguousarray(array, dtype=np.float64)
+            for array in (parameters.proportional, parameters.derivative, parameters.limit)
+        ]
         rows = ctypes.c_long.in_dll(library, "loop_rows").value
         self._work = np.zeros((rows, plant.structure.joints + 1))
 
@@ -69,9 +75,10 @@ class CompiledLoop:
 
         # C is given bare addresses, so every array must be contiguous and outlive the call.
         p = self._parameters
-        gains = (p.proportional, p.derivative, p.feed_proportional, p.feed_derivative)
-        numbers = (count, min(held, count), int(p.computed), p.step, *gains, p.feed_limit)
-        arrays = (self._limit, reference, noise, x, states, efforts, self._work)
+        feed = (p.feed_proportional, p.feed_derivative, p.feed_limit)
+        numbers = (count, min(held, count), int(p.computed), p.step, *feed)
+        arrays = (*self._by_joint, reference, noise, x, states, efforts, self._work)
         addresses = (array.ctypes.data for array in arrays)
-        self._simulate(pointer_to(_LoopStruct(self._plant.address, self._model.address, *numbers, *addresses)))
+        arms = (self._plant.address, self._model.address, self._stiffened.address)
+        self._simulate(pointer_to(_LoopStruct(*arms, *numbers, *addresses)))
         return states, efforts

@@ -12,7 +12,11 @@ their torques and the thrust, u = (τ, F). Each step of length h does three thin
      at the middle of the step. Where F passes its limit, a_b is changed to what the base can do,
      a_b + (clamp(F) − F) / m with m the mass of arm and payload, and u is computed once more, so that the joints'
      torques fit a base that lags;
-   - PD: u = Kp e + Kd ė + ID(q, 0, 0), the gravity efforts of the measured pose added (Takegaki and Arimoto, 1981).
+   - PD: τ = Kp e⁺ + Kd ė⁺ + ID(q, 0, 0), the gravity torques of the measured pose added (Takegaki and Arimoto, 1981),
+     with the errors at the end of the step, e⁺ = e + h ė and ė⁺ = ė + h (q̈_r − q̈): drives close their loops many times
+     in a step, and errors of its start, held so long, would shake a light link under gains that hold a heavy arm. The
+     q̈ that this makes is FD of the believed arm with rotors heavier by h Kd, under Kp e⁺ + Kd (ė + h q̈_r) + ID(q, 0, 0)
+     (stable PD; Tan, Liu and Turk, 2011). The feed axis has F = Kp e + Kd ė + ID(q, 0, 0).
 
    Both saturate, |τ| ≤ limit and |F| ≤ feed_limit. ID is inverse dynamics (``rnea``) of what the controller believes
    in, which need not be the plant.
@@ -20,9 +24,10 @@ their torques and the thrust, u = (τ, F). Each step of length h does three thin
 3. *Move.* One classical Runge–Kutta step of ẍ = FD(x, ẋ, u), the plant's forward dynamics (``aba``), u held.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.ground.arrays import FloatArray
 
 
@@ -33,8 +38,8 @@ class LoopParameters:
     Attributes:
         step: h [s].
         computed: whether the law is computed torque, else PD.
-        proportional: Kp of the joints, [1/s²] under computed torque, [N m/rad] under PD.
-        derivative: Kd of the joints, [1/s] or [N m s/rad].
+        proportional: Kp of every joint, shape (3 * links,), [1/s²] under computed torque, [N m/rad] under PD.
+        derivative: Kd of every joint, shape (3 * links,), [1/s] or [N m s/rad].
         feed_proportional: Kp of the feed axis, [1/s²] or [N/m].
         feed_derivative: Kd of the feed axis, [1/s] or [N s/m].
         limit: bound on torques, shape (3 * links,) [N m].
@@ -43,12 +48,19 @@ class LoopParameters:
 
     step: float
     computed: bool
-    proportional: float
-    derivative: float
+    proportional: FloatArray
+    derivative: FloatArray
     feed_proportional: float
     feed_derivative: float
     limit: FloatArray
     feed_limit: float
+
+
+def stiffened(model: ArmModel, parameters: LoopParameters) -> ArmModel:
+    """The arm that a controller believes in, with rotors heavier by h Kd: what PD moves by the end of a step."""
+    drives = model.drives.copy()
+    drives[:, :3] += parameters.step * parameters.derivative.reshape(-1, 3)
+    return replace(model, drives=drives)
 
 
 class ClosedLoop(Protocol):

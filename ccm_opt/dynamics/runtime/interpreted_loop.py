@@ -3,7 +3,7 @@
 import numpy as np
 
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
-from ccm_opt.dynamics.runtime.control_law import LoopParameters
+from ccm_opt.dynamics.runtime.control_law import LoopParameters, stiffened
 from ccm_opt.dynamics.runtime.interpreted_function import InterpretedFunction
 from ccm_opt.ground.arrays import FloatArray
 
@@ -24,9 +24,10 @@ class InterpretedLoop:
         self._computed = parameters.computed
         self._limit = np.append(parameters.limit, parameters.feed_limit)
         self._mass = float(np.sum(model.bodies[:, 0]) + model.world[3])
-        joints = plant.structure.joints
-        self._proportional = np.append(np.full(joints, parameters.proportional), parameters.feed_proportional)
-        self._derivative = np.append(np.full(joints, parameters.derivative), parameters.feed_derivative)
+        self._proportional = np.append(parameters.proportional, parameters.feed_proportional)
+        self._derivative = np.append(parameters.derivative, parameters.feed_derivative)
+        if not self._computed:
+            self._predicted = InterpretedFunction("forward_dynamics", stiffened(model, parameters))
 
     def run(
         self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int
@@ -50,8 +51,7 @@ class InterpretedLoop:
         if self._computed:
             effort = self._computed_torque(x, reference[2] + feedback)
         else:
-            rest = np.zeros(len(feedback) - 1)
-            effort = feedback + self._inverse.both(x[0, :-1], rest, rest)
+            effort = self._proportional_derivative(x, reference, feedback)
         return np.clip(effort, -self._limit, self._limit)
 
     def _computed_torque(self, x: FloatArray, a: FloatArray) -> FloatArray:
@@ -66,6 +66,19 @@ class InterpretedLoop:
         if lacking == 0.0:
             return effort
         return self._inverse.both(middle_q, middle_qd, a[:-1], a[-1] + lacking / self._mass)
+
+    def _proportional_derivative(self, x: FloatArray, reference: FloatArray, feedback: FloatArray) -> FloatArray:
+        """The efforts of PD whose errors are those at the end of the step, as the believed arm would make them."""
+        rest = np.zeros(len(feedback) - 1)
+        effort = feedback + self._inverse.both(x[0, :-1], rest, rest)
+        effort[-1] = np.clip(effort[-1], -self._limit[-1], self._limit[-1])
+        joints = slice(None, -1)
+        h = self._step
+        effort[joints] += h * (self._proportional * (reference[1] - x[1]) + self._derivative * reference[2])[joints]
+        # What is left of the errors' change is that of the accelerations which these efforts make.
+        made = self._predicted.both(x[0, joints], x[1, joints], effort[joints], effort[-1])
+        effort[joints] -= h * (self._derivative * made)[joints]
+        return effort
 
     def _advance(self, x: FloatArray, effort: FloatArray) -> FloatArray:
         """One classical Runge–Kutta step under held efforts."""

@@ -3,15 +3,16 @@
 typedef struct {
     const Arm *plant;
     const Arm *model;
+    const Arm *stiffened;  /* the model whose rotors have kd * step more inertia; for PD alone */
     long count;            /* steps */
     long held;             /* of these the first, in which the brakes hold the arm */
     long computed;         /* whether the law is computed torque */
     double step;
-    double kp;
-    double kd;
     double feed_kp;
     double feed_kd;
     double feed_limit;
+    const double *kp;        /* (3 links,) */
+    const double *kd;        /* (3 links,) */
     const double *limit;     /* (3 links,) */
     const double *reference; /* (count, 3, 3 links + 1): positions, velocities, accelerations, the feed last */
     const double *noise;     /* (count, 2, 3 links) */
@@ -51,7 +52,7 @@ static void computed_torque(const Loop *loop, const double *reference, const dou
     for (long i = 0; i < n; i++) {
         double q = x[i] + noise[i];
         double qd = v[i] + noise[n + i];
-        a[i] = reference[2 * m + i] + (loop->kp * (reference[i] - q) + loop->kd * (reference[m + i] - qd));
+        a[i] = reference[2 * m + i] + (loop->kp[i] * (reference[i] - q) + loop->kd[i] * (reference[m + i] - qd));
         middle_q[i] = q + half * qd;
         middle_qd[i] = qd + half * a[i];
     }
@@ -66,24 +67,32 @@ static void computed_torque(const Loop *loop, const double *reference, const dou
     }
 }
 
-/* Efforts of PD with the gravity torques of the pose, before they saturate. */
+/* Efforts of PD with the gravity torques of the pose, before they saturate: errors are those at the end of the step. */
 static void proportional_derivative(const Loop *loop, const double *reference, const double *noise, double *effort)
 {
     long n = 3 * loop->model->links;
     long m = n + 1;
     const double *x = loop->x;
     const double *v = x + m;
+    double h = loop->step;
     double *q = loop->work;
-    double *rest = q + m;
-    double *feedback = rest + m;
+    double *qd = q + m;
+    double *rest = qd + m;
+    double *a = rest + m;
     for (long i = 0; i < n; i++) {
         q[i] = x[i] + noise[i];
+        qd[i] = v[i] + noise[n + i];
         rest[i] = 0.0;
-        feedback[i] = loop->kp * (reference[i] - q[i]) + loop->kd * (reference[m + i] - (v[i] + noise[n + i]));
     }
     double feed = loop->feed_kp * (reference[n] - x[n]) + loop->feed_kd * (reference[m + n] - v[n]);
-    effort[n] = inverse(loop->model, q, rest, rest, 0.0, effort) + feed;
-    for (long i = 0; i < n; i++) effort[i] += feedback[i];
+    effort[n] = clamped(inverse(loop->model, q, rest, rest, 0.0, effort) + feed, loop->feed_limit);
+    for (long i = 0; i < n; i++) {
+        double rate = reference[m + i] - qd[i];
+        double ahead = reference[i] - q[i] + h * rate;
+        effort[i] += loop->kp[i] * ahead + loop->kd[i] * (rate + h * reference[2 * m + i]);
+    }
+    forward(loop->stiffened, q, qd, effort, effort[n], a);
+    for (long i = 0; i < n; i++) effort[i] -= h * loop->kd[i] * a[i];
 }
 
 /* The efforts that are held over a step. */

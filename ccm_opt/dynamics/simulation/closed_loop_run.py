@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.dynamics.algorithms.arm_model import arm_model
+from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
 from ccm_opt.dynamics.runtime.back_end import choose_back_end
 from ccm_opt.dynamics.runtime.control_law import ClosedLoop
 from ccm_opt.dynamics.simulation.controller import loop_parameters
 from ccm_opt.dynamics.simulation.disturbances import Noise, disturbed_arm
+from ccm_opt.dynamics.simulation.plan_needs import needs_of_plan
 from ccm_opt.dynamics.simulation.reference import StepReference, step_reference
 from ccm_opt.dynamics.simulation.run_faults import RunFault, first_far_off, first_saturation, steps_before
 from ccm_opt.dynamics.simulation.run_verdict import RunFaults, verdict_of_run
@@ -80,7 +81,11 @@ def simulate(
         if lost is not None:
             break
     limit = np.inf if full is None else float(most[full.column])
-    faults = RunFaults(full, limit, record.full_steps, strayed, record.tracking_error, lost)
+    needs = None
+    if full or strayed or lost:
+        plant = disturbed_arm(arm, options.disturbances)
+        needs = needs_of_plan(plant, trajectory, joints, options.gravity, most)
+    faults = RunFaults(full, limit, record.full_steps, strayed, record.tracking_error, lost, needs)
     return record.motion(arm.coordinates, verdict_of_run(faults, options.step, joints.names))
 
 
@@ -136,7 +141,7 @@ def _prepared(
         arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
     plant = disturbed_arm(arm, options.disturbances)
     check_axes(arm, joints.angles, planar=planar, settings=settings)
-    check_stability(plant, joints.angles, options, planar=planar, settings=settings)
+    check_stability(plant, joints.angles, options, planar=planar, believed=arm, settings=settings)
 
     positions, velocities = _coordinates(trajectory, joints)
     reference = step_reference(trajectory.time, positions, velocities, options.step)
@@ -156,6 +161,10 @@ def closed_loop(plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits
     """The loop of a plant and of the arm that its controller believes in, compiled when the machine can."""
     plant_model = arm_model(plant, options.gravity)
     believed_model = arm_model(arm, options.gravity)
+    if options.controller == "pd":
+        # PD looks ahead on an arm with heavier rotors, and one library serves plant and controller alike.
+        plant_model = with_rotor_code(plant_model)
+        believed_model = with_rotor_code(believed_model)
     parameters = loop_parameters(arm, options, limits)
     return choose_back_end(plant_model.structure).loop(plant_model, believed_model, parameters)
 

@@ -1,17 +1,23 @@
 """Conditions under which the sampled closed loop is stable, checked before anything runs.
 
-The control is computed at the start of a step and held over it. A mode of the joint errors with stiffness α = λ Kp dt²
-and damping β = λ Kd dt then has the discrete characteristic polynomial z² − (2 − α/2 − β) z + (1 + α/2 − β), whose
-roots lie inside the unit circle exactly when β < 2 and α < 2 β (Jury's test): Kd λ dt < 2 and Kp dt < 2 Kd. Computed
-torque makes λ = 1; under PD λ is an eigenvalue of M⁻¹, and gravity torques are those of the measured pose, as those of
-the reference would leave gravity's own stiffness in the loop, which soft gains cannot hold.
+The control is computed at the start of a step and held over it, so that a mode of the joint errors moves by
+x' = x + dt v − ½ dt² a and v' = v − dt a.
+
+Under computed torque a = Kp x + Kd v. With α = Kp dt² and β = Kd dt the roots of z² − (2 − α/2 − β) z + (1 + α/2 − β)
+lie inside the unit circle exactly when β < 2 and α < 2 β (Jury's test); with Kp = ωn² and Kd = 2 ωn: when ωn dt < 1.
+
+PD takes the errors at the end of the step, a = (κ (x + dt v) + v) ν / (1 + ν dt) with κ = Kp / Kd, the same for all
+joints, and ν an eigenvalue of M⁻¹ Kd. Jury's test leaves one condition, ν dt (1 + κ dt) / (1 + ν dt) < 2, which holds
+for every arm if κ dt < 1. Where the arm is lighter than its controller believes, by a factor, the left side is larger
+by its inverse. Gravity torques are those of the measured pose, as those of the reference would leave gravity's own
+stiffness in the loop, which soft gains cannot hold.
 """
 
 import numpy as np
 from scipy.linalg import eigvalsh
 
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
-from ccm_opt.dynamics.simulation.controller import Gains, feed_gains, gains
+from ccm_opt.dynamics.simulation.controller import feed_gains, gains
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import Diagnosis, SimulationError
 from ccm_opt.ground.arrays import FloatArray
@@ -28,23 +34,27 @@ def check_stability(
     options: SimulationOptions,
     *,
     planar: bool,
+    believed: Arm | None = None,
     settings: SimulationSettings = DEFAULT_SIMULATION,
 ) -> None:
     """Refuse gains that the sampled controller cannot hold, and friction that the integrator cannot follow.
 
     Args:
-        arm: the arm.
+        arm: the arm that moves.
         angles: reference motion, shape (T, 3 * links) [rad].
         options: controller, gains and step.
         planar: whether nothing moves the arm out of its plane, so that only the bends count.
+        believed: the arm as its controller knows it; the same when None.
         settings: at how many poses, and how far inside the bounds advised figures are.
 
     Raises:
         SimulationError: with the figures, when a condition of this module's docstring fails.
     """
     poses = _spread(angles, settings.checked_poses)
-    _check_damping(options, settings)
-    _check_fastest_mode(arm, poses, options, settings, planar=planar)
+    if options.controller == "computed-torque":
+        _check_computed_torque(options, settings)
+    else:
+        _check_pd(believed or arm, poses, options, settings, planar=planar)
     for _ in arm.base_axes:
         _check_feed(arm, poses, options, settings, planar=planar)
     _check_friction(arm, poses, options, settings, planar=planar)
@@ -58,53 +68,79 @@ def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
         poses: shape (N, 3 * links) [rad].
         planar: whether the arm stays in its plane.
     """
+    return fastest_rate(arm, poses, np.ones(3 * arm.links), planar=planar)
+
+
+def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bool) -> float:
+    """Largest eigenvalue of M⁻¹ diag(damping) [1/s] at some poses; arguments as for ``fastest_mode``.
+
+    Args:
+        arm: the arm.
+        poses: shape (N, 3 * links) [rad].
+        damping: of every joint, shape (3 * links,) [N m s/rad].
+        planar: whether the arm stays in its plane.
+    """
     mass_matrix = MassMatrix(arm)
     moving = _moving(planar=planar)
-    # λmax of M⁻¹ is 1 / λmin of M, for which one eigenvalue suffices.
-    smallest = min(eigvalsh(mass_matrix(q)[moving, moving], subset_by_index=[0, 0])[0] for q in poses)
+    # M⁻¹ K has the eigenvalues of K^½ M⁻¹ K^½, whose inverse is symmetric: K^-½ M K^-½.
+    scale = 1.0 / np.sqrt(damping[moving])
+    smallest = min(
+        eigvalsh(scale[:, None] * mass_matrix(q)[moving, moving] * scale, subset_by_index=[0, 0])[0] for q in poses
+    )
     return float(1.0 / smallest) if smallest > 0.0 else float("inf")
 
 
-def _check_damping(options: SimulationOptions, settings: SimulationSettings) -> None:
-    """Kp dt < 2 Kd."""
-    gain = gains(options)
-    value = gain.proportional * options.step
-    bound = 2.0 * gain.derivative
+def _check_computed_torque(options: SimulationOptions, settings: SimulationSettings) -> None:
+    """ωn dt < 1."""
+    value = options.bandwidth * options.step
+    if value < 1.0:
+        return
+    share = settings.advised_share / value
+    reason = (
+        f"computed-torque with a bandwidth of {options.bandwidth:.4g} 1/s, dt = {options.step:.4g} s, is unstable: "
+        f"bandwidth · dt < 1 is needed, but the left side is {value:.4g}"
+    )
+    advice = (
+        f"simulation.bandwidth below {share * options.bandwidth:.3g} 1/s",
+        f"simulation.step below {share * options.step:.3g} s",
+    )
+    raise SimulationError(Diagnosis(reason, "simulation", advice, {"value": value, "bound": 1.0}))
+
+
+def _check_pd(
+    believed: Arm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
+) -> None:
+    """ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm that is lighter than believed."""
+    step = options.step
+    gain = gains(believed, options)
+    ratio = float(np.max(gain.proportional / gain.derivative))
+    rate = fastest_rate(believed, poses, gain.derivative, planar=planar)
+    value = rate * step * (1.0 + ratio * step) / (1.0 + rate * step)
+    bound = 2.0 * (1.0 + min(options.disturbances.mass_error, 0.0))
     if value < bound:
         return
-    advice: tuple[str, ...]
-    if options.controller == "computed-torque":
-        advice = _computed_torque_advice(options, settings, bound / value if value > 0.0 else 0.0)
-    else:
-        least = 0.5 * options.proportional_gain * options.step
-        advice = (f"simulation.derivative_gain above {settings.advised_damping * least:.3g} N m s/rad",)
-    raise _unstable("Kp · dt < 2 Kd", value, bound, gain, options, advice)
+
+    reason = (
+        f"pd with Kp / Kd = {ratio:.4g} 1/s, dt = {step:.4g} s, is unstable for this arm: "
+        f"a dt (1 + Kp / Kd · dt) / (1 + a dt) < {bound:.4g} is needed, with a = {rate:.4g} 1/s the greatest "
+        f"eigenvalue of M⁻¹ Kd, but the left side is {value:.4g}"
+    )
+    evidence = {"value": value, "bound": bound, "fastest_rate": rate}
+    raise SimulationError(Diagnosis(reason, "simulation", _pd_advice(options, ratio, bound, settings), evidence))
 
 
-def _check_fastest_mode(
-    arm: Arm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
-) -> None:
-    """Kd λmax dt < 2."""
-    gain = gains(options)
-    # Computed torque divides M out of the loop, so that every mode has λ = 1.
-    computed = options.controller == "computed-torque"
-    fastest = 1.0 if computed else fastest_mode(arm, poses, planar=planar)
-    value = gain.derivative * fastest * options.step
-    if value < 2.0:
-        return
-
-    advice: tuple[str, ...]
-    if computed:
-        advice = _computed_torque_advice(options, settings, 2.0 / value)
-    else:
-        # The left side is linear in gain and step alike, so one share serves the advice on both.
-        share = settings.advised_share * 2.0 / value
-        advice = (
-            f"simulation.derivative_gain below {share * options.derivative_gain:.3g} N m s/rad",
-            f"simulation.step below {share * options.step:.3g} s",
-            'simulation.controller = "computed-torque"',
-        )
-    raise _unstable("Kd · λmax · dt < 2", value, 2.0, gain, options, advice, fastest)
+def _pd_advice(options: SimulationOptions, ratio: float, bound: float, settings: SimulationSettings) -> tuple[str, ...]:
+    """What would make PD stable for an arm of any ν, as far as anything does."""
+    computed = 'simulation.controller = "computed-torque"'
+    # For ν without bound the condition is 1 + κ dt < bound.
+    most = settings.advised_share * (bound - 1.0) / options.step
+    if most <= 0.0:
+        return ("simulation.disturbances.mass_error above -0.5", computed)
+    shorter = f"simulation.step below {most / ratio * options.step:.3g} s"
+    given = options.proportional_gain
+    if given is None or options.derivative_gain is None:
+        return (f"simulation.bandwidth below {2.0 * most:.3g} 1/s", shorter, computed)
+    return (f"simulation.gains.derivative above {given / most:.3g} N m s/rad", shorter, computed)
 
 
 def _check_feed(
@@ -175,34 +211,3 @@ def _spread(angles: FloatArray, count: int) -> FloatArray:
     """Some poses of a motion, first and last among them."""
     rows = np.unique(np.linspace(0, len(angles) - 1, count).round().astype(int))
     return np.asarray(angles[rows], dtype=np.float64)
-
-
-def _computed_torque_advice(options: SimulationOptions, settings: SimulationSettings, ratio: float) -> tuple[str, str]:
-    """What would do when a condition's left side must shrink to ``ratio`` of itself."""
-    share = settings.advised_share * ratio
-    return (
-        f"simulation.bandwidth below {share * options.bandwidth:.3g} 1/s",
-        f"simulation.step below {share * options.step:.3g} s",
-    )
-
-
-def _unstable(
-    condition: str,
-    value: float,
-    bound: float,
-    gain: Gains,
-    options: SimulationOptions,
-    advice: tuple[str, ...],
-    fastest: float = 1.0,
-) -> SimulationError:
-    law = (
-        f"{options.controller} with Kp = {gain.proportional:.4g}, Kd = {gain.derivative:.4g}, dt = {options.step:.4g} s"
-    )
-    return SimulationError(
-        Diagnosis(
-            reason=f"{law} is unstable: {condition} is needed, but the left side is {value:.4g}, the right {bound:.4g}",
-            stage="simulation",
-            advice=advice,
-            evidence={"condition": condition, "value": value, "bound": bound, "lambda_max": fastest},
-        )
-    )

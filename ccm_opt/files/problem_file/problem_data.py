@@ -190,13 +190,14 @@ def _tolerances(tolerances: Tolerances) -> Table:
 
 
 def _simulation(options: SimulationOptions) -> Table:
-    gains = {"proportional": float(options.proportional_gain), "derivative": float(options.derivative_gain)}
+    given = {"proportional": options.proportional_gain, "derivative": options.derivative_gain}
+    gains = {name: float(value) for name, value in given.items() if value is not None}
     return {
         "gravity": _list(options.gravity),
         "step": float(options.step),
         "controller": options.controller,
         "bandwidth": float(options.bandwidth),
-        "gains": gains,
+        **({"gains": gains} if gains else {}),
         "disturbances": _disturbances(options.disturbances),
     }
 

@@ -248,10 +248,10 @@ class PlannerTable(Table):
 
 
 class GainsTable(Table):
-    """Gains of the PD law: proportional [N m/rad], derivative [N m s/rad]."""
+    """Gains of the PD law for every joint: proportional [N m/rad], derivative [N m s/rad]; else they suit the arm."""
 
-    proportional: Positive = SimulationOptions.proportional_gain
-    derivative: Positive = SimulationOptions.derivative_gain
+    proportional: Positive | None = None
+    derivative: Positive | None = None
 
 
 class DisturbancesTable(Table):
