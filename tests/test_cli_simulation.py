@@ -72,7 +72,7 @@ def test_describe_prints_the_link_parameter_table(solved: Path) -> None:
 
 
 def test_pd_follows_without_being_tuned(solved: Path) -> None:
-    """With gains that come from the arm ``--controller pd`` follows the plan, also with a load that it does not know."""
+    """With gains that come from the arm ``--controller pd`` follows the plan, also with a load unknown to it."""
     for load in ((), ("--payload", "0.05")):
         code, out, _ = run("simulate", str(solved), "--controller", "pd", "--no-pictures", *load, "--json")
         assert code == 0
