@@ -2,11 +2,14 @@
 
 import json
 from dataclasses import asdict, replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.errors import ProblemError
@@ -14,6 +17,7 @@ from ccm_opt.files.problem_file import load_problem, problem_from_mapping
 from ccm_opt.files.problem_file.problem_data import problem_data, recorded_data
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.length_units import METRES, LengthUnit, in_unit
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import (
     CurvePose,
@@ -159,3 +163,17 @@ def test_a_curve_off_the_base_and_a_holed_room_are_refused() -> None:
         problem_data(replace(problem, arm=replace(problem.arm, base=np.zeros(2))))
     with pytest.raises(ProblemError, match="boundary has holes"):
         problem_data(replace(problem, workspace=Workspace(HOLED)))
+
+
+@pytest.mark.parametrize("unit", ["m", "mm", "in"])
+def test_problems_are_written_in_their_own_unit(unit: LengthUnit) -> None:
+    """Lengths stand in the problem's unit, and are read as the same metres to the last bit or nearly."""
+    assert_rebuilt(replace(mixed_problem(), length_unit=unit))
+
+
+@given(st.decimals(-1e6, 1e6, places=6), st.sampled_from(["m", "mm", "in"]))
+def test_lengths_that_people_write_come_back_as_written(written: Decimal, unit: LengthUnit) -> None:
+    """A number read as metres and written in the same unit is the same number."""
+    metres = float(written) * METRES[unit]
+    assert in_unit(metres, unit) * METRES[unit] == metres
+    assert in_unit(metres, unit) == pytest.approx(float(written), rel=1e-15, abs=0.0)

@@ -1,6 +1,7 @@
 """``ccm-opt describe``: the arm of a problem, above all its table of link parameters (section 5.2, Figure 6)."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def _describe(problem: Problem) -> int:
 
 def _data(problem: Problem) -> dict[str, object]:
     """The arm in the layout of a problem file, and its link parameters in SI units and radians, for programs."""
-    whole = problem_data(problem)
+    whole = problem_data(replace(problem, length_unit="m"))
     rows = zip(joint_names(problem.arm), dh_table(problem.arm), strict=True)
     parameters = [{"joint": name, **row._asdict()} for name, row in rows]
     return {"status": "described", "name": problem.name, "arm": whole["arm"], "limits": whole["limits"]} | {

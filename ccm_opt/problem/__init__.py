@@ -1,7 +1,11 @@
 """A motion-planning problem: frozen data, SI units, radians. ``problem_file`` makes one from TOML."""
 
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.length_units import LengthUnit
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import DriveLimits, Limits, PointLimit
-from ccm_opt.problem.definition import LengthUnit, Problem
+from ccm_opt.problem.definition import Problem
 from ccm_opt.problem.options import (
     ControllerName,
     Disturbances,
@@ -16,6 +20,7 @@ from ccm_opt.problem.options import (
 from ccm_opt.problem.poses import CurvePose, Goal, JointPose, Start, Stop, TipGoal, Tolerances
 
 __all__ = [
+    "Arm",
     "ControllerName",
     "CurvePose",
     "Disturbances",
@@ -25,6 +30,7 @@ __all__ = [
     "LengthUnit",
     "Limits",
     "MethodName",
+    "Obstacle",
     "OptimiserName",
     "PlannerOptions",
     "PointLimit",
@@ -37,4 +43,5 @@ __all__ = [
     "Tolerances",
     "VerificationOptions",
     "Weights",
+    "Workspace",
 ]

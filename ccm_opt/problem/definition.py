@@ -1,11 +1,11 @@
 """One planning problem: what is known before a motion is sought."""
 
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.expected import expect
+from ccm_opt.ground.length_units import LengthUnit
 from ccm_opt.ground.length_words import metres
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import Limits
@@ -13,8 +13,6 @@ from ccm_opt.problem.defects import defects
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions
 from ccm_opt.problem.poses import Goal, Start, Stop, Tolerances
 
-LengthUnit: TypeAlias = Literal["m", "mm", "in"]
-"""What lengths in a problem file may be given in."""
 CONTACT_SHARE_OF_LENGTH = 1e-6
 """Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made
 to, and above what the certificate and the chords between samples leave to rounding."""

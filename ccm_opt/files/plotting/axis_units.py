@@ -1,24 +1,18 @@
 """The unit of lengths on the axes of a picture: that of the problem's file."""
 
-import re
-
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from ccm_opt.ground.length_units import METRES
 from ccm_opt.problem import Problem
 
-_METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
-_UNITS = re.compile(r'^\s*units\s*=\s*["\'](\w+)["\']', re.MULTILINE)
 _ROUND = (1, 2, 2.5, 5, 10)
 """Steps between ticks, times powers of ten."""
 
 
 def length_unit(problem: Problem) -> tuple[str, float]:
-    """Name of the unit in which a problem's file gives lengths, and its metres; metres where there is no file."""
-    # The key stands before the first table, where nothing else can be called so.
-    found = _UNITS.search(problem.source.partition("[")[0])
-    name = found[1] if found else "m"
-    return (name, _METRES[name]) if name in _METRES else ("m", 1.0)
+    """Name of the unit in which a problem's file gives lengths, and its metres."""
+    return problem.length_unit, METRES[problem.length_unit]
 
 
 def label_axes(axes: Axes, problem: Problem) -> None:
@@ -26,7 +20,7 @@ def label_axes(axes: Axes, problem: Problem) -> None:
 
     Args:
         axes: in metres, whose limits are set.
-        problem: whose file names the unit.
+        problem: which names the unit.
     """
     name, metres = length_unit(problem)
     for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y")):

@@ -6,9 +6,9 @@ import shapely
 
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.reading_settings import READING
-from ccm_opt.files.problem_file.typed_quantities import METRES
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
+from ccm_opt.ground.length_units import METRES
 
 
 def depth_inside(obstacle: Obstacle, point: Sequence[float]) -> float:

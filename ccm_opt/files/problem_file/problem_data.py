@@ -1,7 +1,8 @@
-"""From a problem back to the data of a problem file, the inverse of reading: in metres, degrees where a key says so."""
+"""From a problem back to the data of a problem file, the inverse of reading: in its unit, angles in degrees."""
 
 import tomllib
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import shapely
@@ -14,17 +15,20 @@ from ccm_opt.files.problem_file.scene_file import obstacle_table
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_units import METRES, LengthUnit, in_unit
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import (
     Disturbances,
     Goal,
     JointPose,
     Limits,
+    PlannerOptions,
     Problem,
     SimulationOptions,
     Start,
     TipGoal,
     Tolerances,
+    VerificationOptions,
 )
 
 Table = dict[str, object]
@@ -56,7 +60,8 @@ def recorded_data(problem: Problem) -> Table:
 def problem_data(problem: Problem) -> Table:
     """Every value of a problem in the layout of ``problem.toml``.
 
-    Angles pass through degrees, so that the problem read from these data may differ in the last bit.
+    Angles pass through degrees, so that the problem read from these data may differ in the last bit. Lengths are in the
+    problem's unit, as numbers that are read as the same metres wherever there are such.
 
     Args:
         problem: the problem; its ``source`` does not matter.
@@ -67,33 +72,40 @@ def problem_data(problem: Problem) -> Table:
     Raises:
         ProblemError: when it cannot be written in a problem file.
     """
+    unit = problem.length_unit
     return {
         "schema": 1,
         "name": problem.name,
         "description": problem.description,
-        "workspace": _workspace(problem.workspace),
-        "arm": _arm(problem.arm),
-        "limits": _limits(problem.limits),
-        "start": _pose(problem.start, problem.arm),
+        "units": problem.length_unit,
+        "workspace": workspace_table(problem.workspace, unit),
+        "arm": arm_table(problem.arm, unit),
+        "limits": limits_table(problem.limits, unit),
+        "start": pose_table(problem.start, problem.arm, unit),
         "goal": _goals(problem),
-        "planner": {key: value for key, value in asdict(problem.planner).items() if value is not None},
-        "simulation": _simulation(problem.simulation),
+        "planner": planner_table(problem.planner, unit),
+        "simulation": simulation_table(problem.simulation),
         "tolerance": {"joint_error_deg": _degrees(problem.joint_error)},
-        "verification": {key: value for key, value in asdict(problem.verification).items() if value is not None},
+        "verification": verification_table(problem.verification, unit),
     }
 
 
-def _workspace(workspace: Workspace) -> Table:
+def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
+    """A room as ``[workspace]``.
+
+    Raises:
+        ProblemError: its boundary has holes, or an obstacle is none that a problem file can say.
+    """
     if workspace.boundary.interiors:
         raise ProblemError("the workspace's boundary has holes, which a problem file cannot say; make them obstacles")
     return {
-        "boundary": shapely.get_coordinates(workspace.boundary.exterior)[:-1].tolist(),
-        "clearance": float(workspace.clearance),
-        "obstacles": [_obstacle(obstacle) for obstacle in workspace.obstacles],
+        "boundary": _lengths(shapely.get_coordinates(workspace.boundary.exterior)[:-1], unit),
+        "clearance": in_unit(workspace.clearance, unit),
+        "obstacles": [_obstacle(obstacle, unit) for obstacle in workspace.obstacles],
     }
 
 
-def _obstacle(obstacle: Obstacle) -> Table:
+def _obstacle(obstacle: Obstacle, unit: LengthUnit) -> Table:
     # A rounded polygon has no table of its own, and a point without rounding is no obstacle.
     expected = shapely.Point if obstacle.rounding > 0.0 else shapely.Polygon
     if not isinstance(obstacle.core, (expected, shapely.LineString)):
@@ -101,20 +113,22 @@ def _obstacle(obstacle: Obstacle) -> Table:
             f"obstacle '{obstacle.name}', a {type(obstacle.core).__name__} with rounding {obstacle.rounding:g} m, "
             "is none that a problem file can say; expected a polygon without rounding, a point with, or a line"
         )
-    return obstacle_table(obstacle)
+    core = shapely.transform(obstacle.core, lambda points: np.array(_lengths(points, unit)))
+    return obstacle_table(Obstacle(obstacle.name, core, in_unit(obstacle.rounding, unit)))
 
 
-def _arm(arm: Arm) -> Table:
+def arm_table(arm: Arm, unit: LengthUnit) -> Table:
+    """An arm as ``[arm]``."""
     table: Table = {
         "links": int(arm.links),
-        "link_length": float(arm.link_length),
-        "radius": float(arm.radius),
-        "base": _list(arm.base),
+        "link_length": in_unit(arm.link_length, unit),
+        "radius": in_unit(arm.radius, unit),
+        "base": _lengths(arm.base, unit),
         "base_heading_deg": _degrees(arm.base_heading),
         "joint_limit_deg": _degrees(arm.joint_limit),
         "base_limit_deg": _degrees(arm.base_limit),
         "self_collision": bool(arm.self_collision),
-        "mount_length": float(arm.mount_length),
+        "mount_length": in_unit(arm.mount_length, unit),
         "masses": _list(arm.masses),
         "inertia": {"axial": _list(arm.inertia_axial), "transverse": _list(arm.inertia_transverse)},
         "axes": arm.axes,
@@ -123,11 +137,13 @@ def _arm(arm: Arm) -> Table:
         if np.any(value := np.asarray(getattr(arm, key), dtype=np.float64)):
             table[key] = _list(value) if value.ndim else float(value)
     for name, axis in zip(arm.coordinates.base_names, arm.base_axes, strict=True):
-        table[name] = {"range": [float(axis.low), float(axis.high)], "hole": float(axis.hole)}
+        ends = [in_unit(axis.low, unit), in_unit(axis.high, unit)]
+        table[name] = {"range": ends, "hole": in_unit(axis.hole, unit)}
     return table
 
 
-def _limits(limits: Limits) -> Table:
+def limits_table(limits: Limits, unit: LengthUnit) -> Table:
+    """Limits as ``[limits]``."""
     table: Table = {"velocity": _list(limits.velocity), "acceleration": _list(limits.acceleration)}
     for key in ("jerk", "torque"):
         if getattr(limits, key) is not None:
@@ -142,7 +158,7 @@ def _limits(limits: Limits) -> Table:
         if point.at is None:
             table |= {f"tip_{key}": value for key, value in given.items()}
         else:
-            points.append({"at": float(point.at), **given})
+            points.append({"at": in_unit(point.at, unit), **given})
     if points:
         table["points"] = points
     return table
@@ -150,46 +166,66 @@ def _limits(limits: Limits) -> Table:
 
 def _goals(problem: Problem) -> Table | list[Table]:
     """The goal, or with stops on the way the list of all goals."""
-    last = _goal(problem.goal, problem.arm) | _tolerances(problem.tolerances)
+    arm = problem.arm
+    unit = problem.length_unit
+    last = goal_table(problem.goal, arm, unit) | _tolerances(problem.tolerances, unit)
     stops = [
-        _goal(stop.goal, problem.arm) | _tolerances(stop.tolerances) | {"pause": float(stop.pause)}
+        goal_table(stop.goal, arm, unit) | _tolerances(stop.tolerances, unit) | {"pause": float(stop.pause)}
         for stop in problem.stops
     ]
     return [*stops, last] if stops else last
 
 
-def _goal(goal: Goal, arm: Arm) -> Table:
+def goal_table(goal: Goal, arm: Arm, unit: LengthUnit) -> Table:
+    """A goal as ``[goal]``, without its tolerances."""
     if not isinstance(goal, TipGoal):
-        return _pose(goal, arm)
-    table: Table = {"position": _list(goal.position)}
+        return pose_table(goal, arm, unit)
+    table: Table = {"position": _lengths(goal.position, unit)}
     return table if goal.heading is None else table | {"heading_deg": _degrees(goal.heading)}
 
 
-def _pose(pose: Start, arm: Arm) -> Table:
-    feed: Table = {axis: float(pose.feed) for axis in arm.coordinates.base_names}
+def pose_table(pose: Start, arm: Arm, unit: LengthUnit) -> Table:
+    """A pose of the whole arm as ``[start]``.
+
+    Raises:
+        ProblemError: a curve does not begin at the base.
+    """
+    feed: Table = {axis: in_unit(pose.feed, unit) for axis in arm.coordinates.base_names}
     if isinstance(pose, JointPose):
         return {"joints_deg": _list(np.rad2deg(pose.bends))} | feed
-    return _curve(pose.configuration, arm) | feed
+    return _curve(pose.configuration, arm, unit) | feed
 
 
-def _curve(curve: Configuration, arm: Arm) -> Table:
+def _curve(curve: Configuration, arm: Arm, unit: LengthUnit) -> Table:
     if not np.allclose(curve.base, arm.base, rtol=0.0, atol=READING.base_tolerance * arm.length):
         raise ProblemError(f"a curve begins at {_list(curve.base)}, expected the arm's base, {_list(arm.base)}")
     segments = [
-        {"length": float(s.length), "curvature": _list(s.curvature), "knots": [float(knot) for knot in s.knots]}
-        for s in curve.segments
+        {
+            "length": in_unit(segment.length, unit),
+            "curvature": _list(METRES[unit] * segment.curvature),
+            "knots": [float(knot) for knot in segment.knots],
+        }
+        for segment in curve.segments
     ]
     return {"heading_deg": _degrees(curve.base_heading), "segments": segments}
 
 
-def _tolerances(tolerances: Tolerances) -> Table:
+def _tolerances(tolerances: Tolerances, unit: LengthUnit) -> Table:
     return {
-        "position_tolerance": float(tolerances.position),
+        "position_tolerance": in_unit(tolerances.position, unit),
         "heading_tolerance_deg": _degrees(tolerances.heading),
     }
 
 
-def _simulation(options: SimulationOptions) -> Table:
+def planner_table(options: PlannerOptions, unit: LengthUnit) -> Table:
+    """Planner options as ``[planner]``."""
+    table = asdict(options)
+    gap = table.pop("wanted_gap")
+    return table if gap is None else table | {"wanted_gap": in_unit(gap, unit)}
+
+
+def simulation_table(options: SimulationOptions) -> Table:
+    """Simulation options as ``[simulation]``."""
     given = {"proportional": options.proportional_gain, "derivative": options.derivative_gain}
     gains = {name: float(value) for name, value in given.items() if value is not None}
     return {
@@ -207,6 +243,12 @@ def _disturbances(disturbances: Disturbances) -> Table:
     return table | {"angle_noise_deg": _degrees(table.pop("angle_noise"))}
 
 
+def verification_table(options: VerificationOptions, unit: LengthUnit) -> Table:
+    """How strictly plans are judged as ``[verification]``."""
+    tolerance = options.contact_tolerance
+    return {} if tolerance is None else {"contact_tolerance": in_unit(tolerance, unit)}
+
+
 def _degrees(angle: float) -> float:
     return float(np.rad2deg(angle))
 
@@ -214,3 +256,11 @@ def _degrees(angle: float) -> float:
 def _list(values: FloatArray) -> list[float]:
     plain: list[float] = np.asarray(values, dtype=np.float64).tolist()
     return plain
+
+
+def _lengths(values: FloatArray, unit: LengthUnit) -> list[Any]:
+    """Lengths or places in a unit, as nested lists."""
+    metres = np.asarray(values, dtype=np.float64)
+    given = np.array([in_unit(value, unit) for value in metres.flat])
+    nested: list[Any] = given.reshape(metres.shape).tolist()
+    return nested

@@ -12,8 +12,8 @@ import shapely
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.schema import SceneTable
-from ccm_opt.files.problem_file.typed_quantities import METRES
 from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.ground.length_units import METRES
 
 
 def with_scene(data: Mapping[str, object], folder: Path | None, issues: Issues) -> Mapping[str, object]:

@@ -37,7 +37,7 @@ from ccm_opt.files.problem_file.schema import (
     VerificationTable,
     WorkspaceTable,
 )
-from ccm_opt.files.problem_file.typed_quantities import METRES
+from ccm_opt.ground.length_units import METRES
 from ccm_opt.problem import Problem
 
 Model = TypeVar("Model", bound=BaseModel)

@@ -14,8 +14,6 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo
 
 from ccm_opt.files.problem_file.issues import described
 
-METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
-"""Metres in each length unit that a problem file may use."""
 MAX_LENGTH = 1e9
 """Largest coordinate [m]; beyond it double precision no longer resolves a micrometre."""
 

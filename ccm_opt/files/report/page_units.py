@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import degrees, floor, isfinite, log10
 
-from ccm_opt.files.problem_file.typed_quantities import METRES
+from ccm_opt.ground.length_units import METRES
 from ccm_opt.problem import LengthUnit
 
 MINUS = "\N{MINUS SIGN}"
