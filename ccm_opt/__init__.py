@@ -2,7 +2,7 @@
 
 The names below are loaded when they are first used, so that importing the package is cheap::
 
-    problem = ccm_opt.load_problem("problems/swan-neck.toml")
+    problem = ccm_opt.load_problem("problems/swan-neck.toml")  # or ccm_opt.make_problem(...)
     solution = ccm_opt.solve(problem)
     checks = ccm_opt.check(problem, solution.trajectory, solution.joints)
 """
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ccm_opt import errors
+    from ccm_opt.driver.built_in import BuiltInPlanner, BuiltInRetimer, Planner, Retimer
     from ccm_opt.driver.finding_pose import find_pose
     from ccm_opt.driver.live_plan import LivePlan
     from ccm_opt.driver.pareto import pareto
@@ -20,11 +21,24 @@ if TYPE_CHECKING:
     from ccm_opt.driver.retargeting import retarget
     from ccm_opt.driver.solve_settings import Settings
     from ccm_opt.driver.surviving import tolerance_of
-    from ccm_opt.files.problem_file import load_problem
+    from ccm_opt.errors import CcmError, NoPlanFound, ProblemError, VerificationError
+    from ccm_opt.files import plotting
+    from ccm_opt.files.problem_file import load_problem, make_problem
     from ccm_opt.files.saved_plans import SavedPlan, animate, load, plot, save
     from ccm_opt.ground.progress import Progress
-    from ccm_opt.problem import Problem
-    from ccm_opt.solution import Solution
+    from ccm_opt.problem import (
+        Arm,
+        CurvePose,
+        JointPose,
+        Limits,
+        Obstacle,
+        PlannerOptions,
+        Problem,
+        TipGoal,
+        Workspace,
+        obstacles_of,
+    )
+    from ccm_opt.solution import JointPath, Solution
     from ccm_opt.user_terms.quantities import Quantities
     from ccm_opt.user_terms.terms import Constraint, Cost, Interval, constraint, cost
     from ccm_opt.verification import verify as check
@@ -32,16 +46,33 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Arm",
+    "BuiltInPlanner",
+    "BuiltInRetimer",
+    "CcmError",
     "Constraint",
     "Cost",
+    "CurvePose",
     "Interval",
+    "JointPath",
+    "JointPose",
+    "Limits",
     "LivePlan",
+    "NoPlanFound",
+    "Obstacle",
+    "Planner",
+    "PlannerOptions",
     "Problem",
+    "ProblemError",
     "Progress",
     "Quantities",
+    "Retimer",
     "SavedPlan",
     "Settings",
     "Solution",
+    "TipGoal",
+    "VerificationError",
+    "Workspace",
     "__version__",
     "animate",
     "check",
@@ -51,8 +82,11 @@ __all__ = [
     "find_pose",
     "load",
     "load_problem",
+    "make_problem",
+    "obstacles_of",
     "pareto",
     "plot",
+    "plotting",
     "reach_map",
     "retarget",
     "save",
@@ -60,33 +94,35 @@ __all__ = [
     "tolerance_of",
 ]
 
-_HOMES = {
-    "save": ("ccm_opt.files.saved_plans", "save"),
-    "plot": ("ccm_opt.files.saved_plans", "plot"),
-    "load": ("ccm_opt.files.saved_plans", "load"),
-    "animate": ("ccm_opt.files.saved_plans", "animate"),
-    "SavedPlan": ("ccm_opt.files.saved_plans", "SavedPlan"),
-    "Constraint": ("ccm_opt.user_terms.terms", "Constraint"),
-    "Cost": ("ccm_opt.user_terms.terms", "Cost"),
-    "Interval": ("ccm_opt.user_terms.terms", "Interval"),
-    "Quantities": ("ccm_opt.user_terms.quantities", "Quantities"),
-    "constraint": ("ccm_opt.user_terms.terms", "constraint"),
-    "cost": ("ccm_opt.user_terms.terms", "cost"),
-    "LivePlan": ("ccm_opt.driver.live_plan", "LivePlan"),
-    "Problem": ("ccm_opt.problem", "Problem"),
-    "Progress": ("ccm_opt.ground.progress", "Progress"),
-    "Settings": ("ccm_opt.driver.solve_settings", "Settings"),
-    "Solution": ("ccm_opt.solution", "Solution"),
-    "check": ("ccm_opt.verification", "verify"),
-    "find_pose": ("ccm_opt.driver.finding_pose", "find_pose"),
-    "load_problem": ("ccm_opt.files.problem_file", "load_problem"),
-    "pareto": ("ccm_opt.driver.pareto", "pareto"),
-    "reach_map": ("ccm_opt.driver.reach_mapping", "reach_map"),
-    "retarget": ("ccm_opt.driver.retargeting", "retarget"),
-    "solve": ("ccm_opt.driver.pipeline", "solve"),
-    "tolerance_of": ("ccm_opt.driver.surviving", "tolerance_of"),
+_NAMES = {
+    "ccm_opt.driver.built_in": ("BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"),
+    "ccm_opt.driver.finding_pose": ("find_pose",),
+    "ccm_opt.driver.live_plan": ("LivePlan",),
+    "ccm_opt.driver.pareto": ("pareto",),
+    "ccm_opt.driver.pipeline": ("solve",),
+    "ccm_opt.driver.reach_mapping": ("reach_map",),
+    "ccm_opt.driver.retargeting": ("retarget",),
+    "ccm_opt.driver.solve_settings": ("Settings",),
+    "ccm_opt.driver.surviving": ("tolerance_of",),
+    "ccm_opt.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
+    "ccm_opt.files.problem_file": ("load_problem", "make_problem"),
+    "ccm_opt.files.saved_plans": ("SavedPlan", "animate", "load", "plot", "save"),
+    "ccm_opt.ground.progress": ("Progress",),
+    "ccm_opt.problem": (
+        *("Arm", "CurvePose", "JointPose", "Limits", "Obstacle", "PlannerOptions", "Problem", "TipGoal"),
+        *("Workspace", "obstacles_of"),
+    ),
+    "ccm_opt.solution": ("JointPath", "Solution"),
+    "ccm_opt.user_terms.quantities": ("Quantities",),
+    "ccm_opt.user_terms.terms": ("Constraint", "Cost", "Interval", "constraint", "cost"),
+}
+"""Public names by the module that has them under the same name."""
+_HOMES = {name: (module, name) for module, names in _NAMES.items() for name in names} | {
+    "check": ("ccm_opt.verification", "verify")
 }
 """Module and name of each public object."""
+_MODULES = {"errors": "ccm_opt.errors", "plotting": "ccm_opt.files.plotting"}
+"""Public modules."""
 
 
 _MAKING_SOLUTIONS = frozenset(("LivePlan", "Solution", "pareto", "retarget", "solve"))
@@ -95,8 +131,8 @@ _MAKING_SOLUTIONS = frozenset(("LivePlan", "Solution", "pareto", "retarget", "so
 
 def __getattr__(name: str) -> object:
     """Load a public name when it is first used."""
-    if name == "errors":
-        return import_module("ccm_opt.errors")
+    if name in _MODULES:
+        return import_module(_MODULES[name])
     if name not in _HOMES:
         raise AttributeError(f"module 'ccm_opt' has no attribute {name!r}; it has {', '.join(__all__)}")
     if name in _MAKING_SOLUTIONS:

@@ -29,7 +29,7 @@ napoleon_numpy_docstring = False
 nitpicky = True
 nitpick_ignore_regex = [
     # Types of other packages; links to them would need the network at build time.
-    ("py:class", r"(numpy|np|npt|scipy|shapely|pathlib|collections|typing)\b.*"),
+    ("py:class", r"(numpy|np|npt|scipy|shapely|matplotlib|pathlib|collections|typing)\b.*"),
     ("py:class", r"(Path|Mapping|Sequence|Callable|BSpline|ndarray|dtype|float64|Any|Number|Figure)"),
     # Classes that no page documents.
     ("py:class", r"ccm_opt\.hill_climbing\.distance\.Precision"),

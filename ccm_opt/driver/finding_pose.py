@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ccm_opt.diagnosis.explain import refuse_impossible
+from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.pose_failure import failure_words, no_pose
@@ -48,6 +49,7 @@ def find_pose(
         NoPlanFound: no pose was found; the diagnosis says what is missed, and whether that is proved.
     """
     Problem.expected(problem)
+    expect_arguments(progress=progress, settings=settings)
     stages = Stages(progress, problem.planner.time_limit)
     numbers = settings or DEFAULT_SETTINGS
     refuse_other_questions(problem)

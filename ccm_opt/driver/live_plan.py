@@ -4,16 +4,17 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
+from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.live_settings import LIVE, LiveSettings
 from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, verified_plan
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
+from ccm_opt.ground.arguments import finite_array, is_number
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.expected import expect, expect_that, refusal
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.curve import CurvePlanner
@@ -80,6 +81,8 @@ class LivePlan:
     def __post_init__(self) -> None:
         problem = self.problem
         Problem.expected(problem)
+        expect_arguments(settings=self.settings)
+        expect(self.live, LiveSettings, "LiveSettings for live=")
         if not self.suits(problem):
             raise ProblemError(
                 f"'{problem.name}' cannot be planned live: it has a feed axis, goals on the way, or a planner other "
@@ -114,6 +117,7 @@ class LivePlan:
         goal = self.problem.goal
         if not isinstance(goal, TipGoal):
             raise ProblemError("a goal for the whole arm cannot be moved; only one for the tip can")
+        expect_that(lambda: heading is None or is_number(heading), heading, "a heading [rad]")
         moved = TipGoal(
             goal.position if position is None else _place(position), goal.heading if heading is None else float(heading)
         )
@@ -133,6 +137,7 @@ class LivePlan:
             ProblemError: there is no obstacle of that name, or it cannot be moved there.
         """
         workspace = self.problem.workspace
+        expect(name, str, "the name of an obstacle")
         if name not in {obstacle.name for obstacle in workspace.obstacles}:
             known = ", ".join(obstacle.name for obstacle in workspace.obstacles)
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
@@ -149,6 +154,8 @@ class LivePlan:
         Returns:
             Whether there is a plan, and else why not.
         """
+        limited = time_limit is None or (is_number(time_limit) and time_limit > 0.0)
+        expect_that(lambda: limited, time_limit, "a time limit above 0 [s]")
         begin = time.process_time()
         followed, plan, verified, planner = self.current, self.plan, self._verified, self._planner
         self._planner = ResumingPlanner(self._thorough)
@@ -167,6 +174,7 @@ class LivePlan:
         Args:
             progress: as for ``solve``.
         """
+        expect_arguments(progress=progress)
         return described(self.plan.problem, self._verified, Stages(progress), self.settings)
 
     def _changed(self, problem: Problem) -> LiveAnswer:
@@ -211,7 +219,7 @@ def _place(position: Sequence[float] | FloatArray) -> FloatArray:
     Raises:
         ProblemError: it is none.
     """
-    place = np.asarray(position, dtype=np.float64)
-    if place.shape != (2,) or not np.isfinite(place).all():
-        raise ProblemError(f"expected a place (x, y) in metres, got {position!r}")
+    place = finite_array(position)
+    if place is None or place.shape != (2,):
+        raise ProblemError(refusal(position, "a place (x, y) in metres"))
     return place

@@ -4,10 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from ccm_opt.diagnosis.possible_gap import possible_gap
+from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
+from ccm_opt.ground.expected import expect
 from ccm_opt.ground.progress import Progress
 from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
@@ -50,6 +52,8 @@ def pareto(
         CancelledWithPlan: on Ctrl-C once there is the first plan, which it holds.
     """
     Problem.expected(problem)
+    expect_arguments(progress=progress, settings=settings, explain=explain)
+    expect(trade_off, ParetoSettings, "ParetoSettings for trade_off=")
     if problem.arm.base_axes or problem.planner.method != "nlp":
         raise ProblemError(
             f'{problem.name}: plans for several wanted gaps need a fixed base and planner.method "nlp"; '

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from ccm_opt.diagnosis.explain import refuse_impossible, with_proof
+from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.lowered_costs import planned_with_costs
@@ -54,6 +55,7 @@ def solve(
         CancelledWithPlan: on Ctrl-C once there is a verified plan, which it holds; a ``KeyboardInterrupt``.
     """
     Problem.expected(problem)
+    expect_arguments(progress=progress, planner=planner, retimer=retimer, settings=settings, explain=explain)
     stages = Stages(progress, problem.planner.time_limit)
     numbers = settings or DEFAULT_SETTINGS
     deadline = Deadline.after(problem.planner.time_limit)

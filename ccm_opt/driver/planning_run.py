@@ -14,6 +14,7 @@ from ccm_opt.driver.solve_settings import Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verified_plan
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.expected import expect
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.legs import Leg, plan_legs
@@ -126,5 +127,12 @@ def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[
 
 
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms | None:
-    """The user's constraints and costs for an arm; None when there are none."""
+    """The user's constraints and costs for an arm; None when there are none.
+
+    Raises:
+        ProblemError: they are no lists, or one of them cannot be used.
+    """
+    # An empty list is fine, and everything else that is as good as false to Python is not.
+    expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")
+    expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
     return compile_terms(arm, constraints, costs) if constraints or costs else None

@@ -10,11 +10,14 @@ from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.passages import wide_and_short_enough
 from ccm_opt.diagnosis.reach import supple_enough, within_reach
+from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.reach_flood import Cell, ReachFlood
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arguments import is_number, is_whole
 from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.ground.executors import LocalWorkers, ThisProcess, Workers, completed
+from ccm_opt.ground.expected import expect_that
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.tip_reach import FREE, ReachQuestion, cell_poses, start_headings
@@ -63,6 +66,8 @@ def reach_map(
         UnreachableGoal: the start touches something or breaks a joint limit.
     """
     Problem.expected(problem)
+    expect_arguments(progress=progress, settings=settings)
+    _expect_grid(step, headings, workers)
     numbers = settings or DEFAULT_SETTINGS
     stages = Stages()
     grid = _grid(problem, step, headings, numbers)
@@ -86,6 +91,19 @@ def reach_map(
         blocked = closed | frozenset(_behind_walls(problem, x, y, flood))
     timings = {**stages.timings, "cells": flood.cpu}
     return _map(problem, grid, flood, blocked, timings, numbers)
+
+
+def _expect_grid(step: object, headings: object, workers: object) -> None:
+    """Refuse what is no width of a cell, no number of headings, or nobody who looks at cells.
+
+    Raises:
+        ProblemError: saying what was expected.
+    """
+    expect_that(lambda: step is None or is_number(step), step, "the width of a cell [m] for step=")
+    expect_that(lambda: headings is None or is_whole(headings), headings, "a whole number for headings=")
+    several = is_whole(workers) and workers >= 1
+    opens = callable(getattr(workers, "open", None)) and not isinstance(workers, type)
+    expect_that(lambda: several or opens, workers, "a number of processes from 1, or ccm_opt workers, for workers=")
 
 
 def _grid(problem: Problem, step: float | None, headings: int | None, settings: Settings) -> _Grid:

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt import retiming
+from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.planning_run import compiled_terms
@@ -15,7 +16,8 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verifie
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
 from ccm_opt.errors import CancelledWithPlan, ProblemError
-from ccm_opt.ground.expected import expect
+from ccm_opt.ground.arguments import is_number
+from ccm_opt.ground.expected import expect, expect_that
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.legs import Leg, whole_path
@@ -62,6 +64,8 @@ def retarget(
     """
     expect(solution, Solution, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
     expect(goal, (TipGoal, JointPose, CurvePose), "a goal", "for example ccm_opt.problem.TipGoal(position, heading)")
+    expect_arguments(progress=progress, planner=planner, settings=settings)
+    expect(tolerances, (Tolerances, type(None)), "ccm_opt.problem.Tolerances for tolerances=")
     problem = solution.problem
     arm = problem.arm
     stages = Stages(progress, problem.planner.time_limit)
@@ -101,6 +105,7 @@ def retarget(
 
 
 def _check(solution: Solution, time: float) -> None:
+    expect_that(lambda: is_number(time), time, "a time [s]")
     if not 0.0 <= time <= solution.trajectory.duration:
         raise ProblemError(f"time must be within the motion, 0 to {solution.trajectory.duration:.6g} s, got {time}")
     if solution.problem.limits.jerk is not None or solution.problem.limits.feed_jerk is not None:

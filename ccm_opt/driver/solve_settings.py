@@ -1,10 +1,11 @@
 """The numbers of all stages of a solve in one place; what a problem file sets is not among them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
 from ccm_opt.driver.tries_settings import TriesSettings
 from ccm_opt.dynamics.simulation.simulation_settings import BrakingSettings, SimulationSettings
+from ccm_opt.ground.expected import expect
 from ccm_opt.planners.baseline.baseline_settings import BaselineSettings
 from ccm_opt.planners.curve_settings import CurvePlannerSettings
 from ccm_opt.planners.feed.feed_settings import FeedPlannerSettings
@@ -55,6 +56,12 @@ class Settings:
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     braking: BrakingSettings = field(default_factory=BrakingSettings)
     diagnosis: DiagnosisSettings = field(default_factory=DiagnosisSettings)
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            kind: object = each.default_factory
+            if isinstance(kind, type):
+                expect(getattr(self, each.name), kind, f"{kind.__name__} for {each.name}=")
 
 
 DEFAULT_SETTINGS = Settings()

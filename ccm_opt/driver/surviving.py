@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.closed_loop import simulated_once
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.ground.expected import expect
@@ -33,6 +34,7 @@ def tolerance_of(
         Of joints, link lengths, base heading, base position and walls, certified; then of payload and friction.
     """
     expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
+    expect_arguments(settings=settings, simulated=simulated)
     numbers = settings or DEFAULT_SETTINGS
     return tolerance_of_motion(
         solution.problem, solution.trajectory, solution.joints, simulated=simulated, settings=numbers

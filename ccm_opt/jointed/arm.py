@@ -1,15 +1,19 @@
 """The jointed arm: equal links with a ball joint at the base of each, seen in its plane."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from ccm_opt.ground.angles import unit_vector
+from ccm_opt.ground.arguments import Arguments
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.length_units import LengthUnit
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
 from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
+from ccm_opt.jointed.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
@@ -80,6 +84,85 @@ class Arm:
     rotor_inertia: FloatArray | float = 0.0
     friction: FloatArray | float = 0.0
     stray: float = 0.0
+
+    @classmethod
+    def snake(
+        cls,
+        *,
+        length: float,
+        links: int,
+        radius: float,
+        unit: LengthUnit = "m",
+        base: Sequence[float] | FloatArray = (0.0, 0.0),
+        heading_deg: float = 0.0,
+        joint_limit_deg: float = 60.0,
+        base_limit_deg: float = 360.0,
+        mount_length: float | None = None,
+        self_collision: bool = True,
+        link_mass: float | Sequence[float] | FloatArray = DEFAULT_LINK_MASS,
+        payload: float = 0.0,
+        axes: Axes = "zyx",
+        feed: Sequence[float] | FloatArray | None = None,
+        hole: float | None = None,
+    ) -> "Arm":
+        """An arm from its overall figures, in the unit of length that suits; links are solid cylinders.
+
+        Args:
+            length: of the whole arm.
+            links: how many, all alike; an even number.
+            radius: of the links; 0 is allowed.
+            unit: of all lengths in this call: "m", "mm" or "in".
+            base: where the first joint is, (x, y).
+            heading_deg: of the straight arm, counter-clockwise from x [deg].
+            joint_limit_deg: bound on the bend of every joint but the first [deg].
+            base_limit_deg: the same of the first joint [deg].
+            mount_length: of arm from the base that may touch obstacles; the radius when None.
+            self_collision: whether distant links must keep apart.
+            link_mass: of every link, or of each [kg].
+            payload: mass of a point carried at the tip [kg].
+            axes: order of the three revolutes of a ball joint, "zyx" or "zyz".
+            feed: range (least, greatest) of the axis that carries the base along its heading; none when None.
+            hole: where its guide tube ends; at its greatest position when None.
+
+        Raises:
+            ProblemError: with all that is wrong with these figures.
+        """
+        given = Arguments("this arm", unit)
+        count = given.whole("links", links, 2)
+        given.must(count % 2 == 0, f"links: expected an even number, got {links}")
+        link_length = given.length("length", length, above=0.0) / count
+        thickness = given.length("radius", radius, least=0.0)
+        place = given.metres * given.numbers("base", base, 2, "numbers (x, y)")
+        heading = given.number("heading_deg", heading_deg)
+        limit = given.number("joint_limit_deg", joint_limit_deg, above=0.0)
+        given.must(not limit > 180.0, f"joint_limit_deg: expected at most 180, got {joint_limit_deg}")
+        base_limit = given.number("base_limit_deg", base_limit_deg, above=0.0)
+        mount = thickness if mount_length is None else given.length("mount_length", mount_length, least=0.0)
+        given.flag("self_collision", self_collision)
+        masses = given.each("link_mass", link_mass, count, above=0.0)
+        carried = given.number("payload", payload, least=0.0)
+        given.choice("axes", axes, get_args(Axes))
+        axis = None if feed is None else _feed_axis(given, feed, hole)
+        given.must(feed is not None or hole is None, "hole: only allowed together with feed")
+        given.refuse()
+        axial, transverse = cylinder_inertia(masses, thickness, link_length)
+        return cls(
+            links=count,
+            link_length=link_length,
+            radius=thickness,
+            base=place,
+            base_heading=float(np.deg2rad(heading)),
+            joint_limit=float(np.deg2rad(limit)),
+            base_limit=float(np.deg2rad(base_limit)),
+            self_collision=self_collision,
+            mount_length=mount,
+            masses=masses,
+            inertia_axial=axial,
+            inertia_transverse=transverse,
+            axes=axes,
+            feed=axis,
+            payload=carried,
+        )
 
     @property
     def length(self) -> float:
@@ -256,3 +339,11 @@ class Arm:
     def hole(self) -> float:
         """Distance from ``base`` at which the last guide tube of the base ends [m]; −∞ when there is none."""
         return max((axis.hole for axis in self.base_axes), default=-np.inf)
+
+
+def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:
+    """A feed axis from its range and the end of its guide tube."""
+    low, high = given.metres * given.numbers("feed", ends, 2, "numbers (least, greatest)")
+    given.must(low < high or low == high == 0.0, f"feed: expected (least, greatest) with least < greatest, got {ends}")
+    end = high if hole is None else given.length("hole", hole)
+    return Feed(float(low), float(high), end)

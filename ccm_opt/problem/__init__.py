@@ -1,6 +1,7 @@
 """A motion-planning problem: frozen data, SI units, radians. ``problem_file`` makes one from TOML."""
 
 from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.shaped_obstacles import obstacles_of
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.length_units import LengthUnit
 from ccm_opt.jointed.arm import Arm
@@ -44,4 +45,5 @@ __all__ = [
     "VerificationOptions",
     "Weights",
     "Workspace",
+    "obstacles_of",
 ]

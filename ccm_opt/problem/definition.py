@@ -10,6 +10,7 @@ from ccm_opt.ground.length_words import metres
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.problem.defects import defects
+from ccm_opt.problem.field_types import wrong_types
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions
 from ccm_opt.problem.poses import Goal, Start, Stop, Tolerances
 
@@ -97,7 +98,8 @@ class Problem:
         expect(value, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
 
     def __post_init__(self) -> None:
-        found = tuple(defects(self))
+        # What has the wrong type would only fail in some check of its values.
+        found = tuple(wrong_types(self)) or tuple(defects(self))
         if found:
             raise ProblemError(f"problem '{self.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in found))
 

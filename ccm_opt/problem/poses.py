@@ -1,12 +1,16 @@
 """Where a motion begins, ends and stops on the way, and how near its goals count."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.ground.arguments import Arguments, finite_array
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.expected import in_words
+from ccm_opt.ground.length_units import LengthUnit
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
 
@@ -22,6 +26,24 @@ class JointPose:
 
     bends: FloatArray
     feed: float = 0.0
+
+    @classmethod
+    def of_degrees(
+        cls, bends_deg: Sequence[float] | FloatArray, *, feed: float = 0.0, unit: LengthUnit = "m"
+    ) -> "JointPose":
+        """A pose from bends in degrees, and the feed in the unit of length that suits.
+
+        Raises:
+            ProblemError: with all that is wrong with them.
+        """
+        given = Arguments("this pose", unit)
+        found = finite_array(bends_deg)
+        given.must(
+            found is not None and found.ndim == 1, f"bends_deg: expected a list of numbers, got {in_words(bends_deg)}"
+        )
+        carried = given.length("feed", feed)
+        given.refuse()
+        return cls(np.deg2rad(np.asarray(found)), carried)
 
     @classmethod
     def from_configuration(cls, q: FloatArray, coordinates: Coordinates) -> "JointPose":
@@ -57,6 +79,26 @@ class TipGoal:
 
     position: FloatArray
     heading: float | None = None
+
+    @classmethod
+    def at(
+        cls, position: Sequence[float] | FloatArray, heading_deg: float | None = None, *, unit: LengthUnit = "m"
+    ) -> "TipGoal":
+        """A goal in the unit of length that suits, its heading in degrees.
+
+        Args:
+            position: of the tip, (x, y).
+            heading_deg: of the last link [deg], or None when any heading will do.
+            unit: of the position: "m", "mm" or "in".
+
+        Raises:
+            ProblemError: with all that is wrong with them.
+        """
+        given = Arguments("this goal", unit)
+        place = given.metres * given.numbers("position", position, 2, "numbers (x, y)")
+        heading = None if heading_deg is None else given.number("heading_deg", heading_deg)
+        given.refuse()
+        return cls(place, None if heading is None else float(np.deg2rad(heading)))
 
 
 Start: TypeAlias = JointPose | CurvePose

@@ -3,12 +3,15 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arguments import is_number
 from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.expected import expect, expect_that
 
 if TYPE_CHECKING:
     from ccm_opt.user_terms.quantities import Quantities
@@ -34,9 +37,10 @@ class Interval:
     last: float
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.first <= self.last <= 1.0:
+        numbers = is_number(self.first) and is_number(self.last)
+        if not numbers or not 0.0 <= self.first <= self.last <= 1.0:
             raise ProblemError(
-                f"an interval of the motion needs 0 <= first <= last <= 1, got {self.first} and {self.last}"
+                f"an interval of the motion needs 0 <= first <= last <= 1, got {self.first!r} and {self.last!r}"
             )
 
 
@@ -84,6 +88,10 @@ class Constraint:
 
     def __post_init__(self) -> None:
         _check(self, "constraint")
+        for side in ("lower", "upper"):
+            bound = getattr(self, side)
+            expect_that(partial(_is_bound, bound), bound, f"a number or a list of numbers for {side}=")
+        expect(self.soft, bool, "True or False for soft=")
 
     def __call__(self, quantities: "Quantities") -> Any:
         """The expression."""
@@ -155,6 +163,11 @@ def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion
     return decorate
 
 
+def _is_bound(bound: object) -> bool:
+    """Whether a value is a number or several; whether they make bounds is seen beside the expression."""
+    return np.asarray(bound).dtype.kind in "iuf"
+
+
 def _name_of(expression: Expression) -> str:
     name = getattr(expression, "__name__", type(expression).__name__)
     return name.replace("_", " ")
@@ -167,9 +180,9 @@ def _check(term: Constraint | Cost, kind: str) -> None:
         raise ProblemError(
             f"{kind} '{term.name}': expected a function of the quantities, got a {type(term.expression).__name__}"
         )
-    if not (isinstance(term.where, Interval) or term.where in PLACES):
+    if not (isinstance(term.where, Interval) or (isinstance(term.where, str) and term.where in PLACES)):
         raise ProblemError(
             f"{kind} '{term.name}': where must be one of {', '.join(PLACES)} or an Interval, got {term.where!r}"
         )
-    if not (math.isfinite(term.weight) and term.weight >= 0.0):
-        raise ProblemError(f"{kind} '{term.name}': the weight must be finite and not negative, got {term.weight}")
+    if not (is_number(term.weight) and term.weight >= 0.0):
+        raise ProblemError(f"{kind} '{term.name}': the weight must be finite and not negative, got {term.weight!r}")

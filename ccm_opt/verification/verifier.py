@@ -4,6 +4,7 @@ What stands here a second time (headings and points of the arm, its mount, pairs
 stands here on purpose: a mistake in the planners' code must not hide itself.
 """
 
+from ccm_opt.ground.expected import expect
 from ccm_opt.jointed.frames import joint_names
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
@@ -42,6 +43,9 @@ def verify(
         One check a promise, each with its worst value and where it was met; malformed data end the list at once.
     """
     Problem.expected(problem)
+    expect(trajectory, JointTrajectory, "a ccm_opt.solution.JointTrajectory", "solutions and loaded plans have one")
+    expect(joints, JointStates, "ccm_opt.solution.JointStates", "solutions and loaded plans have them")
+    expect(settings, VerificationSettings, "VerificationSettings for settings=")
     settings = settings.for_problem(problem)
     form = check_form(problem, trajectory, joints, settings)
     names = _check_names(problem, joints)

@@ -29,6 +29,7 @@ from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 from ccm_opt.problem import (
     CurvePose,
     Disturbances,
@@ -46,11 +47,6 @@ from ccm_opt.problem import (
     VerificationOptions,
     Weights,
 )
-
-DEFAULT_LINK_MASS = 0.1
-"""Mass of a link when the file gives none [kg]: the paper's swan's neck (section 5)."""
-THIN_ROD_RADIUS = 0.01
-"""Radius, in link lengths, of the cylinders that stand for the links of an arm of zero radius in its inertia."""
 
 
 @dataclass(frozen=True)
@@ -155,11 +151,10 @@ def _feed(table: FeedTable) -> Feed:
 
 
 def _inertia(table: ArmTable, masses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Given, or a solid cylinder's: axial m r² / 2, transverse m (3 r² + l²) / 12 about the centre."""
+    """Given, or a solid cylinder's."""
     if table.inertia is not None:
         return _each(table.inertia.axial, table.links), _each(table.inertia.transverse, table.links)
-    r = table.radius or THIN_ROD_RADIUS * table.link_length
-    return masses * r**2 / 2.0, masses * (3.0 * r**2 + table.link_length**2) / 12.0
+    return cylinder_inertia(masses, table.radius, table.link_length)
 
 
 def _limits(table: LimitsTable, links: int) -> Limits:

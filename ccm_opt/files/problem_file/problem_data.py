@@ -101,11 +101,16 @@ def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
     return {
         "boundary": _lengths(shapely.get_coordinates(workspace.boundary.exterior)[:-1], unit),
         "clearance": in_unit(workspace.clearance, unit),
-        "obstacles": [_obstacle(obstacle, unit) for obstacle in workspace.obstacles],
+        "obstacles": [obstacle_in_unit(obstacle, unit) for obstacle in workspace.obstacles],
     }
 
 
-def _obstacle(obstacle: Obstacle, unit: LengthUnit) -> Table:
+def obstacle_in_unit(obstacle: Obstacle, unit: LengthUnit) -> Table:
+    """An obstacle as an entry of ``[[workspace.obstacles]]``.
+
+    Raises:
+        ProblemError: it is none that a problem file can say.
+    """
     # A rounded polygon has no table of its own, and a point without rounding is no obstacle.
     expected = shapely.Point if obstacle.rounding > 0.0 else shapely.Polygon
     if not isinstance(obstacle.core, (expected, shapely.LineString)):

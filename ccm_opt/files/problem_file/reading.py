@@ -14,7 +14,7 @@ from ccm_opt.files.problem_file.changed_keys import with_keys_set
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.lines import locate_keys
 from ccm_opt.files.problem_file.table_reading import check_data
-from ccm_opt.ground.expected import expect
+from ccm_opt.ground.expected import expect, expect_that
 from ccm_opt.problem import Problem
 
 STANDARD_INPUT = "-"
@@ -36,6 +36,8 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = ()) -> Problem:
         ProblemError: for a change that leads to no place.
     """
     expect(path, (str, Path), "the path of a problem file", "parse_problem reads the text of one")
+    texts = isinstance(changes, Sequence) and not isinstance(changes, str) and all(isinstance(c, str) for c in changes)
+    expect_that(lambda: texts, changes, "a list of texts for changes=", 'write changes=["arm.radius=0.02"]')
     if str(path) == STANDARD_INPUT:
         path_name = "standard input"
         text = _decoded(sys.stdin.buffer.read(), path_name)

@@ -1,0 +1,38 @@
+"""Arguments that many functions of the driver share, and what each of them has to be."""
+
+from collections.abc import Callable
+from typing import Any
+
+from ccm_opt.driver.solve_settings import Settings
+from ccm_opt.ground.expected import expect, expect_callable, expect_method
+from ccm_opt.planners.protocols import Planner, Retimer
+
+
+def expect_arguments(
+    *,
+    progress: Callable[..., Any] | None = None,
+    planner: Planner | None = None,
+    retimer: Retimer | None = None,
+    settings: Settings | None = None,
+    **flags: bool,
+) -> None:
+    """Refuse arguments of another kind than they are meant to be; None stands for the default.
+
+    Args:
+        progress: a function.
+        planner: an object with the method ``plan``.
+        retimer: an object with the method ``retime``.
+        settings: of all stages.
+        flags: true or false, by name.
+
+    Raises:
+        ProblemError: naming what was expected, and what to write.
+    """
+    expect_callable(progress, "a function for progress=", "for example progress=print")
+    expect_method(planner, ["plan"], "a planner, an object with plan(problem)", "ccm_opt.BuiltInPlanner() is one")
+    expect_method(
+        retimer, ["retime"], "a retimer, an object with retime(problem, path)", "ccm_opt.BuiltInRetimer() is one"
+    )
+    expect(settings, (Settings, type(None)), "ccm_opt.Settings for settings=")
+    for name, value in flags.items():
+        expect(value, bool, f"True or False for {name}=")
