@@ -74,10 +74,10 @@ def test_the_picture_is_fitted_to_the_action(plan: DrawnPlan) -> None:
 
 
 def test_axes_are_in_the_unit_of_the_file() -> None:
-    """A file in millimetres has millimetres at its axes, at round numbers; a problem made in Python has metres."""
+    """A file in millimetres has millimetres at its axes, at round numbers; without a file the problem's unit counts."""
     problem = parse_problem(SMALL_PROBLEM.replace('name = "small"', 'name = "small"\nunits = "in"'))
     assert length_unit(problem) == ("in", 0.0254)
-    assert length_unit(replace(problem, source="")) == ("m", 1.0)
+    assert length_unit(replace(problem, length_unit="m")) == ("m", 1.0)
     points = problem.arm.joint_positions(np.zeros((3, 4)))
     trajectory = _still(problem.arm.links)
     figure = plan_figure(DrawnPlan(problem, trajectory, points))
