@@ -9,15 +9,28 @@ import numpy as np
 
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import output
-from ccm_opt.cli.tables import checks_table, print_room, report_console, units_of
+from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
 from ccm_opt.cli.term_references import TermReferences
-from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem, recorded_constraints
+from ccm_opt.driver.record_agreement import WrittenRecord, checks_of_record
+from ccm_opt.files.export.reading_back import (
+    SavedMotion,
+    load_motion,
+    load_recorded_problem,
+    recorded_constraints,
+    recorded_results,
+)
+from ccm_opt.files.export.recorded_look import recorded_curves
 from ccm_opt.files.export.room_json import room_data
+from ccm_opt.files.export.text_agreement import checks_of_texts
 from ccm_opt.files.report.check_words import checks_in_words
-from ccm_opt.problem import Problem
-from ccm_opt.solution import Check
+from ccm_opt.problem import CurvePose, Problem
+from ccm_opt.solution import Check, RoomRecord
 from ccm_opt.verification import verify
+from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.room_over_time import room_over_time
+
+MALFORMED = ("samples", "joint names")
+"""The only checks of a motion that is malformed."""
 
 
 def check_folders(folders: Sequence[Path], constraints: tuple[str, ...] = ()) -> int:
@@ -38,11 +51,16 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     motion = load_motion(folder, problem.arm)
     own = verify(problem, motion.trajectory, motion.joints)
     of_terms = _checks_of_constraints(problem, motion, constraints) if constraints else ()
-    checks = (*own, *of_terms)
+    # What is malformed ends the list of the verifier's checks, and nothing else can be held against it.
+    whole = len(own) > len(MALFORMED)
+    room = room_over_time(problem, motion.trajectory, problem.wanted_gap, own) if whole else None
+    of_record = _checks_of_record(folder, problem, motion, own, room) if room is not None else []
+    checks = (*own, *of_terms, *of_record)
     passed = all(check.passed for check in checks)
     verdict = "every check holds" if passed else "refused"
     # The room of a motion that is refused is in the checks that refuse it.
-    room = room_over_time(problem, motion.trajectory, problem.wanted_gap, own) if passed else None
+    room = room if passed else None
+    left_out = left_unchecked(problem, motion.trajectory) if passed else ()
     unchecked = _unchecked(recorded_constraints(folder), of_terms)
     if unchecked:
         _warn_of_unchecked(problem.name, unchecked)
@@ -55,6 +73,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
         if len(told) < len(words):
             console.print(f"{len(words) - len(told)} checks of the plan against itself hold too")
         print_room(console, room)
+        print_not_checked(console, left_out)
 
     def data() -> dict[str, object]:
         return {
@@ -62,10 +81,31 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
             "status": verdict,
             "checks": [{name: value for name, value in asdict(check).items() if name != "place"} for check in checks],
             "unchecked_constraints": list(unchecked),
+            "not_checked": list(left_out),
             "room": None if room is None else room_data(room),
         }
 
     return print_result(show, SOLVED if passed else NO_PLAN, data)
+
+
+def _checks_of_record(
+    folder: Path, problem: Problem, motion: SavedMotion, own: tuple[Check, ...], room: RoomRecord
+) -> list[Check]:
+    """Whatever else the folder says of the motion, held against it."""
+    figures, checks, outcome = recorded_results(folder)
+    record = WrittenRecord(
+        motion.keyframes,
+        tuple(CurvePose(curve) for curve in recorded_curves(folder, problem)),
+        motion.simulated_angles,
+        motion.simulated_torques,
+        motion.simulated_base,
+        outcome,
+        figures,
+        checks,
+        motion.room_arrays,
+    )
+    found = checks_of_record(problem, motion.trajectory, motion.joints, record, own, room)
+    return [*found, *checks_of_texts(folder, problem, motion.trajectory, motion.joints)]
 
 
 def _checks_of_constraints(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:

@@ -47,6 +47,7 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     console = report_console()
     console.print(table)
     print_room(console, solution.room)
+    print_not_checked(console, solution.not_checked)
     of_itself = sum(check.of_itself for check in words)
     console.print(f"all {len(words)} checks of the verifier hold, {of_itself} of the plan against itself")
     console.print(escape(stage_line(clock)), soft_wrap=output().verbose)
@@ -63,6 +64,12 @@ def print_room(console: Console, room: RoomRecord | None) -> None:
     if room is not None:
         for sentence in room_sentences(room):
             console.print(escape(sentence), soft_wrap=True)
+
+
+def print_not_checked(console: Console, remarks: Sequence[str]) -> None:
+    """Print what the checks leave out, a line each."""
+    for remark in remarks:
+        console.print(f"[yellow]not checked:[/yellow] {escape(remark)}", soft_wrap=True)
 
 
 def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:

@@ -20,6 +20,19 @@ def metrics(
     checks: tuple[Check, ...],
 ) -> Mapping[str, float]:
     """The figures of merit of a plan, named with their units."""
+    figures = dict(figures_of_motion(problem, trajectory, joints, checks))
+    figures["keyframes"] = float(len(path.keyframes))
+    figures["tracking_error_rad"] = simulated.tracking_error
+    # An arm that followed no leader has no deviation from one.
+    if path.leaders:
+        figures.update(leader_figures(deviation(problem.arm, trajectory.positions, path.leaders)))
+    return figures
+
+
+def figures_of_motion(
+    problem: Problem, trajectory: JointTrajectory, joints: JointStates, checks: tuple[Check, ...]
+) -> Mapping[str, float]:
+    """Those figures that the motion itself has, so that whoever has its arrays can make them again."""
     arm = problem.arm
     # The error at the goal is that of the motion as it is written, not of the path it was planned from.
     headings = arm.headings(trajectory.bend_angles)
@@ -30,8 +43,6 @@ def metrics(
         "joint_path_length_rad": path_length(trajectory.bend_angles),
         # The bend at the base turns the whole arm and curves nothing, so it does not count.
         "largest_curvature_per_m": float(np.max(np.abs(trajectory.bend_angles[:, 1:]), initial=0.0) / arm.link_length),
-        "keyframes": float(len(path.keyframes)),
-        "tracking_error_rad": simulated.tracking_error,
     }
 
     if isinstance(problem.goal, TipGoal):
@@ -39,9 +50,6 @@ def metrics(
         if problem.goal.heading is not None:
             turn = wrap(headings[-1, -1] - problem.goal.heading)
             figures["heading_error_rad"] = abs(float(turn))
-    # An arm that followed no leader has no deviation from one.
-    if path.leaders:
-        figures.update(leader_figures(deviation(arm, trajectory.positions, path.leaders)))
     # Of lengths in metres only the clearances are merits; the other checks are promises that hold or do not.
     figures.update(
         {

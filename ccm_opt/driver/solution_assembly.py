@@ -9,6 +9,7 @@ from ccm_opt.driver.metrics import metrics
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.problem import Problem
 from ccm_opt.solution import RoomRecord, SimulatedMotion, Solution, SurvivedError
+from ccm_opt.verification.left_unchecked import left_unchecked
 
 PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "toppra")
 """Packages that a result depends on."""
@@ -48,6 +49,7 @@ def assembled(
         room=room,
         tolerance=tolerance,
         tries=plan.tries,
+        not_checked=left_unchecked(problem, plan.trajectory),
     )
 
 

@@ -252,6 +252,7 @@ class Solution:
         room: how much room the motion keeps; None where nobody asked.
         tolerance: errors that the motion survives; none where nobody asked.
         tries: what came of every try, where several were asked for.
+        not_checked: what nothing was held against, though one might think so, a clause each; none as a rule.
     """
 
     problem: Problem
@@ -266,6 +267,7 @@ class Solution:
     room: RoomRecord | None = None
     tolerance: tuple[SurvivedError, ...] = ()
     tries: tuple[TryRecord, ...] = ()
+    not_checked: tuple[str, ...] = ()
 
     @property
     def joint_positions(self) -> FloatArray:

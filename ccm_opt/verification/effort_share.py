@@ -17,12 +17,16 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 UNIT = "of the limit"
 
+HoldingEfforts = tuple[FloatArray, FloatArray]
+"""Torques of all revolutes, shape (T, 3 * links) [N m], and forces of the base's axes, (T, axes) [N], at rest."""
+
 
 def check_shares(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
     of_limits: Sequence[Check],
+    holding: HoldingEfforts,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
     """Check the share that plans keep; nothing where they may use the limits in full.
@@ -32,6 +36,7 @@ def check_shares(
         trajectory: the planar motion.
         joints: the same for the drives, with their efforts.
         of_limits: the checks of the limits themselves, which know where the greatest share of each is taken.
+        holding: what holds the arm still at the samples.
         settings: the tolerance of limits.
     """
     share = problem.planner.effort_share
@@ -43,7 +48,7 @@ def check_shares(
         limited = [check for check in of_limits if check.name in {f"{drive} {kind}" for drive in drives}]
         if limited:
             checks.append(_of_rate(kind, limited, share, settings))
-    taken, held, names = _efforts(problem, trajectory, joints)
+    taken, held, names = _efforts(problem, trajectory, joints, holding)
     if names:
         checks.append(_of_effort(taken, held, names, trajectory.time, share, settings))
     return checks
@@ -69,7 +74,7 @@ def _of_effort(
     settings: VerificationSettings,
 ) -> Check:
     """The check for efforts; what may be taken depends on what holds the arm still at each sample."""
-    allowed = np.maximum(share, held + 0.5 * share * (1.0 - held))
+    allowed = allowed_share(held, share)
     k, j = np.unravel_index(np.argmax(taken / allowed), taken.shape)
     worst = float(taken[k, j])
     bound = float(allowed[k, j])
@@ -80,26 +85,38 @@ def _of_effort(
     return Check("share of effort", worst, bound, UNIT, where, passed=passed)
 
 
+def allowed_share(held: FloatArray, share: float) -> FloatArray:
+    """Share of an effort's limit that a plan may use where holding the arm still takes some of it, in [0, 1]."""
+    return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
+
+
+def holding_efforts(problem: Problem, positions: FloatArray) -> HoldingEfforts:
+    """What holds the arm still at given poses, shape (T, c); zeros where no effort is limited."""
+    if problem.limits.torque is None and problem.limits.feed_force is None:
+        count = len(positions)
+        return np.zeros((count, 3 * problem.arm.links)), np.zeros((count, len(problem.arm.base_axes)))
+    rest = np.zeros_like(positions)
+    at_rest = (problem.arm, problem.simulation.gravity, positions, rest, rest)
+    return joint_torques(*at_rest), np.repeat(base_forces(*at_rest)[:, None], len(problem.arm.base_axes), axis=1)
+
+
 def _efforts(
-    problem: Problem, trajectory: JointTrajectory, joints: JointStates
+    problem: Problem, trajectory: JointTrajectory, joints: JointStates, holding: HoldingEfforts
 ) -> tuple[FloatArray, FloatArray, list[str]]:
     """Shares of the limits that efforts take and that hold the arm still, shape (T, N), and names of these drives."""
     limits = problem.limits
-    positions = trajectory.positions
-    rest = np.zeros_like(positions)
-    at_rest = (problem.arm, problem.simulation.gravity, positions, rest, rest)
+    torques_at_rest, forces_at_rest = holding
     taken = []
     held = []
     names = []
     if limits.torque is not None:
         taken.append(np.abs(joints.torques) / limits.torque)
-        held.append(np.abs(joint_torques(*at_rest)) / limits.torque)
+        held.append(np.abs(torques_at_rest) / limits.torque)
         names += [f"joint {j // 3 + 1} ({name})" for j, name in enumerate(joints.names)]
     if limits.feed_force is not None:
-        for name, force in zip(trajectory.coordinates.base_names, joints.base_forces.T, strict=True):
-            taken.append(np.abs(force)[:, None] / limits.feed_force)
-            held.append(np.abs(base_forces(*at_rest))[:, None] / limits.feed_force)
-            names.append(f"the {name} axis")
+        taken.append(np.abs(joints.base_forces) / limits.feed_force)
+        held.append(np.abs(forces_at_rest) / limits.feed_force)
+        names += [f"the {name} axis" for name in trajectory.coordinates.base_names]
     if not names:
         return np.zeros((0, 0)), np.zeros((0, 0)), names
     # More than all of it holds nothing still; the check of the limit itself says so.

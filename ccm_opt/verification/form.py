@@ -7,9 +7,6 @@ from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
-_TIME_ROUNDING = 1e-9
-"""Time by which a step may be longer than it should, by rounding [s]."""
-
 
 def check_form(
     problem: Problem,
@@ -27,7 +24,7 @@ def check_form(
     defect = (
         _shape_defect(problem.arm, trajectory, joints)
         or _number_defect(trajectory, joints)
-        or _time_defect(trajectory, steps, settings.largest_step)
+        or _time_defect(trajectory, steps, settings.largest_step + settings.time_rounding)
         or _stop_defect(problem, trajectory)
     )
     where = defect or f"{len(trajectory.time)} samples"
@@ -93,6 +90,6 @@ def _time_defect(trajectory: JointTrajectory, steps: np.ndarray, largest: float)
         return f"time starts at {trajectory.time[0]} s, expected 0"
     if np.min(steps) <= 0.0:
         return f"time does not increase at sample {int(np.argmin(steps)) + 2}"
-    if np.max(steps) > largest + _TIME_ROUNDING:
+    if np.max(steps) > largest:
         return f"samples {int(np.argmax(steps)) + 1} and {int(np.argmax(steps)) + 2} are too far apart"
     return ""

@@ -52,7 +52,7 @@ def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
         k = pairs.node
         i = pairs.link
         j = pairs.other
-        return self_distances(arm, poses, pairs), nodes.half[k] * _relative_travel(motion, nodes.interval[k], i, j)
+        return self_distances(arm, poses, pairs), nodes.half[k] * relative_travel(motion, nodes.interval[k], i, j)
 
     nodes = motion.whole()
     nearest = _probe(motion, evaluate, nodes, settings.pair_probes)
@@ -63,7 +63,7 @@ def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
     return prove_apart(motion, pairs, evaluate, least, nearest, settings)
 
 
-def _relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.ndarray) -> FloatArray:
+def relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.ndarray) -> FloatArray:
     """Bound on how far points of link j move, seen from link i, over the interval's length [m].
 
     Seen in world axes only the links i to j turn: l Σ_{k=i..j} |Δφ_k|. Seen in the frame of link i, which leaves

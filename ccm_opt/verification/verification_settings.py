@@ -18,6 +18,7 @@ class VerificationSettings:
         touch: gap that axes without width keep. Derived: rounding of positions in a room of some arm's lengths.
         goal_rounding: distance from the goal beyond its tolerance that is rounding. Derived: likewise.
         largest_step: largest time between two samples [s]; the promise of the file format.
+        time_rounding: time by which a step may be longer, or a pause shorter, than it should, by rounding [s].
         bend_tolerance: bend beyond its limit that counts as rounding [rad].
         limit_tolerance: share by which velocity, acceleration, jerk and effort may pass their limits. Taste.
         match: difference between bends and revolutes that counts as rounding [rad, rad/s, rad/s²].
@@ -41,6 +42,17 @@ class VerificationSettings:
         curve_shape_factor: a joint may be this times κ l² off its curve; the worst error of the paper's own mapping
             (section 5.3).
         curve_shape_slack: share of a link's length that a joint may be off beside that. Taste.
+        half_turn_rounding: by which bends may fall short of half a turn and still count as one, by rounding [rad].
+        keyframe_share: share of the longer leg beside a keyframe by which the motion may pass it. Derived: a spline
+            with keyframes as control points passes inner ones at a third at most, those beside its ends at a little
+            more.
+        curve_match: difference of a reported curve from that of its keyframe, as a share of the greatest curvature,
+            that is rounding. Derived: a least-squares fit of some twenty numbers keeps some ten digits.
+        simulated_angle: difference between a written simulation and another run of it that is rounding [rad, m]. Taste:
+            machines and back ends were seen to differ by 1e-13.
+        simulated_torque: the same for torques, as a share of the greatest.
+        figure_share: share by which a written figure may differ from that of the arrays. Taste: far above rounding.
+        figure_floor: difference of figures beside that share: figures of nothing but rounding are alike. Taste.
         resolution: travel below which a stretch of time is not halved again.
         report_resolution: the least gap that is reported is at most this much above the true one. Taste.
         most_report_pairs: pairs at one level of halving beyond which the report is no longer refined; the proof is.
@@ -58,6 +70,7 @@ class VerificationSettings:
     touch: float = 1e-9
     goal_rounding: float = 1e-9
     largest_step: float = 5e-3
+    time_rounding: float = 1e-9
     bend_tolerance: float = 1e-9
     limit_tolerance: float = 1e-6
     match: float = 1e-9
@@ -75,6 +88,13 @@ class VerificationSettings:
     curve_tip_tolerance: float = 1e-3
     curve_shape_factor: float = 1.08
     curve_shape_slack: float = 0.1
+    half_turn_rounding: float = 1e-9
+    keyframe_share: float = 1.0
+    curve_match: float = 1e-6
+    simulated_angle: float = 1e-6
+    simulated_torque: float = 1e-6
+    figure_share: float = 1e-6
+    figure_floor: float = 1e-9
     resolution: float = 1e-9
     report_resolution: float = 1e-4
     most_report_pairs: int = 100_000

@@ -10,11 +10,13 @@ from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.consistency import check_consistency
-from ccm_opt.verification.effort_share import check_shares
+from ccm_opt.verification.effort_share import check_shares, holding_efforts
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.limits import check_limits
 from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.pauses import check_pauses
 from ccm_opt.verification.point_limits import check_points
+from ccm_opt.verification.sample_efforts import check_sample_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.start_and_goal import check_ends
 from ccm_opt.verification.tolerance.joint_error_check import check_joint_error
@@ -64,8 +66,11 @@ def verify(
     checks += check_points(problem.arm, problem.limits, trajectory, settings)
     checks += check_consistency(problem, trajectory, joints, settings)
     checks += check_base_axes(problem, trajectory, joints, settings)
-    checks += check_shares(problem, trajectory, joints, checks, settings)
+    holding = holding_efforts(problem, trajectory.positions)
+    checks += check_shares(problem, trajectory, joints, checks, holding, settings)
+    checks += check_sample_efforts(problem, trajectory, holding, settings)
     checks += check_ends(problem, trajectory, settings)
+    checks += check_pauses(problem, trajectory, settings)
     # Only of a motion that touches nothing by itself can be said what errors it survives.
     if problem.joint_error > 0.0 and all(check.passed for check in checks):
         checks.append(check_joint_error(problem, trajectory))

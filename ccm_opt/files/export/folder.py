@@ -12,6 +12,7 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.solution_json import solution_json
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
+from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 
 RECORD = "solution.json"
@@ -74,6 +75,13 @@ def solution_texts(solution: Solution) -> dict[str, str]:
         RECORD: solution_json(solution),
         "trajectory.csv": csv,
         "trajectory.yaml": yaml,
+        **model_texts(problem),
+    }
+
+
+def model_texts(problem: Problem) -> dict[str, str]:
+    """Descriptions of a problem's arm for other programs, by file name."""
+    return {
         "arm.urdf": urdf_text(problem.arm, problem.name, problem.limits),
         "arm.mjcf.xml": mjcf_text(problem.arm, problem.name, problem.simulation.gravity),
     }

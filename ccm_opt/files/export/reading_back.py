@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,8 @@ POSITION_TOLERANCE = 1e-9
 CONSTRAINT_PREFIX = "constraint "
 """In front of the name of a user's constraint, in the name of its check."""
 
+Bounds = tuple[float | None, float | None]
+"""Worst value and limit of a check; what is not finite is None."""
 Shapes = Mapping[str, tuple[str | int, ...]]
 
 SHAPES: Shapes = {
@@ -53,9 +56,12 @@ FEED_SHAPES: Shapes = {
     "feed_velocities": ("samples",),
     "feed_accelerations": ("samples",),
     "feed_forces": ("samples",),
+    "simulated_feed": ("samples",),
     "keyframe_feeds": ("keyframes",),
 }
 """Further arrays of an arm with a feed axis."""
+ROOM_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
+"""Further arrays where the room of the motion was measured."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +72,19 @@ class SavedMotion:
         trajectory: in time.
         joints: the same for all drives.
         keyframes: of the planner, shape (K, coordinates).
+        simulated_angles: of the simulated arm, shape (T, 3 * links) [rad].
+        simulated_torques: likewise, shape (T, 3 * links) [N m].
+        simulated_base: positions of the axes that carry its base, shape (T, axes) [m].
+        room_arrays: gaps over time by name, each of shape (N,); none where nobody measured them.
     """
 
     trajectory: JointTrajectory
     joints: JointStates
     keyframes: FloatArray
+    simulated_angles: FloatArray
+    simulated_torques: FloatArray
+    simulated_base: FloatArray
+    room_arrays: Mapping[str, FloatArray]
 
 
 def load_problem_data(folder: Path) -> Mapping[str, object]:
@@ -114,6 +128,35 @@ def load_recorded_problem(folder: Path) -> Problem:
     return problem_from_mapping(load_problem_data(folder), str(folder / RECORD))
 
 
+def recorded_results(folder: Path) -> tuple[Mapping[str, float | None], Mapping[str, Bounds], str]:
+    """Figures of merit, worst value and limit of every check, each by name, and the outcome of the simulation.
+
+    Args:
+        folder: an output folder.
+
+    Raises:
+        ProblemError: when there is no readable record, or these are not what they should be.
+    """
+    record = _read_record(folder / RECORD)
+    try:
+        figures = {name: _number(value) for name, value in record["metrics"].items()}  # type: ignore[attr-defined]
+        listed: Any = record["checks"]
+        checks = {str(check["name"]): (_number(check["worst"]), _number(check["limit"])) for check in listed}
+        simulation: Any = record["simulation"]
+        return figures, checks, str(simulation["outcome"])
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ProblemError(f"{folder / RECORD}: metrics, checks or simulation are not readable: {error}") from error
+
+
+def _number(value: object) -> float | None:
+    """A number; None for what is not finite, which stands as null."""
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"expected a number or null, got {value!r}")
+    return float(value)
+
+
 def recorded_constraints(folder: Path) -> tuple[str, ...]:
     """Names of the user's constraints that a folder's plan was made to keep, in the order of its record.
 
@@ -146,7 +189,8 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     arrays = _read_arrays(path)
     arrays.setdefault("stops", np.zeros(0, dtype=np.int64))  # folders of earlier versions have none
     of_base = {name: shape for _ in arm.base_axes for name, shape in FEED_SHAPES.items()}
-    shapes = {**SHAPES, **of_base}
+    of_room = ROOM_SHAPES if any(name in arrays for name in ROOM_SHAPES) else {}
+    shapes = {**SHAPES, **of_base, **of_room}
     _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())
     if names != joint_names(arm):
@@ -170,7 +214,15 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         tuple(int(k) for k in numbers["stops"]),
     )
     feeds = _columns(numbers, of_base, "keyframe_feeds", "keyframes")
-    motion = SavedMotion(trajectory, joints, np.column_stack((numbers["keyframes"], feeds)))
+    motion = SavedMotion(
+        trajectory,
+        joints,
+        np.column_stack((numbers["keyframes"], feeds)),
+        numbers["simulated_angles"],
+        numbers["simulated_torques"],
+        _columns(numbers, of_base, "simulated_feed"),
+        {name: numbers[name] for name in of_room},
+    )
     _check_positions(motion, numbers["joint_positions"], arm, path)
     return motion
 

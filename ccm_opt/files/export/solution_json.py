@@ -33,6 +33,7 @@ def solution_json(solution: Solution) -> str:
         "metrics": dict(solution.metrics),
         "timings": dict(solution.timings),
         "checks": [_check_data(check) for check in solution.checks],
+        "not_checked": list(solution.not_checked),
         "simulation": asdict(solution.simulation.verdict),
     }
     if solution.room is not None:

@@ -34,6 +34,15 @@ def trajectory_texts(trajectory: JointTrajectory, joints: JointStates) -> tuple[
     return "\n".join(_csv(times, names, columns)), "\n".join(_yaml(times, names, columns))
 
 
+def trajectory_columns(
+    trajectory: JointTrajectory, joints: JointStates
+) -> tuple[dict[str, tuple[str, ...]], dict[str, FloatArray]]:
+    """Headings of the table's columns, and their numbers, of shape (T, joints), by quantity and in its order."""
+    names, tables = _tables(trajectory, joints)
+    headings = {quantity: tuple(_column(name, k) for name in names) for k, quantity in enumerate(_QUANTITIES)}
+    return headings, dict(zip(_QUANTITIES, tables, strict=True))
+
+
 def _tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
     """Names of the joints, and their positions, velocities, accelerations and efforts; the feed axis is the first."""
     tables = [joints.angles, joints.velocities, joints.accelerations, joints.torques]

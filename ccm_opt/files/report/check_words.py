@@ -32,7 +32,9 @@ _WORDS = {
 }
 _ORDER = ("wall clearance", "self-collision", "goal", "stop", "constraint", "soft constraint", "joint", "feed", "tip")
 """How the names of checks begin that a user cares about, the most important first."""
-_OF_ITSELF = re.compile(r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*")
+_OF_ITSELF = re.compile(
+    r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*|.* of the samples"
+)
 """Checks of the plan against itself, and of what planning leaves to the controller."""
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
 
@@ -114,6 +116,8 @@ def title_of(name: str) -> str:
     """The name of a check for people."""
     if name in _WORDS:
         return _WORDS[name]
+    if stop := re.fullmatch(r"stop (\d+) pause", name):
+        return f"Rest at goal {stop[1]}"
     if stop := re.fullmatch(r"stop (\d+) (position|heading|joints|feed)", name):
         what = {"position": "Tip", "heading": "Heading", "joints": "Joints", "feed": "Feed axis"}[stop[2]]
         return f"{what} at goal {stop[1]}, off by"

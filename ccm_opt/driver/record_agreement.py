@@ -1,0 +1,179 @@
+"""Whether the rest of a written plan belongs to its motion: keyframes, curves, simulation, figures, checks, room."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.driver.closed_loop import simulate_and_check
+from ccm_opt.driver.metrics import figures_of_motion
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.planners.keyframe_curves import keyframe_curves
+from ccm_opt.problem import CurvePose, Problem
+from ccm_opt.solution import Check, JointStates, JointTrajectory, RoomRecord, SimulatedMotion
+from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+
+
+@dataclass(frozen=True)
+class WrittenRecord:
+    """What a folder says of a motion beside the motion itself.
+
+    Attributes:
+        keyframes: of all coordinates, shape (K, c) [rad, m].
+        curves: behind the keyframes.
+        simulated_angles: shape (T, 3 * links) [rad].
+        simulated_torques: shape (T, 3 * links) [N m].
+        simulated_base: positions of the axes that carry the base, shape (T, axes) [m].
+        outcome: of the simulation, in a word.
+        figures: of merit, by name; those that are not finite are None.
+        checks: worst value and limit of every check, by name; likewise.
+        room_arrays: ``room_time``, ``wall_gaps``, ``self_gaps``, each of shape (N,); none where nobody measured them.
+    """
+
+    keyframes: FloatArray
+    curves: tuple[CurvePose, ...]
+    simulated_angles: FloatArray
+    simulated_torques: FloatArray
+    simulated_base: FloatArray
+    outcome: str
+    figures: Mapping[str, float | None]
+    checks: Mapping[str, tuple[float | None, float | None]]
+    room_arrays: Mapping[str, FloatArray]
+
+
+def checks_of_record(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    joints: JointStates,
+    record: WrittenRecord,
+    checks: tuple[Check, ...],
+    room: RoomRecord,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> list[Check]:
+    """Hold everything that a folder says of a motion against the motion.
+
+    The simulation is run again: it is the same to rounding whoever runs it, as long as the arm follows its plan.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion, which is well-formed.
+        joints: the same for all drives.
+        record: what the folder says.
+        checks: of the verifier, made anew.
+        room: that the motion keeps, measured anew.
+        settings: what counts as the same.
+    """
+    settings = settings.for_problem(problem)
+    found = [check_keyframes(trajectory, record.keyframes, settings)]
+    if problem.planner.method == "nlp":
+        wanted = [CurvePose(curve) for curve in keyframe_curves(problem.arm, record.keyframes)]
+        found.append(check_nearest_curves(record.curves, wanted, settings))
+    else:
+        found.append(check_followed_curves(problem, record.curves, record.keyframes, settings))
+
+    figures = dict(figures_of_motion(problem, trajectory, joints, checks))
+    figures["keyframes"] = float(len(record.keyframes))
+    if record.outcome == "not simulated":
+        found.append(_at_rest(trajectory, joints, record))
+    else:
+        again, of_simulation = simulate_and_check(problem, trajectory, joints)
+        found.append(_simulated(record, again, settings))
+        figures |= of_simulation
+    found.append(_figures(record.figures, figures, settings))
+    found.append(_checks(record.checks, checks, settings))
+    if record.room_arrays:
+        found.append(_room(record.room_arrays, room, settings))
+    return found
+
+
+def _at_rest(trajectory: JointTrajectory, joints: JointStates, record: WrittenRecord) -> Check:
+    """An arm that was not simulated stands where the plan begins."""
+    off = [
+        np.abs(record.simulated_angles - joints.angles[:1]),
+        np.abs(record.simulated_torques),
+        np.abs(record.simulated_base - trajectory.base_positions[:1]),
+    ]
+    worst = max(float(np.max(part, initial=0.0)) for part in off)
+    return Check("simulated arm against its plan", worst, 0.0, "rad", "it was not simulated", passed=worst == 0.0)
+
+
+def _simulated(record: WrittenRecord, again: SimulatedMotion, settings: VerificationSettings) -> Check:
+    """The simulated arm against another run of the same simulation."""
+    name = "simulated arm against its plan"
+    if record.outcome != again.verdict.outcome:
+        where = f"recorded as {record.outcome!r}, but it is {again.verdict.outcome!r}"
+        return Check(name, np.inf, 0.0, "rad", where, passed=False)
+    peak = float(np.max(np.abs(again.torques), initial=0.0))
+    sources = (
+        ("angle", record.simulated_angles, again.angles, settings.simulated_angle),
+        ("feed", record.simulated_base, again.base_positions, settings.simulated_angle),
+        ("torque", record.simulated_torques, again.torques, settings.simulated_torque * peak),
+    )
+    worst = (0.0, settings.simulated_angle, "")
+    for what, ours, theirs, allowed in sources:
+        # Where the arm does not follow its plan rounding grows without bound, and only the beginning is the same.
+        rows = slice(None) if again.verdict.followed else slice(1)
+        off = np.abs(ours[rows] - theirs[rows])
+        if off.size and float(np.max(off)) > worst[0] / worst[1] * allowed:
+            sample = int(np.argmax(np.max(off, axis=1)))
+            worst = (float(np.max(off)), allowed, f"{what} at sample {sample + 1}")
+    return Check(name, worst[0], worst[1], "rad", worst[2], passed=worst[0] <= worst[1])
+
+
+def _figures(
+    recorded: Mapping[str, float | None],
+    figures: Mapping[str, float],
+    settings: VerificationSettings,
+) -> Check:
+    """Recorded figures of merit against those of the arrays; figures of how the plan was made cannot be."""
+    known = {name: value for name, value in figures.items() if name in recorded}
+    wrong = []
+    for name, value in known.items():
+        gap = settings.report_resolution if name.endswith("clearance_m") else 0.0
+        if not _alike(recorded[name], value, gap, settings):
+            wrong.append(name)
+    missing = [name for name in figures if name not in recorded]
+    return _listed("figures against arrays", [*wrong, *(f"{name}, which is missing" for name in missing)], len(figures))
+
+
+def _checks(
+    recorded: Mapping[str, tuple[float | None, float | None]],
+    checks: Sequence[Check],
+    settings: VerificationSettings,
+) -> Check:
+    """Recorded checks against those made anew, worst values and limits; those that the record does not know are new."""
+    wrong = []
+    known = [check for check in checks if check.name in recorded]
+    for check in known:
+        worst, limit = recorded[check.name]
+        # Least gaps are known to a resolution only.
+        gap = settings.report_resolution if check.place is not None else 0.0
+        if not (_alike(worst, check.worst, gap, settings) and _alike(limit, check.limit, gap, settings)):
+            wrong.append(check.name)
+    return _listed("record against checks", wrong, len(known))
+
+
+def _room(recorded: Mapping[str, FloatArray], room: RoomRecord, settings: VerificationSettings) -> Check:
+    """Recorded gaps over time against those measured anew."""
+    wanted = {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}
+    wrong = [
+        name
+        for name, values in wanted.items()
+        if name not in recorded
+        or recorded[name].shape != values.shape
+        or float(np.max(np.abs(recorded[name] - values), initial=0.0)) > settings.goal_rounding
+    ]
+    return _listed("gaps over time against motion", wrong, len(wanted))
+
+
+def _listed(name: str, wrong: Sequence[str], count: int) -> Check:
+    where = ", ".join(wrong) if wrong else f"{count} agree"
+    return Check(name, float(len(wrong)), 0.0, "that differ", where, passed=not wrong)
+
+
+def _alike(recorded: float | None, value: float, gap: float, settings: VerificationSettings) -> bool:
+    if recorded is None or not np.isfinite(value):
+        return recorded is None and not np.isfinite(value)
+    size = max(abs(recorded), abs(value))
+    return abs(recorded - value) <= max(settings.figure_share * size, settings.figure_floor, gap)

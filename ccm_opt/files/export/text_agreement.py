@@ -1,0 +1,174 @@
+"""Whether the text files of an output folder say what its arrays say: table, ROS message, descriptions of the arm."""
+
+import io
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from ccm_opt.files.export.folder import model_texts
+from ccm_opt.files.export.trajectory_text import trajectory_columns
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Check, JointStates, JointTrajectory
+
+TEXT_TOLERANCE = 5.1e-12
+"""Share by which a number of the table or the message may differ: twelve digits are written, and half of the last."""
+NUMBER_TOLERANCE = 1e-12
+"""Share by which a number in a description of the arm may differ; all digits are written."""
+MOST_TIMES_LONGER = 10
+"""What is longer than a description of the arm by this factor is not read."""
+NAMES = {
+    "trajectory.csv": "table against arrays",
+    "trajectory.yaml": "ROS message against arrays",
+    "arm.urdf": "URDF against problem",
+    "arm.mjcf.xml": "MJCF against problem",
+}
+"""Checks of the files."""
+STAMP = re.compile(r"\{ *sec: *(\d{1,12}), *nanosec: *(\d{1,9}) *\}")
+"""A time of a ROS message."""
+ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
+"""Lists of every point of a ROS message, in the order of the quantities of the table."""
+
+
+def checks_of_texts(folder: Path, problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> list[Check]:
+    """One check for each text file that is there; whoever deletes one loses it, and misleads nobody.
+
+    Args:
+        folder: an output folder.
+        problem: whose arm is described.
+        trajectory: the motion in the folder's arrays.
+        joints: the same for all drives.
+    """
+    names, tables = trajectory_columns(trajectory, joints)
+    defects: dict[str, Callable[[str], Iterator[str]]] = {
+        "trajectory.csv": lambda text: _table_defects(text, trajectory.time, names, tables),
+        "trajectory.yaml": lambda text: _message_defects(text, trajectory.time, names, tables),
+    }
+    for name, wanted in model_texts(problem).items():
+        defects[name] = lambda text, wanted=wanted: _model_defects(text, wanted)  # type: ignore[misc]
+    return [_check(folder / name, find) for name, find in defects.items() if (folder / name).exists()]
+
+
+def _check(path: Path, find: Callable[[str], Iterator[str]]) -> Check:
+    try:
+        text = path.read_text(encoding="utf-8")
+        defect = next(find(text), "")
+    except (OSError, ValueError) as error:
+        defect = f"it is not readable: {error}"
+    return Check(NAMES[path.name], float(bool(defect)), 0.0, "defects", defect, passed=not defect)
+
+
+def _table_defects(
+    text: str, time: FloatArray, names: Mapping[str, tuple[str, ...]], tables: Mapping[str, FloatArray]
+) -> Iterator[str]:
+    """What of ``trajectory.csv`` is otherwise than the arrays."""
+    head, _, body = text.partition("\n")
+    wanted = ["time", *(column for quantity in tables for column in names[quantity])]
+    if head.rstrip("\r").split(",") != wanted:
+        yield "its columns are not those of the arm's joints"
+        return
+    rows = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2)
+    columns = np.column_stack([time, *tables.values()])
+    if rows.shape != columns.shape:
+        yield f"it has {len(rows)} rows for {len(time)} samples"
+        return
+    yield from _differing(rows, columns, wanted)
+
+
+def _message_defects(
+    text: str, time: FloatArray, names: Mapping[str, tuple[str, ...]], tables: Mapping[str, FloatArray]
+) -> Iterator[str]:
+    """What of ``trajectory.yaml`` is otherwise than the arrays."""
+    lists: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        field, _, value = line.lstrip(" -").partition(":")
+        lists.setdefault(field, []).append(value.strip())
+    joints = [column.rpartition("_")[0] for column in next(iter(names.values()))]
+    if [json.loads(value) for value in lists.get("joint_names", [])] != [joints]:
+        yield "its joint_names are not those of the arm"
+        return
+    stamps = [STAMP.fullmatch(value) for value in lists.get("time_from_start", [])]
+    seconds = np.array([[int(n) for n in stamp.groups()] for stamp in stamps if stamp], dtype=np.float64).reshape(-1, 2)
+    if len(seconds) != len(time):
+        yield f"it has {len(seconds)} points for {len(time)} samples"
+        return
+    # Nanoseconds are whole numbers, so that each is off by half of one at most.
+    late = np.abs(seconds @ (1.0, 1e-9) - time)
+    if np.max(late) > 1e-9:
+        yield f"time_from_start of point {int(np.argmax(late)) + 1} is not that of its sample"
+    for field, (quantity, table) in zip(ROS_FIELDS, tables.items(), strict=True):
+        rows = [row.removeprefix("[").removesuffix("]") for row in lists.get(field, [])]
+        if len(rows) != len(time):
+            yield f"it has {len(rows)} lists of {field} for {len(time)} samples"
+            return
+        values = np.loadtxt(io.StringIO("\n".join(rows)), delimiter=",", ndmin=2)
+        if values.shape != table.shape:
+            yield f"its {field} are not as many as the arm has joints"
+            return
+        yield from _differing(values, table, names[quantity])
+
+
+def _differing(rows: FloatArray, columns: FloatArray, names: list[str] | tuple[str, ...]) -> Iterator[str]:
+    """The value that differs most from the arrays, if one does."""
+    off = np.abs(rows - columns)
+    # What is no number differs: it is not less than any bound.
+    wrong = ~(off <= TEXT_TOLERANCE * np.maximum(np.abs(columns), np.abs(rows)) + np.finfo(np.float64).tiny)
+    if np.any(wrong):
+        sample, column = np.argwhere(wrong)[0]
+        found = rows[sample, column]
+        yield f"{names[column]} of sample {sample + 1} is {found:.12g}, not {columns[sample, column]:.12g}"
+
+
+def _model_defects(text: str, wanted: str) -> Iterator[str]:
+    """What of a description of the arm is otherwise than the problem says."""
+    if len(text) > MOST_TIMES_LONGER * len(wanted):
+        yield "it is far longer than a description of the arm"
+        return
+    # Nothing here needs declarations, and entities could make a short text endless.
+    if "<!" in text.replace("<!--", ""):
+        yield "it has declarations, which no description of an arm needs"
+        return
+    try:
+        found = ET.fromstring(text)  # noqa: S314 - without declarations there are no entities
+    except ET.ParseError as error:
+        yield f"it is not readable as XML: {error}"
+        return
+    yield from _differing_elements(found, ET.fromstring(wanted), "")  # noqa: S314 - our own text
+
+
+def _differing_elements(found: ET.Element, wanted: ET.Element, path: str) -> Iterator[str]:
+    here = f"{path}/{wanted.tag}" + (f" '{wanted.get('name')}'" if wanted.get("name") else "")
+    if found.tag != wanted.tag:
+        yield f"{here}: found <{found.tag}>"
+        return
+    for name in sorted(set(found.attrib) | set(wanted.attrib)):
+        if not _same_text(found.get(name), wanted.get(name)):
+            yield f"{here}: {name} is {found.get(name)!r}, not {wanted.get(name)!r}"
+    if not _same_text((found.text or "").strip(), (wanted.text or "").strip()):
+        yield f"{here}: its text is another"
+    if len(found) != len(wanted):
+        yield f"{here}: {len(found)} elements in it, not {len(wanted)}"
+        return
+    for ours, theirs in zip(found, wanted, strict=True):
+        yield from _differing_elements(ours, theirs, here)
+
+
+def _same_text(found: str | None, wanted: str | None) -> bool:
+    """Whether two texts are alike, numbers in them by value."""
+    if found is None or wanted is None or found == wanted:
+        return found == wanted
+    ours = found.split()
+    theirs = wanted.split()
+    return len(ours) == len(theirs) and all(map(_same_word, ours, theirs))
+
+
+def _same_word(found: str, wanted: str) -> bool:
+    try:
+        value = float(wanted)
+        return abs(float(found) - value) <= NUMBER_TOLERANCE * abs(value)
+    except ValueError:
+        return found == wanted

@@ -1,0 +1,44 @@
+"""What the checks of a plan leave out, in words: nobody is to believe that it was looked at."""
+
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import Problem
+from ccm_opt.solution import JointTrajectory
+from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.near_links import crossing_near_links
+from ccm_opt.verification.selfcollision import first_distant
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+from ccm_opt.verification.wall_clearance import exposed_starts
+
+
+def left_unchecked(
+    problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
+) -> tuple[str, ...]:
+    """What nothing was held against, though one might think so; none as a rule.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion, which passes every check.
+        settings: of the verifier.
+
+    Returns:
+        A clause each.
+    """
+    arm = problem.arm
+    settings = settings.for_problem(problem)
+    remarks = [_of_mount(arm)]
+    if not arm.self_collision:
+        remarks.append("links were not kept apart from each other, since arm.self_collision is false")
+        return tuple(remark for remark in remarks if remark)
+    if first_distant(arm) >= arm.links:
+        remarks.append("no links were kept apart from each other: all are near each other along the arm")
+    crossing = crossing_near_links(ChainMotion(arm, trajectory.time, trajectory.positions), settings)
+    if crossing:
+        remarks.append(f"{crossing}: links less than {first_distant(arm)} apart along the arm are not kept apart")
+    return tuple(remark for remark in remarks if remark)
+
+
+def _of_mount(arm: Arm) -> str:
+    whole = int((exposed_starts(arm) == 1.0).sum())
+    if whole == arm.links:
+        return "nothing was kept away from walls: the whole arm counts as its mount"
+    return f"links 1 to {whole} were not kept away from walls: they belong to the mount" if whole else ""

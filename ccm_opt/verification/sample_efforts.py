@@ -1,0 +1,252 @@
+"""Efforts that the samples' places and times take by themselves, whatever velocities and accelerations are reported.
+
+Second difference quotients of a place are means of its acceleration over the two steps beside a sample, weighted by the
+hat w that is highest at the sample and 0 at its neighbours. A moment is a product of a lever and a force, so that its
+mean differs from the product of the means; by how much at most is reckoned here. What is left over after that is a mean
+of efforts that *every* motion through the samples has to bear, so that some effort of it is at least as great.
+
+The theorem, its assumptions and its proof stand in ``docs/theory.md`` (theorem 9). The plane is taken as that of
+complex numbers here.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Check, JointTrajectory
+from ccm_opt.verification.effort_share import HoldingEfforts, allowed_share
+from ccm_opt.verification.link_motion import advance, axis_direction, link_headings
+from ccm_opt.verification.rounding import point_rounding
+from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+
+
+def check_sample_efforts(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    holding: HoldingEfforts,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> list[Check]:
+    """Check the torques of the bends, and the force on a feed axis, that the samples take by themselves.
+
+    A check holds unless every motion through the samples, with accelerations within their limits, passes the limit of
+    an effort. ``worst`` is the effort by differences, ``limit`` the limit with what differences may be off.
+    """
+    limits = problem.limits
+    if len(trajectory.time) < 3:
+        return []
+    checks = []
+    means = SampleMeans(problem, trajectory)
+    torques, forces = holding
+    if limits.torque is not None:
+        limit = _allowed(torques[:, 1::3], limits.torque[1::3], problem)
+        checks.append(_torque_check(means, limit, settings))
+    if limits.feed_force is not None:
+        for name, held in zip(trajectory.coordinates.base_names, forces.T, strict=True):
+            limit = _allowed(held[:, None], np.array([limits.feed_force]), problem)[:, 0]
+            checks.append(_force_check(name, means, limit, settings))
+    return checks
+
+
+def _allowed(held: FloatArray, limit: FloatArray, problem: Problem) -> FloatArray:
+    """The greatest effort that is allowed anywhere in the two steps beside each inner sample, shape (T − 2, N).
+
+    Args:
+        held: what holds the arm still at the samples, shape (T, N).
+        limit: of each drive, shape (N,).
+        problem: whose plans use a share of the limits.
+    """
+    allowed = limit * allowed_share(np.minimum(np.abs(held) / limit, 1.0), problem.planner.effort_share)
+    return np.asarray(np.maximum(np.maximum(allowed[:-2], allowed[1:-1]), allowed[2:]))
+
+
+def _torque_check(means: "SampleMeans", allowed: FloatArray, settings: VerificationSettings) -> Check:
+    efforts = np.abs(means.torques)
+    limit = allowed * (1.0 + settings.limit_tolerance)
+    # The bound is worth its price only where the effort by differences passes the limit.
+    sample, joint = np.nonzero(efforts > limit)
+    limit[sample, joint] += means.torque_errors(sample, joint)
+    k, j = np.unravel_index(np.argmax(efforts / limit), efforts.shape)
+    where = f"joint {j + 1} at t = {means.trajectory.time[k + 1]:.4f} s"
+    worst = float(efforts[k, j])
+    bound = float(limit[k, j])
+    return Check("joint torque of the samples", worst, bound, "N m", where, passed=worst <= bound)
+
+
+def _force_check(name: str, means: "SampleMeans", allowed: FloatArray, settings: VerificationSettings) -> Check:
+    efforts = np.abs(means.force)
+    limit = allowed * (1.0 + settings.limit_tolerance) + means.force_errors
+    k = int(np.argmax(efforts / limit))
+    where = f"t = {means.trajectory.time[k + 1]:.4f} s"
+    worst = float(efforts[k])
+    bound = float(limit[k])
+    return Check(f"{name} force of the samples", worst, bound, "N", where, passed=worst <= bound)
+
+
+@dataclass(frozen=True)
+class SampleMeans:
+    """Means of efforts around the inner samples, T − 2 of them, by the samples' places and times alone.
+
+    Attributes:
+        problem: arm, gravity, and the limits on accelerations.
+        trajectory: the motion, of at least three samples.
+    """
+
+    problem: Problem
+    trajectory: JointTrajectory
+
+    @property
+    def torques(self) -> FloatArray:
+        """Mean torques of the bends, counter-clockwise, shape (T − 2, links) [N m]."""
+        arm = self._arm
+        forces = self._forces
+        # Σ over the masses beyond joint i of (lever × force), the lever r − pᵢ, in two sums from the tip.
+        levers = self._mean(self._bodies)
+        own = _from_tip(np.imag(np.conj(levers) * forces))[:, : arm.links]
+        beyond = _from_tip(forces)[:, : arm.links]
+        moments = own - np.imag(np.conj(self._mean(self._joints[:, :-1])) * beyond)
+        # Links turn, rotors turn with their bends, and friction rubs.
+        spins = _from_tip(arm.inertia_transverse * self._second(self._headings))
+        bends = self.trajectory.bend_angles
+        geared = _of_bends(arm, arm.rotor_inertia) * self._second(bends)
+        rubbed = _of_bends(arm, arm.friction) * self._first(bends)
+        return np.asarray(moments + spins + geared + rubbed)
+
+    @property
+    def force(self) -> FloatArray:
+        """Mean force along the base heading, shape (T − 2,) [N]; no lever is in it, so that it is exact."""
+        x, y = axis_direction(self._arm)
+        return np.asarray(np.real(np.sum(self._forces, axis=1) * np.conj(complex(x, y))))
+
+    @property
+    def force_errors(self) -> FloatArray:
+        """What rounding can have added to the mean force, shape (T − 2,) [N]."""
+        return np.asarray(np.sum(self._masses) * self._noise)
+
+    def torque_errors(self, sample: IntArray, joint: IntArray) -> FloatArray:
+        """How far mean torques may be from the means that every motion through the samples has, shape (m,) [N m].
+
+        Args:
+            sample: numbers of inner samples, from 0.
+            joint: numbers of bends, from 0.
+        """
+        return np.array([self._torque_error(int(k), int(i)) for k, i in zip(sample, joint, strict=True)])
+
+    def _torque_error(self, k: int, i: int) -> float:
+        arm = self._arm
+        before, after = self._steps[0][k], self._steps[1][k]
+        longest = max(before, after)
+        within = slice(k, k + 3)
+        # How fast links may turn and speed up between the samples, by the limits on accelerations.
+        growth = np.cumsum(self.problem.limits.acceleration[1::3])
+        mean_rates = np.diff(self._headings[within], axis=0) / np.array([[before], [after]])
+        rates = np.max(np.abs(mean_rates), axis=0) + longest * growth
+        of_links = arm.link_length * (growth + rates**2)
+        at_all = _of_bodies(of_links) + (self.problem.limits.feed_acceleration or 0.0)
+        beyond = _of_bodies(np.where(np.arange(arm.links) >= i, of_links, 0.0))
+
+        levers = (self._bodies[within] - self._joints[within, i : i + 1])[:, i:]
+        spread = np.abs(levers - self._mean_of(levers, before, after)) ** 2
+        weights = np.array([before, 2.0 * (before + after), after]) / (3.0 * (before + after))
+        bow = longest**2 / 8.0 * beyond[i:]
+        mean = self._accelerations[k, i:]
+        unsteady = np.sqrt(np.maximum(at_all[i:] ** 2 - np.abs(mean) ** 2, 0.0))
+        pull = np.abs(mean - self._gravity) + abs(self._gravity)
+        masses = self._masses[i:]
+        of_levers = float(masses @ ((np.sqrt(weights @ spread) + bow) * unsteady + bow * pull))
+
+        rubbing = float(_of_bends(arm, arm.friction)[i] * self.problem.limits.acceleration[3 * i + 1] * longest)
+        noise = self._noise[k]
+        turning = float(np.sum(arm.inertia_transverse[i:]) + _of_bends(arm, arm.rotor_inertia)[i]) / arm.link_length
+        rounded = noise * (float(masses @ np.max(np.abs(levers), axis=0)) + turning)
+        rounded += 2.0 * point_rounding(arm, self.trajectory.positions) * float(masses @ pull)
+        return float(of_levers + rubbing + rounded)
+
+    @property
+    def _arm(self) -> Arm:
+        return self.problem.arm
+
+    @cached_property
+    def _steps(self) -> tuple[FloatArray, FloatArray]:
+        """Steps before and after the inner samples, each of shape (T − 2,) [s]."""
+        step = np.diff(self.trajectory.time)
+        return step[:-1], step[1:]
+
+    @cached_property
+    def _headings(self) -> FloatArray:
+        return link_headings(self._arm, self.trajectory.positions)
+
+    @cached_property
+    def _joints(self) -> FloatArray:
+        """Base, joints and tip, shape (T, links + 1), complex [m]."""
+        arm = self._arm
+        steps = arm.link_length * np.exp(1j * self._headings)
+        x, y = axis_direction(arm)
+        base = complex(*arm.base) + advance(arm, self.trajectory.positions) * complex(x, y)
+        return np.asarray(base[:, None] + np.concatenate((np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)), axis=1))
+
+    @cached_property
+    def _bodies(self) -> FloatArray:
+        """Where the masses are: the middles of the links, and the tip, shape (T, links + 1), complex [m]."""
+        joints = self._joints
+        return np.concatenate((0.5 * (joints[:, :-1] + joints[:, 1:]), joints[:, -1:]), axis=1)
+
+    @property
+    def _masses(self) -> FloatArray:
+        """Of the links, and the payload, shape (links + 1,) [kg]."""
+        return np.append(self._arm.masses, self._arm.payload)
+
+    @property
+    def _gravity(self) -> complex:
+        x, _, z = self.problem.simulation.gravity
+        return complex(x, z)
+
+    @cached_property
+    def _accelerations(self) -> FloatArray:
+        """Mean accelerations of the masses, shape (T − 2, links + 1), complex [m/s²]."""
+        return self._second(self._bodies)
+
+    @property
+    def _forces(self) -> FloatArray:
+        """Mean forces that the masses need, shape (T − 2, links + 1), complex [N]."""
+        return np.asarray(self._masses * (self._accelerations - self._gravity))
+
+    @cached_property
+    def _noise(self) -> FloatArray:
+        """What rounding of places can have added to a mean acceleration, shape (T − 2,) [m/s²]."""
+        before, after = self._steps
+        return np.asarray(4.0 * point_rounding(self._arm, self.trajectory.positions) / (before * after))
+
+    def _mean(self, values: FloatArray) -> FloatArray:
+        before, after = (step[:, None] for step in self._steps)
+        change = after * (values[2:] - values[1:-1]) + before * (values[:-2] - values[1:-1])
+        return np.asarray(values[1:-1] + change / (3.0 * (before + after)))
+
+    def _mean_of(self, three: FloatArray, before: float, after: float) -> FloatArray:
+        change = after * (three[2] - three[1]) + before * (three[0] - three[1])
+        return np.asarray(three[1] + change / (3.0 * (before + after)))
+
+    def _first(self, values: FloatArray) -> FloatArray:
+        before, after = self._steps
+        return np.asarray((values[2:] - values[:-2]) / (before + after)[:, None])
+
+    def _second(self, values: FloatArray) -> FloatArray:
+        before, after = (step[:, None] for step in self._steps)
+        rates = np.diff(values, axis=0)
+        return np.asarray(2.0 * (rates[1:] / after - rates[:-1] / before) / (before + after))
+
+
+def _of_bodies(of_links: FloatArray) -> FloatArray:
+    """Bounds on the middles of the links and the tip, from those that each link adds, shape (links + 1,)."""
+    return np.append(np.cumsum(of_links) - 0.5 * of_links, np.sum(of_links))
+
+
+def _of_bends(arm: Arm, drives: FloatArray | float) -> FloatArray:
+    return np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * arm.links,))[1::3]
+
+
+def _from_tip(values: FloatArray) -> FloatArray:
+    return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]

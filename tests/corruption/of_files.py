@@ -1,0 +1,111 @@
+"""Ways to change the record and the text files of a written plan."""
+
+import re
+from typing import Any
+
+from .plans import Folder, Generator, kind
+
+
+def figures_of(record: dict[str, Any]) -> list[str]:
+    """Names of the figures of merit that are numbers, and not just rounding."""
+    return [name for name, value in record["metrics"].items() if value is not None and abs(value) > 1e-6]
+
+
+@kind("a figure of merit scaled")
+def _(folder: Folder, rng: Generator) -> bool:
+    names = figures_of(folder.record)
+    folder.record["metrics"][names[int(rng.integers(len(names)))]] *= 1.0 + rng.uniform(0.05, 0.5)
+    return True
+
+
+@kind("a figure of merit missing")
+def _(folder: Folder, rng: Generator) -> bool:
+    names = sorted(folder.record["metrics"])
+    del folder.record["metrics"][names[int(rng.integers(len(names)))]]
+    return True
+
+
+@kind("a recorded check made better")
+def _(folder: Folder, rng: Generator) -> bool:
+    checks = [check for check in folder.record["checks"] if check["worst"] is not None and abs(check["worst"]) > 1e-3]
+    check = checks[int(rng.integers(len(checks)))]
+    check["worst"] *= 2.0 if "clearance" in check["name"] or "collision" in check["name"] else 0.5
+    return True
+
+
+@kind("a recorded limit widened")
+def _(folder: Folder, rng: Generator) -> bool:
+    checks = [check for check in folder.record["checks"] if check["limit"]]
+    checks[int(rng.integers(len(checks)))]["limit"] *= 1.5
+    return True
+
+
+@kind("another outcome of the simulation")
+def _(folder: Folder, rng: Generator) -> bool:
+    outcomes = {"followed", "saturated", "strayed", "touched", "diverged", "not simulated"}
+    others = sorted(outcomes - {folder.record["simulation"]["outcome"]})
+    folder.record["simulation"]["outcome"] = others[int(rng.integers(len(others)))]
+    return True
+
+
+@kind("another arm in the record")
+def _(folder: Folder, rng: Generator) -> bool:
+    arm = folder.record["problem"]["arm"]
+    arm["link_length"] *= 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.001, 0.05)
+    return True
+
+
+@kind("another gravity in the record")
+def _(folder: Folder, rng: Generator) -> bool:
+    folder.record["problem"].setdefault("simulation", {})["gravity"] = [0.0, 0.0, -9.81 + rng.uniform(0.1, 3.0)]
+    return True
+
+
+@kind("another status or schema")
+def _(folder: Folder, rng: Generator) -> bool:
+    folder.record.update([{"status": "infeasible"}, {"schema": 2}, {"problem": None}][int(rng.integers(3))])
+    return True
+
+
+@kind("a number of the table or the message")
+def _(folder: Folder, rng: Generator) -> bool:
+    name = str(rng.choice(["trajectory.csv", "trajectory.yaml"]))
+    text = folder.texts[name]
+    found = [match for match in re.finditer(r"-?\d+\.\d+", text) if abs(float(match[0])) > 1e-6]
+    match = found[int(rng.integers(len(found)))]
+    folder.texts[name] = f"{text[: match.start()]}{float(match[0]) * 1.001:.12g}{text[match.end() :]}"
+    return True
+
+
+@kind("a line of the table or the message missing")
+def _(folder: Folder, rng: Generator) -> bool:
+    name = str(rng.choice(["trajectory.csv", "trajectory.yaml"]))
+    lines = folder.texts[name].splitlines(keepends=True)
+    del lines[int(rng.integers(2, len(lines)))]
+    folder.texts[name] = "".join(lines)
+    return True
+
+
+@kind("joints of the table or the message renamed")
+def _(folder: Folder, rng: Generator) -> bool:
+    name = str(rng.choice(["trajectory.csv", "trajectory.yaml"]))
+    folder.texts[name] = folder.texts[name].replace("ball02_bend", "ball02_bent", 1)
+    return True
+
+
+@kind("a number of a description of the arm")
+def _(folder: Folder, rng: Generator) -> bool:
+    name = str(rng.choice(["arm.urdf", "arm.mjcf.xml"]))
+    text = folder.texts[name]
+    found = [match for match in re.finditer(r'(?<=[" ])-?\d+\.\d+(?=[" ])', text) if float(match[0]) != 0.0]
+    match = found[int(rng.integers(len(found)))]
+    folder.texts[name] = f"{text[: match.start()]}{float(match[0]) * 1.0001!r}{text[match.end() :]}"
+    return True
+
+
+@kind("a text file cut short")
+def _(folder: Folder, rng: Generator) -> bool:
+    name = sorted(folder.texts)[int(rng.integers(len(folder.texts)))]
+    text = folder.texts[name]
+    folder.texts[name] = text[: int(rng.uniform(0.1, 0.95) * len(text))]
+    return True

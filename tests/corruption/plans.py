@@ -1,0 +1,204 @@
+"""The plans that are corrupted, their folders in memory, and the list of ways to change them."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ccm_opt
+from ccm_opt.files.export.folder import write_solution
+from ccm_opt.files.problem_file import parse_problem
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.solution import Solution
+
+Arrays = dict[str, FloatArray]
+Generator = np.random.Generator
+
+ROOM = """\
+schema = 1
+name = "{name}"
+
+[workspace]
+bounds = [-1.2, -1.2, 1.4, 1.2]
+clearance = 0.004
+
+[[workspace.obstacles]]
+name = "post"
+circle = {{ center = [0.25, 0.32], radius = 0.06 }}
+
+[[workspace.obstacles]]
+name = "shelf"
+polygon = [[0.3, -0.5], [0.9, -0.5], [0.9, -0.3], [0.3, -0.3]]
+"""
+PAUSING = (
+    ROOM.format(name="pausing")
+    + """
+[arm]
+links = 8
+link_length = 0.08
+radius = 0.015
+base = [0.0, 0.0]
+joint_limit_deg = 70.0
+
+[limits]
+velocity = 2.0
+acceleration = 8.0
+torque = 9.0
+tip_velocity = 1.5
+points = [{ at = 0.3, velocity = 1.2, acceleration = 20.0 }]
+
+[start]
+shape = "straight"
+
+[[goal]]
+position = [0.5, 0.15]
+pause = 0.15
+
+[[goal]]
+position = [0.45, -0.15]
+heading_deg = -60.0
+
+[planner]
+effort_share = 0.95
+
+[simulation.disturbances]
+mass_error = 0.1
+angle_noise_deg = 0.01
+"""
+)
+SMOOTH = (
+    ROOM.format(name="smooth")
+    + """
+[arm]
+links = 6
+link_length = 0.1
+radius = 0.02
+base = [0.0, 0.0]
+joint_limit_deg = 80.0
+payload = 0.05
+rotor_inertia = 0.001
+friction = 0.01
+
+[limits]
+velocity = 2.0
+acceleration = 8.0
+jerk = 200.0
+torque = 12.0
+
+[start]
+shape = "straight"
+
+[goal]
+joints_deg = [20, 15, -10, 20, 10, -15]
+"""
+)
+FED = (
+    ROOM.format(name="fed")
+    + """
+[arm]
+links = 8
+link_length = 0.06
+radius = 0.015
+base = [-0.5, 0.0]
+joint_limit_deg = 60.0
+feed = { range = [0.0, 0.5], hole = 0.5 }
+
+[limits]
+velocity = 1.0
+acceleration = 4.0
+feed_velocity = 0.3
+feed_acceleration = 0.8
+feed_force = 3.0
+torque = 6.0
+
+[start]
+shape = "straight"
+feed = 0.02
+
+[goal]
+position = [0.36, 0.1]
+"""
+)
+PLANS = {"pausing": PAUSING, "smooth": SMOOTH, "fed": FED}
+
+
+@dataclass
+class Folder:
+    """A written plan in memory.
+
+    Attributes:
+        arrays: of ``solution.npz``.
+        record: of ``solution.json``.
+        texts: of the other files.
+        solution: the plan that was written.
+    """
+
+    arrays: Arrays
+    record: dict[str, Any]
+    texts: dict[str, str]
+    solution: Solution
+
+    @classmethod
+    def of(cls, place: Path, solution: Solution) -> "Folder":
+        """Read a folder."""
+        with np.load(place / "solution.npz", allow_pickle=False) as archive:
+            arrays = {name: archive[name].copy() for name in archive.files}
+        record = json.loads((place / "solution.json").read_text(encoding="utf-8"))
+        texts = {
+            path.name: path.read_text(encoding="utf-8")
+            for path in sorted(place.iterdir())
+            if path.suffix in {".csv", ".yaml", ".urdf", ".xml"}
+        }
+        return cls(arrays, record, texts, solution)
+
+    def copy(self) -> "Folder":
+        """The same to be changed."""
+        arrays = {name: values.copy() for name, values in self.arrays.items()}
+        return Folder(arrays, json.loads(json.dumps(self.record)), dict(self.texts), self.solution)
+
+    def write(self, place: Path) -> None:
+        """Put it into a folder."""
+        place.mkdir(parents=True)
+        np.savez(place / "solution.npz", **self.arrays)  # type: ignore[arg-type]
+        (place / "solution.json").write_text(json.dumps(self.record), encoding="utf-8")
+        for name, text in self.texts.items():
+            (place / name).write_text(text, encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One way to change a plan.
+
+    Attributes:
+        name: says what it does.
+        change: does it, in place; False where it does not apply to this plan.
+        true: whether what comes of it is still a true plan.
+    """
+
+    name: str
+    change: Callable[[Folder, Generator], bool]
+    true: bool = False
+
+
+KINDS: list[Kind] = []
+
+
+def kind(name: str, *, true: bool = False) -> Callable[[Callable[[Folder, Generator], bool]], None]:
+    """Enter a way to change a plan."""
+
+    def entered(change: Callable[[Folder, Generator], bool]) -> None:
+        KINDS.append(Kind(name, change, true))
+
+    return entered
+
+
+def write_plans(place: Path) -> dict[str, Folder]:
+    """Solve the plans that are corrupted, and read their folders."""
+    found = {}
+    for name, text in PLANS.items():
+        solution = ccm_opt.solve(parse_problem(text, f"{name}.toml"))
+        found[name] = Folder.of(write_solution(solution, place), solution)
+    return found
