@@ -11,7 +11,6 @@ from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
 from ccm_opt.cli.term_references import TermReferences
-from ccm_opt.driver.record_agreement import WrittenRecord, checks_of_record
 from ccm_opt.files.export.reading_back import (
     SavedMotion,
     load_motion,
@@ -92,6 +91,8 @@ def _checks_of_record(
     folder: Path, problem: Problem, motion: SavedMotion, own: tuple[Check, ...], room: RoomRecord
 ) -> list[Check]:
     """Whatever else the folder says of the motion, held against it."""
+    from ccm_opt.driver.record_agreement import WrittenRecord, checks_of_record  # noqa: PLC0415 - loads the simulation
+
     figures, checks, outcome = recorded_results(folder)
     record = WrittenRecord(
         motion.keyframes,

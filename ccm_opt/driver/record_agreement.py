@@ -65,7 +65,7 @@ def checks_of_record(
         settings: what counts as the same.
     """
     settings = settings.for_problem(problem)
-    found = [check_keyframes(trajectory, record.keyframes, settings)]
+    found = [check_keyframes(problem.arm, trajectory, record.keyframes, settings)]
     if problem.planner.method == "nlp":
         wanted = [CurvePose(curve) for curve in keyframe_curves(problem.arm, record.keyframes)]
         found.append(check_nearest_curves(record.curves, wanted, settings))

@@ -1,6 +1,8 @@
 """Whether the keyframes that are reported with a motion belong to it, and the curves that are reported with them."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,14 +15,15 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 
 def check_keyframes(
-    trajectory: JointTrajectory, keyframes: FloatArray, settings: VerificationSettings = DEFAULT_VERIFICATION
+    arm: Arm, trajectory: JointTrajectory, keyframes: FloatArray, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> Check:
     """Check that a motion passes its keyframes in order, and ends at the last of them.
 
-    A cubic B-spline with the keyframes as control points passes an inner one at a sixth of its second difference, a
-    third of the longer leg beside it; near the ends, where its knots are clamped, at a little more.
+    A uniform cubic B-spline with the keyframes as control points passes each at a sixth of its second difference; near
+    the ends, where knots are clamped, at a little more, and once its legs are halved at less.
 
     Args:
+        arm: the arm.
         trajectory: the motion.
         keyframes: of all coordinates, shape (K, c) [rad, m].
         settings: of the verifier.
@@ -28,23 +31,45 @@ def check_keyframes(
     name = "keyframes against motion"
     if len(keyframes) == 0:
         return Check(name, np.inf, 0.0, "rad", "there are none", passed=False)
-    legs = np.append(0.0, np.max(np.abs(np.diff(keyframes, axis=0)), axis=1, initial=0.0))
-    allowed = settings.keyframe_share * np.maximum(legs, np.append(legs[1:], 0.0)) + settings.start_tolerance
-    allowed[[0, -1]] = settings.start_tolerance
+    # On the axes that carry the base a link's length counts like a radian.
+    scale = np.where(np.arange(keyframes.shape[1]) < arm.links, 1.0, 1.0 / arm.link_length)
+    wanted = keyframes * scale
+    allowed = np.full(len(wanted), settings.start_tolerance)
+    bent = np.linalg.norm(wanted[2:] - 2.0 * wanted[1:-1] + wanted[:-2], axis=1)
+    allowed[1:-1] += settings.keyframe_share * bent
+    path = _Chain(trajectory.positions * scale)
     # A motion that was given a new goal on its way has keyframes from the stop on alone.
     rests = (0, *trajectory.stops)
-    sample = min(rests, key=lambda rest: float(np.max(np.abs(trajectory.positions[rest] - keyframes[0]))))
+    piece = min(rests, key=lambda rest: float(np.linalg.norm(path.points[rest] - wanted[0])))
     worst = (0.0, 1.0, "")
-    for number, (keyframe, most) in enumerate(zip(keyframes, allowed.tolist(), strict=True), start=1):
-        last = number == len(keyframes)
-        candidates = trajectory.positions[-1:] if last else trajectory.positions[sample:]
-        away = np.max(np.abs(candidates - keyframe), axis=1)
+    for number, (keyframe, most) in enumerate(zip(wanted, allowed.tolist(), strict=True), start=1):
+        away = path.distances(keyframe, piece if number < len(wanted) else len(path.points) - 2)
         near = np.flatnonzero(away <= most)
-        # The first sample that is near enough leaves the most samples to the keyframes that follow.
-        sample += int(near[0]) if len(near) and not last else 0
+        # The first piece that is near enough leaves most of the motion to the keyframes that follow.
+        piece += int(near[0]) if len(near) else 0
         least = float(away[near[0]] if len(near) else np.min(away))
         worst = max(worst, (least, most, f"keyframe {number}"), key=lambda met: met[0] / met[1])
     return Check(name, worst[0], worst[1], "rad", worst[2], passed=worst[0] <= worst[1])
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """Straight pieces through points, shape (T, c)."""
+
+    points: FloatArray
+
+    @cached_property
+    def _pieces(self) -> tuple[FloatArray, FloatArray]:
+        """The pieces, shape (T − 1, c), and the squares of their lengths."""
+        pieces = np.diff(self.points, axis=0)
+        return pieces, np.maximum(np.einsum("tc,tc->t", pieces, pieces), np.finfo(np.float64).tiny)
+
+    def distances(self, point: FloatArray, first: int) -> FloatArray:
+        """Distances of a point from the pieces from one of them on, shape (T − 1 − first,)."""
+        pieces, squares = (values[first:] for values in self._pieces)
+        away = point - self.points[first:-1]
+        along = np.clip(np.einsum("tc,tc->t", away, pieces) / squares, 0.0, 1.0)
+        return np.asarray(np.linalg.norm(away - along[:, None] * pieces, axis=1))
 
 
 def check_nearest_curves(

@@ -12,7 +12,7 @@ MOTION = ("bend_angles", "joint_angles", "joint_velocities", "joint_acceleration
 SIMULATED = ("simulated_angles", "simulated_torques")
 CURVES = ("segment_lengths", "segment_curvatures", "segment_knots", "base_headings")
 GAPS = ("room_time", "wall_gaps", "self_gaps")
-OF_FEED = ("base_feed", "feed_velocities", "feed_accelerations", "feed_forces", "simulated_feed", "keyframe_feeds")
+OF_FEED = ("base_feed", "feed_velocities", "feed_accelerations", "feed_forces", "simulated_feed")
 
 
 def changed_array(folder: Folder, rng: Generator, names: Sequence[str], change: Callable[[FloatArray], None]) -> bool:
@@ -99,6 +99,11 @@ for _group, _names in {
         kind(f"{_group}: {_how.__name__}")(
             lambda folder, rng, names=_names, how=_how: changed_array(folder, rng, names, how(rng))
         )
+# One feed alone, moved a little along the way that the arm takes, would still be a keyframe of it.
+for _how in (scaled, backwards, nothing):
+    kind(f"feeds of keyframes: {_how.__name__}")(
+        lambda folder, rng, how=_how: changed_array(folder, rng, ("keyframe_feeds",), how(rng))
+    )
 for _group, _names in {"motion": MOTION, "simulation": SIMULATED, "feed": OF_FEED[:4]}.items():
     kind(f"{_group}: shifted")(lambda folder, rng, names=_names: changed_array(folder, rng, names, shifted(rng)))
 
