@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
+from ccm_opt.cli.drawing_notes import tell_of_drawing
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.files.problem_file import load_problem
@@ -33,6 +34,8 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
 
 
 def _describe(problem: Problem) -> int:
+    tell_of_drawing(problem)
+
     def show() -> None:
         console = report_console()
         for line in arm_lines(problem):

@@ -12,6 +12,7 @@ class DisplaySettings:
         most_problems: problems of a comparison up to which the table of all runs is printed; of more it is in the
             file only.
         widest_title: columns that the name of a check takes before it is folded.
+        most_left_out: layers of a drawing, and things left out of it, that are listed without --verbose.
         status_refreshes: times a second that the line of the present stage is drawn [1/s].
         first_line_after: wall time after which it is told how far the work has come where there is no terminal [s].
         line_every: wall time between two such lines [s].
@@ -20,6 +21,7 @@ class DisplaySettings:
     piped_width: int = 200
     most_problems: int = 40
     widest_title: int = 28
+    most_left_out: int = 10
     status_refreshes: float = 4.0
     first_line_after: float = 3.0
     line_every: float = 3.0

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ccm_opt.cli.drawing_notes import tell_of_drawing
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import Problem
@@ -22,7 +23,7 @@ class NamedProblems:
     taken: dict[str, Path] = field(default_factory=dict)
 
     def read(self, file: Path) -> Problem:
-        """The problem of a file.
+        """The problem of a file; what became of its drawing is told.
 
         Raises:
             ProblemError: the file is wrong, or names its problem as an earlier file does.
@@ -31,4 +32,5 @@ class NamedProblems:
         first = self.taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
+        tell_of_drawing(problem)
         return problem

@@ -7,6 +7,7 @@ from ccm_opt.ground.length_units import LengthUnit
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import DriveLimits, Limits, PointLimit
 from ccm_opt.problem.definition import Problem
+from ccm_opt.problem.imported_drawing import ImportedDrawing, LeftOut
 from ccm_opt.problem.options import (
     ControllerName,
     Disturbances,
@@ -27,7 +28,9 @@ __all__ = [
     "Disturbances",
     "DriveLimits",
     "Goal",
+    "ImportedDrawing",
     "JointPose",
+    "LeftOut",
     "LengthUnit",
     "Limits",
     "MethodName",

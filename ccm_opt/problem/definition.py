@@ -11,6 +11,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.problem.defects import defects
 from ccm_opt.problem.field_types import wrong_types
+from ccm_opt.problem.imported_drawing import ImportedDrawing
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions
 from ccm_opt.problem.poses import Goal, Start, Stop, Tolerances
 
@@ -44,6 +45,7 @@ class Problem:
         source: the text of the problem file, kept for the record; empty when built in Python.
         length_unit: in which people are told lengths, that of the problem file: ``m``, ``mm`` or ``in``. All values
             are in metres whatever it is.
+        drawing: what became of the drawing that some obstacles are from; None where there was none.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Problem:
     verification: VerificationOptions = field(default_factory=VerificationOptions)
     source: str = ""
     length_unit: LengthUnit = "m"
+    drawing: ImportedDrawing | None = None
 
     @property
     def contact_tolerance(self) -> float:

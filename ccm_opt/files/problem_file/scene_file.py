@@ -5,7 +5,9 @@ What follows, the copy in ``solution.json`` included, sees plain obstacles and n
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import shapely
 
@@ -14,9 +16,15 @@ from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.schema import SceneTable
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.length_units import METRES
+from ccm_opt.problem import ImportedDrawing
+
+if TYPE_CHECKING:
+    from ccm_opt.files.scene_import import ImportedScene
 
 
-def with_scene(data: Mapping[str, object], folder: Path | None, issues: Issues) -> Mapping[str, object]:
+def with_scene(
+    data: Mapping[str, object], folder: Path | None, issues: Issues
+) -> tuple[Mapping[str, object], ImportedDrawing | None]:
     """Replace ``workspace.file`` by the obstacles of that file, after those of the table.
 
     Args:
@@ -25,47 +33,53 @@ def with_scene(data: Mapping[str, object], folder: Path | None, issues: Issues) 
         issues: receives what is wrong with the drawing, or with the keys that place it.
 
     Returns:
-        The data without the keys of the drawing; the same data when there are none.
+        The data without the keys of the drawing, the same data when there are none; and what became of the drawing,
+        its box in metres, when it could be read.
     """
     workspace = data.get("workspace")
     keys = SceneTable.model_fields
     if not isinstance(workspace, Mapping) or not any(key in workspace for key in keys):
-        return data
+        return data, None
     given = {key: workspace[key] for key in keys if key in workspace}
     rest = {key: value for key, value in workspace.items() if key not in keys}
     scene = issues.validate(SceneTable, given, ("workspace",), 1.0)
     listed = rest.get("obstacles", [])
+    drawing = None
     if scene is not None and isinstance(listed, list):
-        units = str(data.get("units", "m"))
-        rest["obstacles"] = [*listed, *_entries(scene, folder, METRES.get(units, 1.0), listed, issues)]
-    return {**data, "workspace": rest}
+        metres = METRES.get(str(data.get("units", "m")), 1.0)
+        imported = _imported(scene, folder, metres, listed, issues)
+        if imported is not None:
+            rest["obstacles"] = [*listed, *(obstacle_table(obstacle) for obstacle in imported.obstacles)]
+            xmin, ymin, xmax, ymax = imported.drawing.box
+            box = (xmin * metres, ymin * metres, xmax * metres, ymax * metres)
+            drawing = replace(imported.drawing, box=box)
+    return {**data, "workspace": rest}, drawing
 
 
-def _entries(
+def _imported(
     scene: SceneTable, folder: Path | None, metres: float, listed: list[object], issues: Issues
-) -> list[dict[str, object]]:
-    """The tables of the drawing's obstacles; what is wrong is noted."""
+) -> "ImportedScene | None":
+    """What the drawing gives; what is wrong is noted."""
     from ccm_opt.files.scene_import import ImportOptions, import_scene  # noqa: PLC0415 - most problems need no drawing
 
     if scene.file is None:
         issues.add(("workspace", next(iter(scene.model_fields_set))), "only allowed together with file")
-        return []
+        return None
     if folder is None:
         issues.add(("workspace", "file"), "a path beside the problem file, but this problem was not read from a file")
-        return []
+        return None
     if os.path.isdir(folder / scene.file):  # noqa: PTH112 - pathlib's raises where the user may not look
         issues.add(("workspace", "file"), f"{scene.file!r} is a directory; expected a drawing, for example 'scene.svg'")
-        return []
+        return None
     tolerance = scene.curve_tolerance
     if tolerance is None:
         tolerance = ImportOptions.curve_tolerance / metres  # the default is in metres
     options = ImportOptions(scene.scale, (scene.offset[0], scene.offset[1]), tolerance, scene.wall_thickness)
     try:
-        obstacles = import_scene(folder / scene.file, options, _names(listed))
+        return import_scene(folder / scene.file, options, _names(listed))
     except ProblemError as error:
         issues.add(("workspace", "file"), str(error))
-        return []
-    return [obstacle_table(obstacle) for obstacle in obstacles]
+        return None
 
 
 def _names(listed: list[object]) -> set[str]:

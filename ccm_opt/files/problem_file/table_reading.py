@@ -1,7 +1,7 @@
 """From parsed TOML to a problem: each table by itself, then the checks between tables; all defects in one list."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -38,7 +38,7 @@ from ccm_opt.files.problem_file.schema import (
     WorkspaceTable,
 )
 from ccm_opt.ground.length_units import METRES
-from ccm_opt.problem import Problem
+from ccm_opt.problem import ImportedDrawing, Problem
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -72,16 +72,18 @@ def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: 
     Returns:
         The problem, or None when there are issues.
     """
-    whole = with_scene(data, folder, issues)
+    whole, drawing = with_scene(data, folder, issues)
     check_alternatives(whole, issues)
     draft = _validate(whole, issues)
     _check_between(draft, str(whole.get("units", "m")), issues)
     tables = _complete(draft)
     if tables is None or issues.found:
+        _hint_at_scale(drawing, draft, issues)
         return None
     # With the obstacles of a drawing written out the problem can be read again without that drawing.
     has_drawing = whole is not data
-    return build_problem(tables, tomlkit.dumps(whole) if has_drawing else source)
+    problem = build_problem(tables, tomlkit.dumps(whole) if has_drawing else source)
+    return replace(problem, drawing=drawing)
 
 
 def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
@@ -215,6 +217,15 @@ def _lists_fit(arm: ArmTable) -> bool:
     probe = Issues()
     check_arm_lists(arm, probe)
     return not probe.found
+
+
+def _hint_at_scale(drawing: ImportedDrawing | None, draft: _Draft, issues: Issues) -> None:
+    """Beside other defects say that the drawing does not fit the arm, which may be where they come from."""
+    if drawing is None or draft.arm is None:
+        return
+    odd = drawing.odd_size(draft.arm.links * draft.arm.link_length)
+    if odd is not None:
+        issues.add(("workspace", "scale"), odd)
 
 
 def _complete(draft: _Draft) -> Tables | None:

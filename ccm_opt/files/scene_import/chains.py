@@ -8,6 +8,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.scene_import.import_settings import IMPORT
 from ccm_opt.ground.arrays import FloatArray
 
 
@@ -68,10 +70,15 @@ def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
 
 def _clusters(points: FloatArray, gap: float) -> np.ndarray:
     """A number for each point, the same for points that are joined by steps of at most ``gap``."""
-    pairs = cKDTree(points).query_pairs(gap, output_type="ndarray")
-    # Pairs of near points are the edges of a graph; its connected components are the places.
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    # Equal points are one place, however many there are; pairs are sought among different ones only.
+    places, place_of = np.unique(points, axis=0, return_inverse=True)
+    tree = cKDTree(places)
+    if tree.count_neighbors(tree, gap) > IMPORT.most_meeting * len(places):
+        raise ProblemError("open lines end in crowds too dense to tell which of them meet; join them, or simplify")
+    pairs = tree.query_pairs(gap, output_type="ndarray")
+    # Pairs of near points are the edges of a graph; its connected components are the places that meet.
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
+    return np.asarray(connected_components(graph, directed=False)[1])[place_of.reshape(-1)]
 
 
 def _walk(start: int, partner: dict[int, int]) -> tuple[list[int], bool]:

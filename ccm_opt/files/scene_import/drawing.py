@@ -1,7 +1,8 @@
 """From a drawing to obstacles: read by its format, place, repair, name; all defects are reported in one error."""
 
+from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,26 +10,37 @@ import shapely
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.formats import READERS
-from ccm_opt.files.scene_import.found_shapes import Disc, Line, Region, Shape
+from ccm_opt.files.scene_import.found_shapes import Disc, DrawingContent, Line, Shape
 from ccm_opt.files.scene_import.import_settings import IMPORT, ImportOptions, ImportSettings
 from ccm_opt.files.scene_import.obstacles import obstacles_of, with_unique_names
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.problem import ImportedDrawing
+
+
+@dataclass(frozen=True)
+class ImportedScene:
+    """What a drawing gave.
+
+    Attributes:
+        obstacles: in the order of the drawing, their names unique; in the unit that the scale leads to.
+        drawing: how many, how large and where they are, in the same unit, and what was left out.
+    """
+
+    obstacles: tuple[Obstacle, ...]
+    drawing: ImportedDrawing
 
 
 def import_scene(
     path: Path, options: ImportOptions, taken: Collection[str] = (), settings: ImportSettings = IMPORT
-) -> tuple[Obstacle, ...]:
-    """The obstacles of a drawing.
+) -> ImportedScene:
+    """The obstacles of a drawing, and what was left out of it.
 
     Args:
         path: an SVG, DXF, GeoJSON or WKT file, recognised by its suffix.
         options: placement and tolerances.
         taken: names that other obstacles have already.
         settings: tolerances and bounds of the import.
-
-    Returns:
-        Obstacles in the order of the drawing, their names unique; in the unit that ``options.scale`` leads to.
 
     Raises:
         ProblemError: the file cannot be read, holds nothing that can be an obstacle, or holds shapes that cannot be
@@ -39,14 +51,30 @@ def import_scene(
     flattening = settings.flattening_share * options.curve_tolerance
     reader = READERS[path.suffix.lower()]
     try:
-        shapes = reader(content, flattening / options.scale)
+        found = reader(content, flattening / options.scale, settings)
     except ProblemError as error:
         raise ProblemError(f"{path.name}: {error}") from error
-    if not shapes:
-        raise ProblemError(f"{path.name} holds no shape that could be an obstacle; draw outlines, circles or lines")
-    obstacles = _collected(path, shapes, options, settings)
+    if not found.shapes:
+        left_out = settings.listed([f"{item.what}: {item.reason}" for item in found.left_out])
+        raise ProblemError(
+            f"{path.name} holds no shape that could be an obstacle; "
+            + (f"left out: {left_out}" if left_out else "draw outlines, circles or lines")
+        )
+    obstacles = _collected(path, found.shapes, options, settings)
     _refuse_too_many_vertices(path, obstacles, options, settings)
-    return with_unique_names(obstacles, taken)
+    named = with_unique_names(obstacles, taken)
+    return ImportedScene(named, _summary(path, named, found))
+
+
+def _summary(path: Path, obstacles: Sequence[Obstacle], found: DrawingContent) -> ImportedDrawing:
+    """What people are told of a drawing that was read."""
+    boxes = np.array([shapely.bounds(obstacle.core) for obstacle in obstacles])
+    growth = np.array([obstacle.rounding for obstacle in obstacles])[:, None]
+    least = (boxes[:, :2] - growth).min(axis=0)
+    greatest = (boxes[:, 2:] + growth).max(axis=0)
+    box = (float(least[0]), float(least[1]), float(greatest[0]), float(greatest[1]))
+    layers = Counter(shape.layer for shape in found.shapes if shape.layer)
+    return ImportedDrawing(path.name, len(obstacles), box, tuple(layers.items()), found.left_out)
 
 
 def _refuse_too_many_vertices(
@@ -96,10 +124,7 @@ def _collected(path: Path, shapes: Sequence[Shape], options: ImportOptions, sett
         except ProblemError as error:
             refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
     if refusals:
-        listed = refusals[: settings.reported_defects]
-        if len(refusals) > len(listed):
-            listed.append(f"and {len(refusals) - len(listed)} more")
-        raise ProblemError(f"{path.name}: " + "; ".join(listed))
+        raise ProblemError(f"{path.name}: {settings.listed(refusals)}")
     return obstacles
 
 
@@ -112,7 +137,7 @@ def _placed(shape: Shape, options: ImportOptions) -> Shape:
     if isinstance(shape, Line):
         return replace(shape, points=_placed_points(shape.points, options), half_width=half_width)
     rings = tuple(_placed_points(ring, options) for ring in shape.rings)
-    return Region(shape.name, rings, shape.rule, shape.curved, half_width)
+    return replace(shape, rings=rings, half_width=half_width)
 
 
 def _placed_points(points: FloatArray, options: ImportOptions) -> FloatArray:

@@ -1,13 +1,15 @@
 """Reads DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks of them.
 
 Only the model space counts, seen along z, without layers that are off or frozen. Open pieces on one layer whose
-ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out; whatever else
-cannot be read is refused by name, for a missing obstacle would be worse than a refused file.
+ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out and reported;
+whatever else cannot be read is refused by name, for a missing obstacle would be worse than a refused file.
 """
 
 import io
+import logging
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +18,9 @@ import shapely
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.chains import Piece, joined_pieces
 from ccm_opt.files.scene_import.dxf_entities import PIECES, Entity, corner_points, hatch_rings, piece_of
-from ccm_opt.files.scene_import.found_shapes import Disc, Line, Region, Shape
+from ccm_opt.files.scene_import.found_shapes import Disc, DrawingContent, Line, Region, Shape
+from ccm_opt.files.scene_import.import_settings import ImportSettings
+from ccm_opt.problem import LeftOut
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -46,6 +50,13 @@ IGNORED = frozenset(
     )
 )
 """Annotations, pictures and construction lines."""
+_IGNORED_BECAUSE = {
+    "MTEXT": "texts are no obstacles",
+    "POINT": "points have no extent",
+    "RAY": "construction lines are no obstacles",
+    "TEXT": "texts are no obstacles",
+    "XLINE": "construction lines are no obstacles",
+}
 _DEEPEST = 32
 """Blocks nested deeper than this are taken for blocks that hold themselves."""
 _GAP = 1e-6
@@ -61,7 +72,22 @@ class _Placed:
     name: str
 
 
-def read_dxf(content: bytes, distance: float) -> list[Shape]:
+@dataclass
+class _Findings:
+    """What is found on the way through a drawing: shapes, open pieces by layer, and what is not taken."""
+
+    shapes: list[Shape] = field(default_factory=list)
+    open_pieces: dict[str, list[Piece]] = field(default_factory=dict)
+    left_out: list[LeftOut] = field(default_factory=list)
+    refusals: list[str] = field(default_factory=list)
+    points: int = 0
+
+    def leave_out(self, item: _Placed, reason: str) -> None:
+        """Note that an entity becomes no obstacle."""
+        self.left_out.append(LeftOut(_title(item), reason))
+
+
+def read_dxf(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
     """The shapes of a DXF file.
 
     A shape is named by its layer; on layer 0 by its block, or else by its type and handle.
@@ -69,35 +95,63 @@ def read_dxf(content: bytes, distance: float) -> list[Shape]:
     Args:
         content: of the file, text or binary DXF.
         distance: allowed between a curve and the polyline that replaces it [drawing units].
+        settings: bounds.
 
     Raises:
-        ProblemError: the content is no DXF, or holds entities that cannot be read; those are listed by name.
+        ProblemError: the content is no DXF, holds entities that cannot be read, which are listed by name, or inserts
+            more than the bounds allow.
     """
-    drawing = _parsed(content)
-    shapes: list[Shape] = []
-    open_pieces: dict[str, list[Piece]] = {}
-    refusals: list[str] = []
-    for item in _entities(drawing, refusals):
+    drawing = _parsed(content, settings)
+    found = _Findings()
+    for item in _entities(drawing, found, settings):
         try:
-            _add(item, distance, shapes, open_pieces)
+            _add(item, distance, found)
         except ProblemError as error:
-            refusals.append(f"{_title(item)} cannot be an obstacle: {error}")
-    if refusals:
-        raise ProblemError("; ".join(refusals[:10]))
-    return shapes + [shape for pieces in open_pieces.values() for shape in _chained(pieces, distance)]
+            found.refusals.append(f"{_title(item)} cannot be an obstacle: {error}")
+        if found.points > settings.most_points:
+            raise ProblemError(f"its shapes have more than {settings.most_points} points; simplify the drawing")
+    if found.refusals:
+        raise ProblemError(settings.listed(found.refusals))
+    found.left_out += _sheets(drawing)
+    for layer, pieces in found.open_pieces.items():
+        found.shapes += _chained(pieces, layer, distance, settings)
+    return DrawingContent(tuple(found.shapes), tuple(found.left_out))
 
 
-def _parsed(content: bytes) -> "Drawing":
+def _sheets(drawing: "Drawing") -> list[LeftOut]:
+    """The layouts of sheets, of which nothing is read."""
+    counts = {
+        layout.name: sum(entity.dxftype() != "VIEWPORT" for entity in layout)
+        for layout in drawing.layouts
+        if layout.is_any_paperspace
+    }
+    return [
+        LeftOut(f"layout '{name}'", f"a sheet, with {count} entities; only the model space is read")
+        for name, count in counts.items()
+        if count
+    ]
+
+
+def _parsed(content: bytes, settings: ImportSettings) -> "Drawing":
     from ezdxf import recover  # noqa: PLC0415 - loaded only when a DXF file is read
     from ezdxf.audit import AuditError  # noqa: PLC0415 - likewise
 
     # The parser would mend a file that was cut short in silence, and obstacles would be missing.
     if b"EOF" not in content[-64:]:
         raise ProblemError("the DXF file has no end: it was cut short, or it is no DXF; save it again")
-    try:
-        drawing, auditor = recover.read(io.BytesIO(content))
-    except Exception as error:  # whatever the parser stumbles over
-        raise ProblemError(f"not readable as DXF: {error}") from error
+    if len(content) > settings.most_dxf_bytes:
+        raise ProblemError(
+            f"the DXF file has {len(content)} bytes, at most {settings.most_dxf_bytes} can be read; simplify it"
+        )
+    with _told_by("ezdxf") as told:
+        try:
+            drawing, auditor = recover.read(io.BytesIO(content))
+        except Exception as error:  # whatever the parser stumbles over
+            raise ProblemError(f"not readable as DXF: {error}") from error
+    # The parser only logs that it skips parts of a damaged file, and obstacles may be among them.
+    for message in told:
+        if "ignor" in message.lower():
+            raise ProblemError(f"the DXF file is damaged: {message} Save it again from a CAD program.")
     # An undefined block counts as mended when its references are deleted; here that is a lost obstacle.
     lost = [fix for fix in auditor.fixes if fix.code == AuditError.UNDEFINED_BLOCK]
     for defect in [*auditor.errors, *lost]:
@@ -105,61 +159,133 @@ def _parsed(content: bytes) -> "Drawing":
     return drawing
 
 
-def _entities(drawing: "Drawing", refusals: list[str]) -> Iterator[_Placed]:
+@contextmanager
+def _told_by(name: str) -> Iterator[list[str]]:
+    """Collect the warnings of a library, which would stand on standard error otherwise, until the block ends."""
+    told: list[str] = []
+
+    class _Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            told.append(record.getMessage())
+
+    collector = _Collector(logging.WARNING)
+    logger = logging.getLogger(name)
+    propagates = logger.propagate
+    logger.addHandler(collector)
+    logger.propagate = False
+    try:
+        yield told
+    finally:
+        logger.removeHandler(collector)
+        logger.propagate = propagates
+
+
+def _entities(drawing: "Drawing", found: _Findings, settings: ImportSettings) -> Iterator[_Placed]:
     """The visible entities of the model space, blocks taken apart, each upright."""
     # Names of layers do not distinguish upper and lower case.
-    hidden = {layer.dxf.name.lower() for layer in drawing.layers if layer.is_off() or layer.is_frozen()}
-    hidden.add("defpoints")  # CAD programs never print this layer
-    for entity in drawing.modelspace():
-        name = f"{entity.dxftype().lower()} {entity.dxf.get('handle', '')}".strip()
-        for item in _exploded(entity, str(entity.dxf.get("layer", "0")), name, refusals, _DEEPEST):
-            if item.layer.lower() not in hidden and not item.entity.dxf.get("invisible", 0):
-                yield item
+    reasons = {layer.dxf.name.lower(): "off" for layer in drawing.layers if layer.is_off()}
+    reasons |= {layer.dxf.name.lower(): "frozen" for layer in drawing.layers if layer.is_frozen()}
+    pending = [
+        _Inserted(_Placed(entity, str(entity.dxf.get("layer", "0")), _kind_and_handle(entity)))
+        for entity in reversed(list(drawing.modelspace()))
+    ]
+    count = 0
+    while pending:
+        inserted = pending.pop()
+        item = inserted.item
+        if item.entity.dxftype() == "INSERT":
+            pending.extend(reversed(_parts(inserted, found, settings)))
+            count += max(item.entity.mcount, 1)
+        count += 1
+        if count > settings.most_elements:
+            raise ProblemError(
+                f"it draws more than {settings.most_elements} entities, those of blocks counted as often as they are "
+                "inserted; simplify the drawing"
+            )
+        layer = item.layer.lower()
+        if item.entity.dxftype() == "INSERT":
+            continue
+        if layer == "defpoints":
+            found.leave_out(item, "CAD programs never print the layer defpoints")
+        elif layer in reasons:
+            found.leave_out(item, f"its layer '{item.layer}' is {reasons[layer]}")
+        elif item.entity.dxf.get("invisible", 0):
+            found.leave_out(item, "it is invisible")
+        else:
+            yield item
 
 
-def _exploded(entity: Entity, layer: str, name: str, refusals: list[str], depth: int) -> Iterator[_Placed]:
-    """An entity, or the entities of a block reference; those on layer 0 take the reference's layer."""
-    if entity.dxftype() != "INSERT":
-        yield _Placed(entity, layer, name if layer == "0" else layer)
-        return
-    if depth == 0:
-        raise ProblemError(f"block '{entity.dxf.name}' holds blocks more than {_DEEPEST} deep; explode it")
+@dataclass(frozen=True)
+class _Inserted:
+    """An entity that is still to be looked at, and how many blocks it is in."""
+
+    item: _Placed
+    depth: int = 0
+
+
+def _parts(inserted: _Inserted, found: _Findings, settings: ImportSettings) -> list[_Inserted]:
+    """The entities of a block reference; those on layer 0 take the reference's layer."""
+    entity = inserted.item.entity
+    block = str(entity.dxf.name)
+    if inserted.depth == _DEEPEST:
+        raise ProblemError(f"block '{block}' holds blocks more than {_DEEPEST} deep; explode it")
+    # Copies are counted before they are made: two numbers in a file may ask for a thousand million.
+    held = len(entity.block()) if entity.block() is not None else 0
+    if entity.mcount * max(held, 1) > settings.most_elements:
+        raise ProblemError(
+            f"block '{block}' is inserted {entity.mcount} times with {held} entities, at most "
+            f"{settings.most_elements} entities can be drawn; simplify the drawing"
+        )
 
     def skipped(part: Entity, reason: str) -> None:
         if part.dxftype() not in IGNORED:
-            refusals.append(f"{part.dxftype()} in block '{entity.dxf.name}' cannot be placed: {reason}")
+            found.refusals.append(f"{part.dxftype()} in block '{block}' cannot be placed: {reason}")
 
+    parts = []
     for copy in entity.multi_insert() if entity.mcount > 1 else [entity]:
         for part in copy.virtual_entities(skipped_entity_callback=skipped):
             drawn_on = str(part.dxf.get("layer", "0"))
-            part_layer = layer if drawn_on == "0" else drawn_on
-            yield from _exploded(part, part_layer, str(entity.dxf.name), refusals, depth - 1)
+            layer = inserted.item.layer if drawn_on == "0" else drawn_on
+            name = block if layer == "0" else layer
+            parts.append(_Inserted(_Placed(part, layer, name), inserted.depth + 1))
+    return parts
 
 
-def _add(item: _Placed, distance: float, shapes: list[Shape], open_pieces: dict[str, list[Piece]]) -> None:
+def _kind_and_handle(entity: Entity) -> str:
+    """The name of what is on layer 0 and in no block; on another layer that layer's."""
+    layer = str(entity.dxf.get("layer", "0"))
+    return f"{entity.dxftype().lower()} {entity.dxf.get('handle', '')}".strip() if layer == "0" else layer
+
+
+def _add(item: _Placed, distance: float, found: _Findings) -> None:
     """Turn one entity into a shape, or keep it as an open piece of its layer."""
     entity = item.entity
     kind = entity.dxftype()
     if kind in IGNORED:
+        found.leave_out(item, _IGNORED_BECAUSE.get(kind, "annotations and pictures are no obstacles"))
         return
     _turn_upright(entity)
 
+    layer = item.layer
     if kind == "CIRCLE":
         center = entity.dxf.center
-        shapes.append(Disc(item.name, np.array((center.x, center.y)), float(entity.dxf.radius)))
+        shape: Shape = Disc(item.name, np.array((center.x, center.y)), float(entity.dxf.radius), layer)
     elif kind in {"HATCH", "MPOLYGON"}:
         rings, curved = hatch_rings(entity, distance)
-        shapes.append(Region(item.name, rings, "evenodd", curved))
+        shape = Region(item.name, rings, "evenodd", curved, layer=layer)
     elif kind in {"SOLID", "TRACE", "3DFACE"}:
-        shapes.append(Region(item.name, (corner_points(entity),)))
+        shape = Region(item.name, (corner_points(entity),), layer=layer)
     elif kind in PIECES:
         piece = replace(piece_of(entity, distance), name=item.name)
-        if piece.closed:
-            shapes.append(_shape(piece))
-        else:
-            open_pieces.setdefault(item.layer, []).append(piece)
+        found.points += len(piece.points)
+        if not piece.closed:
+            found.open_pieces.setdefault(layer, []).append(piece)
+            return
+        shape = _shape(piece, layer)
     else:
         raise ProblemError("entities of this type cannot be read; explode it into polylines, lines and arcs")
+    found.shapes.append(shape)
+    found.points += 0 if kind in PIECES else shape.size
 
 
 def _turn_upright(entity: Entity) -> None:
@@ -172,18 +298,23 @@ def _turn_upright(entity: Entity) -> None:
         raise ProblemError("it is not drawn in the x-y plane; turn it into that plane")
 
 
-def _chained(pieces: list[Piece], distance: float) -> list[Shape]:
+def _chained(pieces: list[Piece], layer: str, distance: float, settings: ImportSettings) -> list[Shape]:
     """The shapes of a layer's open pieces after joining."""
     points = np.concatenate([piece.points for piece in pieces])
+    worst = float(np.abs(points).max())
+    if not worst <= settings.largest_coordinate:  # also where it is no number
+        raise ProblemError(
+            f"layer '{layer}' has a coordinate of {worst:.6g}; expected at most {settings.largest_coordinate:g}"
+        )
     gap = min(distance, _GAP * float(np.ptp(points, axis=0).max()))
-    return [_shape(chain) for chain in joined_pieces(pieces, gap)]
+    return [_shape(chain, layer) for chain in joined_pieces(pieces, gap)]
 
 
-def _shape(piece: Piece) -> Shape:
+def _shape(piece: Piece, layer: str) -> Shape:
     """A closed piece as a region, unless it only runs to and fro; an open one as a line."""
     if piece.closed and shapely.MultiPoint(piece.points).convex_hull.area > 0.0:
-        return Region(piece.name, (piece.points,), "nonzero", piece.curved, piece.half_width)
-    return Line(piece.name, piece.points, piece.curved, piece.half_width)
+        return Region(piece.name, (piece.points,), "nonzero", piece.curved, piece.half_width, layer)
+    return Line(piece.name, piece.points, piece.curved, piece.half_width, layer)
 
 
 def _title(item: _Placed) -> str:

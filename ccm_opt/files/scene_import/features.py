@@ -11,6 +11,8 @@ from ccm_opt.ground.arrays import FloatArray
 def shapes_of(geometry: shapely.Geometry, name: str) -> list[Shape]:
     """The shapes of a geometry, collections taken apart; a line string is a line even when it is closed.
 
+    The caller bounds how deep collections are nested: GEOS follows them by calls within calls.
+
     Args:
         geometry: polygons, lines, and collections of such.
         name: of every shape.

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from ccm_opt.files.scene_import.import_settings import ImportSettings
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.problem import LeftOut
 
 FillRule = Literal["polygon", "evenodd", "nonzero"]
 """How rings within rings count, see ``Region``."""
@@ -18,11 +20,18 @@ class Disc:
         name: what the drawing calls it.
         center: shape (2,).
         radius: positive.
+        layer: on which it is drawn; empty where the drawing has none.
     """
 
     name: str
     center: FloatArray
     radius: float
+    layer: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return 1
 
 
 @dataclass(frozen=True)
@@ -36,6 +45,7 @@ class Region:
             within rings are holes by the fill rules of SVG.
         curved: whether some ring is a flattened curve.
         half_width: by which the drawn line is wider than the ring on each side.
+        layer: as for a disc.
     """
 
     name: str
@@ -43,6 +53,12 @@ class Region:
     rule: FillRule = "polygon"
     curved: bool = False
     half_width: float = 0.0
+    layer: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return sum(len(ring) for ring in self.rings)
 
 
 @dataclass(frozen=True)
@@ -54,14 +70,36 @@ class Line:
         points: shape (k, 2).
         curved: whether it is a flattened curve.
         half_width: half the width with which it is drawn, where the width belongs to the drawing's geometry.
+        layer: as for a disc.
     """
 
     name: str
     points: FloatArray
     curved: bool = False
     half_width: float = 0.0
+    layer: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of points."""
+        return len(self.points)
 
 
 Shape: TypeAlias = Disc | Region | Line
-Reader: TypeAlias = Callable[[bytes, float], list[Shape]]
-"""Makes shapes of a file's bytes; curves are flattened to the given distance, in the drawing's own unit."""
+
+
+@dataclass(frozen=True)
+class DrawingContent:
+    """What a reader found.
+
+    Attributes:
+        shapes: in the order of the drawing.
+        left_out: what became no shape, with the reasons.
+    """
+
+    shapes: tuple[Shape, ...]
+    left_out: tuple[LeftOut, ...] = ()
+
+
+Reader: TypeAlias = Callable[[bytes, float, ImportSettings], DrawingContent]
+"""Finds the shapes in a file's bytes; curves are flattened to the given distance, in the drawing's own unit."""

@@ -9,14 +9,16 @@ from shapely.errors import ShapelyError
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.features import shapes_of
-from ccm_opt.files.scene_import.found_shapes import Shape
+from ccm_opt.files.scene_import.found_shapes import DrawingContent, Shape
+from ccm_opt.files.scene_import.import_settings import ImportSettings
+from ccm_opt.problem import LeftOut
 
 GEOMETRIES = frozenset(
     ("Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon", "GeometryCollection")
 )
 
 
-def read_geojson(content: bytes, distance: float) -> list[Shape]:
+def read_geojson(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
     """The shapes of a GeoJSON file.
 
     A feature's ``properties.name`` names it, or else its ``id``, or else ``feature`` and its place from 1.
@@ -24,11 +26,17 @@ def read_geojson(content: bytes, distance: float) -> list[Shape]:
     Args:
         content: of the file.
         distance: not used: the geometries have no curves.
+        settings: bounds.
 
     Raises:
-        ProblemError: the content is no GeoJSON.
+        ProblemError: the content is no GeoJSON, or exceeds a bound.
     """
     del distance
+    # Every place is a list of its own, so that there are at least as many brackets as places.
+    if (brackets := content.count(b"[")) > settings.most_nodes:
+        raise ProblemError(
+            f"it holds {brackets} lists, at most {settings.most_nodes} can be read; simplify the drawing"
+        )
     try:
         # "utf-8-sig" also skips the mark that some editors put before the text.
         data = json.loads(content.decode("utf-8-sig"))
@@ -39,22 +47,29 @@ def read_geojson(content: bytes, distance: float) -> list[Shape]:
     if not isinstance(data, Mapping):
         raise ProblemError(f"expected a GeoJSON object in braces, got {type(data).__name__}")
     if data.get("type") != "FeatureCollection":
-        return _feature_shapes(data, 1)
+        return DrawingContent(tuple(_feature_shapes(data, 1, settings)))
     features = data.get("features")
     if not isinstance(features, list):
         raise ProblemError("a FeatureCollection needs a list of 'features'")
-    return [shape for k, feature in enumerate(features, start=1) for shape in _feature_shapes(feature, k)]
+    numbered = list(enumerate(features, start=1))
+    shapes = [shape for k, feature in numbered for shape in _feature_shapes(feature, k, settings)]
+    left_out = [
+        LeftOut(f"feature '{_name(feature, k)}'", "it has no geometry")
+        for k, feature in numbered
+        if feature.get("type") == "Feature" and feature.get("geometry") is None
+    ]
+    return DrawingContent(tuple(shapes), tuple(left_out))
 
 
-def _feature_shapes(data: object, place: int) -> list[Shape]:
+def _feature_shapes(data: object, place: int, settings: ImportSettings) -> list[Shape]:
     """The shapes of a feature or of a bare geometry; a feature without geometry has none."""
     if not isinstance(data, Mapping):
         raise ProblemError(f"feature {place}: expected a GeoJSON object in braces, got {type(data).__name__}")
     if data.get("type") != "Feature":
-        return shapes_of(_geometry(data, f"feature {place}"), f"feature {place}")
+        return shapes_of(_geometry(data, f"feature {place}", settings), f"feature {place}")
     name = _name(data, place)
     geometry = data.get("geometry")
-    return [] if geometry is None else shapes_of(_geometry(geometry, name), name)
+    return [] if geometry is None else shapes_of(_geometry(geometry, name, settings), name)
 
 
 def _name(feature: Mapping[str, object], place: int) -> str:
@@ -64,12 +79,30 @@ def _name(feature: Mapping[str, object], place: int) -> str:
     return str(given or feature.get("id") or f"feature {place}")
 
 
-def _geometry(data: object, name: str) -> shapely.Geometry:
+def _geometry(data: object, name: str, settings: ImportSettings) -> shapely.Geometry:
     kind = data.get("type") if isinstance(data, Mapping) else None
     if not isinstance(data, Mapping) or kind not in GEOMETRIES:
         raise ProblemError(f"'{name}': the type {kind!r} is no geometry of GeoJSON; expected Polygon or LineString")
+    if _depth(data) > settings.deepest:
+        raise ProblemError(f"'{name}': its collections are nested more than {settings.deepest} deep; take them apart")
     try:
         with np.errstate(invalid="ignore"):  # NaN is refused later, by name
             return shapely.from_geojson(json.dumps(data))
-    except (ShapelyError, NotImplementedError, ValueError, TypeError) as error:
+    except (ShapelyError, RecursionError, NotImplementedError, ValueError, TypeError) as error:
         raise ProblemError(f"'{name}': its coordinates are not those of a {kind}: {error}") from None
+
+
+def _depth(data: Mapping[object, object]) -> int:
+    """How deep the collections of a geometry are nested, and the lists of its coordinates."""
+    depth = 0
+    level: list[object] = [data]
+    while level:
+        depth += 1
+        inner: list[object] = []
+        for item in level:
+            if isinstance(item, Mapping):
+                inner.extend(item.values())
+            elif isinstance(item, list):
+                inner.extend(item)
+        level = [item for item in inner if isinstance(item, (Mapping, list))]
+    return depth

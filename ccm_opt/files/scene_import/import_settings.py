@@ -1,5 +1,6 @@
 """How a drawing is placed (``ImportOptions``, from the problem file), and the tolerances and bounds of its import."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -26,8 +27,27 @@ class ImportSettings:
 
     Attributes:
         most_bytes: larger files are refused. Taste.
+        most_dxf_bytes: larger DXF files are refused. Derived: the parser reads about one and a half megabytes a second.
         most_vertices: larger scenes are refused. Taste: a planner would take hours with them.
+        most_points: shapes of more points in all, counted before repairs join some, are refused while they are read.
+            Derived: what more than ``most_vertices`` would remain of, but for outlines that are drawn several times.
+        most_elements: drawings of more elements, those counted as often as they are used or inserted, are refused
+            while they are expanded. Derived: an element gives one vertex at least.
+        most_nodes: files of more elements of any kind, or places in lists, are refused while they are read. Taste.
+        deepest: elements nested deeper are refused, so that nothing depends on how deep a file nests. Taste: people
+            nest a dozen deep, and programs that convert drawings some dozens.
+        longest_path: characters of path data of one element; longer ones are refused unread. Derived: most_vertices
+            points as programs write them, with all sixteen digits.
+        longest_attribute: characters of a style, class or transform. Taste: a hundred times what programs write.
+        longest_text: characters of a style sheet or a title that are kept. Taste.
+        most_style_rules: rules of style sheets that decide whether and how shapes are filled. Taste: each is compared
+            with every element.
         reported_defects: how many defects of a drawing an error lists. Taste.
+        largest_coordinate: larger ones are refused, in the unit of the result. Derived: beyond it double precision no
+            longer resolves a millionth.
+        most_meeting: neighbours that an open end has within the joining distance, on average. Taste: two as a rule.
+        most_nested: pairs of rings of one shape whose boxes meet. Measured: 0.5 s for
+            as many, each ring in the next.
         flattening_share: share of the tolerance by which a polyline may leave its curve. Derived: polygons grow by
             half the tolerance, so that a little less than half keeps the true curve inside.
         growth_share: share of the tolerance by which polygons of curves grow. Derived: with the share above the sum
@@ -39,12 +59,31 @@ class ImportSettings:
     """
 
     most_bytes: int = 32 * 2**20
+    most_dxf_bytes: int = 8 * 2**20
     most_vertices: int = 50_000
+    most_points: int = 100_000
+    most_elements: int = 50_000
+    most_nodes: int = 300_000
+    deepest: int = 200
+    longest_path: int = 2_000_000
+    longest_attribute: int = 20_000
+    longest_text: int = 1_000_000
+    most_style_rules: int = 300
     reported_defects: int = 10
+    largest_coordinate: float = 1e9
+    most_meeting: int = 100
+    most_nested: int = 500_000
     flattening_share: float = 0.499
     growth_share: float = 0.5
     corner_reach: float = 1.9
     repair_share: float = 1e-3
+
+    def listed(self, defects: Sequence[str]) -> str:
+        """The first defects of a drawing in one sentence, with the number of the rest."""
+        shown = list(defects[: self.reported_defects])
+        if len(defects) > len(shown):
+            shown.append(f"and {len(defects) - len(shown)} more")
+        return "; ".join(shown)
 
 
 IMPORT = ImportSettings()

@@ -1,7 +1,7 @@
 """From shapes of a drawing to obstacles: grown by what flattening cut off, and named so that no two names are equal."""
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import replace
 from itertools import count
 
@@ -14,9 +14,6 @@ from ccm_opt.files.scene_import.import_settings import IMPORT, ImportSettings
 from ccm_opt.files.scene_import.rings import filled, polygons_of
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
-
-MAX_COORDINATE = 1e9
-"""Largest coordinate; beyond it double precision no longer resolves a millionth."""
 
 
 def obstacles_of(
@@ -36,7 +33,7 @@ def obstacles_of(
     Raises:
         ProblemError: the shape cannot be an obstacle.
     """
-    _check_coordinates(shape)
+    _check_coordinates(shape, settings.largest_coordinate)
     if isinstance(shape, Disc):
         return [Obstacle(shape.name, shapely.Point(shape.center), shape.radius)]
     if isinstance(shape, Line):
@@ -55,11 +52,13 @@ def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()
     """The same obstacles; a name that is taken gets the first free number from 2 behind it."""
     used = set(taken)
     result = []
+    # A counter for each name goes on where it stopped, so that ten thousand equal names take no longer than others.
+    counters: dict[str, Iterator[int]] = {}
     for obstacle in obstacles:
         name = obstacle.name
         if name in used:
-            numbered = (f"{obstacle.name} {k}" for k in count(2))
-            name = next(candidate for candidate in numbered if candidate not in used)
+            numbers = counters.setdefault(obstacle.name, count(2))
+            name = next(candidate for k in numbers if (candidate := f"{obstacle.name} {k}") not in used)
         # New names count as well: "wall", "wall", "wall 2" must not give "wall 2" twice.
         used.add(name)
         result.append(replace(obstacle, name=name))
@@ -81,12 +80,12 @@ def _wall(line: Line, growth: float, thickness: float) -> Obstacle:
     return Obstacle(line.name, shapely.LineString(line.points), rounding)
 
 
-def _check_coordinates(shape: Shape) -> None:
+def _check_coordinates(shape: Shape, largest: float) -> None:
     worst = float(np.max(np.abs(_numbers(shape))))
     if not math.isfinite(worst):
         raise ProblemError("it has a coordinate that is not a finite number")
-    if worst > MAX_COORDINATE:
-        raise ProblemError(f"it has a coordinate of {worst:.6g}; expected at most {MAX_COORDINATE:g}; check the scale")
+    if worst > largest:
+        raise ProblemError(f"it has a coordinate of {worst:.6g}; expected at most {largest:g}; check the scale")
     if isinstance(shape, Disc) and not shape.radius > 0.0:
         raise ProblemError(f"it is a circle of radius {shape.radius:g}; expected a positive radius")
 

@@ -2,13 +2,18 @@
 
 import re
 from collections.abc import Sequence
+from itertools import groupby
 
+import numpy as np
 import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from shapely import STRtree
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.found_shapes import FillRule
 from ccm_opt.files.scene_import.import_settings import IMPORT, ImportSettings
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 
 
 def filled(rings: Sequence[FloatArray], rule: FillRule, settings: ImportSettings = IMPORT) -> list[shapely.Polygon]:
@@ -27,16 +32,39 @@ def filled(rings: Sequence[FloatArray], rule: FillRule, settings: ImportSettings
     """
     if rule == "polygon":
         return repaired(shapely.Polygon(rings[0], rings[1:]), settings)
-    solids = [(shapely.MultiPolygon(repaired(shapely.Polygon(ring), settings)), _turn(ring)) for ring in rings]
-    solids.sort(key=lambda item: -item[0].area)  # whatever is around a ring comes before it
-    # From the outside in: each ring fills or clears what it encloses.
-    whole: shapely.Geometry = shapely.MultiPolygon()
-    for k, (solid, _) in enumerate(solids):
-        around = [turn for outer, turn in solids[: k + 1] if outer.covers(solid)]
-        # Inside is an odd number of rings, or a sum of windings other than 0 (SVG 1.1, section 11.3).
-        inside = len(around) % 2 if rule == "evenodd" else sum(around)
-        whole = shapely.union(whole, solid) if inside else shapely.difference(whole, solid)
-    return polygons_of(whole)
+    solids = [shapely.MultiPolygon(repaired(shapely.Polygon(ring), settings)) for ring in rings]
+    turns = np.array([_turn(ring) for ring in rings])
+    boxed = STRtree(solids).query(solids)
+    if boxed.shape[1] > settings.most_nested:
+        raise ProblemError(f"it has {len(rings)} rings within rings, too many to fill; draw them as several shapes")
+    # Rings that are far apart have nothing to do with each other, and are filled by themselves.
+    linked = coo_array((np.ones(boxed.shape[1]), boxed), shape=(len(rings), len(rings)))
+    _, groups = connected_components(linked, directed=False)
+    inner, outer = boxed[:, shapely.covers(np.array(solids)[boxed[1]], np.array(solids)[boxed[0]])]
+    around = np.bincount(inner, minlength=len(rings))
+    # Inside is an odd number of rings, or a sum of windings other than 0 (SVG 1.1, section 11.3).
+    winding = np.bincount(inner, turns[outer], minlength=len(rings))
+    inside = around % 2 == 1 if rule == "evenodd" else winding != 0.0
+    order = np.lexsort((inside, around, groups))
+    found: list[shapely.Polygon] = []
+    for _, group in groupby(order, key=lambda k: groups[k]):
+        found += polygons_of(_filled_inwards(solids, around, inside, list(group)))
+    return found
+
+
+def _filled_inwards(
+    solids: Sequence[shapely.MultiPolygon], around: IntArray, inside: BoolArray, order: Sequence[int]
+) -> shapely.Geometry:
+    """What rings fill and clear by turns, from those with no other around them inwards."""
+    parts: list[shapely.Geometry] = []
+    for (_, fills), members in groupby(order, key=lambda k: (around[k], bool(inside[k]))):
+        level = shapely.union_all([solids[k] for k in members])
+        if fills:
+            parts.append(level)
+        elif parts:
+            # What fills again farther in lies within what is cleared here, so that only the last part changes.
+            parts[-1] = shapely.difference(parts[-1], level)
+    return shapely.union_all(parts)
 
 
 def repaired(polygon: shapely.Polygon, settings: ImportSettings = IMPORT) -> list[shapely.Polygon]:

@@ -8,41 +8,67 @@ from shapely.errors import GEOSException
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.features import shapes_of
-from ccm_opt.files.scene_import.found_shapes import Shape
+from ccm_opt.files.scene_import.found_shapes import DrawingContent, Shape
+from ccm_opt.files.scene_import.import_settings import ImportSettings
 
 
-def read_wkt(content: bytes, distance: float) -> list[Shape]:
+def read_wkt(content: bytes, distance: float, settings: ImportSettings) -> DrawingContent:
     """The shapes of a WKT file, named ``geometry 1``, ``geometry 2``, … in their order.
 
     Args:
         content: of the file; an ``SRID=…;`` in front of a geometry is skipped.
         distance: not used: the geometries have no curves.
+        settings: bounds.
 
     Raises:
-        ProblemError: the text is no WKT.
+        ProblemError: the text is no WKT, or exceeds a bound.
     """
     del distance
+    # A comma stands between any two places.
+    if (commas := content.count(b",")) > settings.most_points:
+        raise ProblemError(f"it holds {commas} places, at most {settings.most_points} can be read; simplify it")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ProblemError("this is not a text file in UTF-8; expected WKT") from None
     shapes: list[Shape] = []
     for k, piece in enumerate(_pieces(text), start=1):
+        if _depth(piece) > settings.deepest:
+            raise ProblemError(f"geometry {k}: its brackets are nested more than {settings.deepest} deep; divide it")
         shapes += shapes_of(_geometry(piece), f"geometry {k}")
-    return shapes
+    return DrawingContent(tuple(shapes))
 
 
 def _pieces(text: str) -> list[str]:
     """The texts of the geometries: lines are joined until their brackets balance."""
-    pieces = []
-    piece = ""
+    pieces: list[str] = []
+    lines: list[str] = []
+    still_open = 0
     for line in text.splitlines():
-        piece = f"{piece} {line}".strip()  # a geometry may go over several lines
+        if line.strip():
+            lines.append(line.strip())
+        still_open += line.count("(") - line.count(")")
         # Balanced brackets end a geometry; one without any, such as POINT EMPTY, ends with its line.
-        if piece and piece.count("(") <= piece.count(")"):
-            pieces.append(re.sub(r"^SRID=\d+;", "", piece.rstrip(";"), flags=re.IGNORECASE))
-            piece = ""
-    return [*pieces, piece] if piece else pieces
+        if lines and still_open <= 0:
+            pieces.append(_bare(" ".join(lines)))
+            lines = []
+            still_open = 0
+    return [*pieces, _bare(" ".join(lines))] if lines else pieces
+
+
+def _bare(piece: str) -> str:
+    """A geometry without the number of its coordinate system, and without what ends it."""
+    return re.sub(r"^SRID=\d+;", "", piece.rstrip(";"), flags=re.IGNORECASE)
+
+
+def _depth(text: str) -> int:
+    """How deep brackets are nested."""
+    depth = 0
+    deepest = 0
+    for bracket in re.findall(r"[()]", text):
+        depth += 1 if bracket == "(" else -1
+        deepest = max(deepest, depth)
+    return deepest
 
 
 def _geometry(text: str) -> shapely.Geometry:

@@ -1,0 +1,87 @@
+"""What commands tell of a drawing: a summary, what was left out and why, a warning where it does not fit the arm."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ccm_opt.cli.drawing_notes import TIMES
+from ccm_opt.errors import ProblemFileError
+from ccm_opt.files.problem_file import load_problem
+
+from .conftest import SMALL_PROBLEM
+from .test_cli_output import run
+
+ROW = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape">
+<defs><path id="blade" d="M0,0 L12,-16 L60,-30 L2,5 Z"/></defs>
+<g inkscape:label="stator">{vanes}</g><g inkscape:label="rotor"><circle id="hub" cx="-100" cy="80" r="20"/></g>
+<text id="title">no obstacle</text><g id="guides" display="none"><rect width="1" height="1"/></g></svg>"""
+VANES = "".join(f'<use href="#blade" x="60" y="{-500 + 48 * k}" id="vane {k + 1}"/>' for k in range(5))
+
+
+def problem_file(tmp_path: Path, scale: float, vanes: str = VANES, arm: str = "links = 4") -> Path:
+    """The small problem with a row of blades beside it."""
+    (tmp_path / "row.svg").write_text(ROW.format(vanes=vanes))
+    path = tmp_path / "problem.toml"
+    text = SMALL_PROBLEM.replace("[workspace]\n", f'[workspace]\nfile = "row.svg"\nscale = {scale}\n')
+    path.write_text(text.replace("links = 4", arm))
+    return path
+
+
+def test_a_summary_says_how_many_how_large_and_where(tmp_path: Path) -> None:
+    """Six obstacles with their box in the file's unit, the layers, and what was left out with the reason."""
+    done = run("describe", problem_file(tmp_path, 0.001))
+    lines = done.stdout.splitlines()
+    assert lines[0] == f"row.svg: 6 obstacles, 0.24 {TIMES} 0.63 m, from (-0.12, -0.1) to (0.12, 0.53) m"
+    assert lines[1] == "  layers: stator (5), rotor (1)"
+    assert lines[2] == "  left out: text 'title': texts are no obstacles"
+    assert lines[3] == "  left out: g 'guides': hidden by display: none, with 1 shapes in it"
+    assert not done.stderr
+
+
+def test_programs_are_told_of_the_drawing(tmp_path: Path) -> None:
+    """The document has the number, the box in metres, the layers, and everything left out."""
+    document = json.loads(run("describe", problem_file(tmp_path, 0.001), "--json").stdout)
+    drawing = document["results"][0]["drawing"]
+    assert (drawing["file"], drawing["obstacles"]) == ("row.svg", 6)
+    assert drawing["box"] == pytest.approx([-0.12, -0.1, 0.12, 0.53])
+    assert [item["what"] for item in drawing["left_out"]] == ["text 'title'", "g 'guides'"]
+
+
+def test_long_lists_are_cut_unless_asked(tmp_path: Path) -> None:
+    """Ten things that were left out are listed, and the number of the rest; --verbose lists all."""
+    path = problem_file(tmp_path, 0.001, VANES + "<text/>" * 30)
+    assert run("describe", path).stdout.count("left out:") == 10
+    assert "and 22 more left out" in run("describe", path).stdout
+    assert run("describe", path, "--verbose").stdout.count("left out:") == 32
+
+
+@pytest.mark.parametrize(("scale", "word"), [(1.0, "larger"), (2e-6, "smaller"), (1000.0, "larger")])
+def test_a_scene_that_does_not_fit_the_arm_is_warned_of(tmp_path: Path, scale: float, word: str) -> None:
+    """Millimetres taken for metres, or the other way round, are warned of on standard error and in the document."""
+    path = problem_file(tmp_path, scale)
+    done = run("describe", path)
+    assert f"times {word} than the arm is long" in done.stderr
+    assert "workspace.scale" in done.stderr
+    document = json.loads(run("describe", path, "--json").stdout)
+    assert word in document["results"][0]["warnings"][0]
+
+
+def test_the_warning_stands_beside_defects_too(tmp_path: Path) -> None:
+    """Where the file has other defects as well, which a wrong scale often brings, the scale is named."""
+    with pytest.raises(ProblemFileError, match="times larger than the arm is long") as caught:
+        load_problem(problem_file(tmp_path, 1.0, arm="links = 4\nmasses = [1.0]"))
+    assert {issue.key for issue in caught.value.issues} >= {"workspace.scale", "arm.masses"}
+
+
+def test_an_unresolved_reference_is_an_error_with_key_and_line(tmp_path: Path) -> None:
+    """A blade that is not there would be a missing obstacle: bad input, by its name."""
+    done = run("describe", problem_file(tmp_path, 0.001, VANES + '<use href="#nosuch" id="vane 6"/>'))
+    assert done.exit_code == 2
+    assert "line 5: workspace.file: row.svg: use 'vane 6': it refers to '#nosuch'" in done.stderr
+
+
+def test_names_of_uses_are_those_of_obstacles(tmp_path: Path) -> None:
+    """Each blade goes by the name of its use."""
+    names = [obstacle.name for obstacle in load_problem(problem_file(tmp_path, 0.001)).workspace.obstacles]
+    assert names == ["post", "vane 1", "vane 2", "vane 3", "vane 4", "vane 5", "hub"]
