@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.c_compiler import find_compiler
+from ccm_opt.ground.c_compiler import has_compiler
 from ccm_opt.motion.connect.blocked_raster import BlockedRaster
 from ccm_opt.motion.connect.connecting import CONNECT
 from ccm_opt.motion.connect.heading_tree import HeadingTree
@@ -99,7 +99,7 @@ def test_certified_motions_are_never_refuted(seed: int) -> None:
     assert (shares[proved] == 1.0).all()
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="needs a C compiler")
+@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler")
 @settings(max_examples=15, deadline=None)
 @given(seed=SEEDS, many=st.booleans())
 def test_compiled_shares_are_those_of_numpy(seed: int, many: bool) -> None:

@@ -9,8 +9,7 @@ from ccm_opt.collision.contacts import Contacts
 from ccm_opt.collision.pair_search import PairQuestion
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.box_tree import BoxTree
-from ccm_opt.ground.compiled_source import compiled_source
-from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.compiled_source import compiled_source, pointer_to
 from ccm_opt.ground.tree_for_c import TreeForC, TreeStruct
 
 SYMBOLS = ("near_pairs",)
@@ -130,6 +129,5 @@ class CompiledPairs:
 def compiled_pairs(question: PairQuestion) -> CompiledPairs | None:
     """A compiled search; None where there is no compiling."""
     source = Path(__file__).with_name("near_pairs.c")
-    otherwise = "near pairs are looked for by numpy, several times slower"
-    library = compiled_source(source, SYMBOLS, "collision", otherwise, ("box_tree.h",))
+    library = compiled_source(source, SYMBOLS)
     return None if library is None else CompiledPairs(library, question)

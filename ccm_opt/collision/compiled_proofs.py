@@ -9,8 +9,7 @@ import numpy as np
 from ccm_opt.collision.pair_proofs import Pairs
 from ccm_opt.collision.stretches import Stretches
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.ground.compiled_source import compiled_source
-from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.compiled_source import compiled_source, pointer_to
 
 _POINTER = ctypes.c_void_p
 _LONG = ctypes.c_int64
@@ -81,5 +80,5 @@ class CompiledProofs:
 def compiled_proofs(first_apart: int, least: FloatArray) -> CompiledProofs | None:
     """Compiled proofs; None where there is no compiling."""
     source = Path(__file__).with_name("pair_proofs.c")
-    library = compiled_source(source, ("pair_proofs",), "collision", "pairs of links are proved apart by numpy, slower")
+    library = compiled_source(source, ("pair_proofs",))
     return None if library is None else CompiledProofs(library, first_apart, least)

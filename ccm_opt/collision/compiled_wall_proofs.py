@@ -12,8 +12,7 @@ import numpy.typing as npt
 from ccm_opt.collision.stretches import Stretches
 from ccm_opt.collision.wall_proofs import Links, WallQuestion
 from ccm_opt.ground.arrays import IntArray
-from ccm_opt.ground.compiled_source import compiled_source
-from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.compiled_source import compiled_source, pointer_to
 from ccm_opt.ground.tree_for_c import TreeForC, TreeStruct
 
 _POINTER = ctypes.c_void_p
@@ -100,6 +99,5 @@ class CompiledWallProofs:
 def compiled_wall_proofs(question: WallQuestion) -> CompiledWallProofs | None:
     """Compiled proofs; None where there is no compiling."""
     source = Path(__file__).with_name("wall_proofs.c")
-    otherwise = "links are proved clear of walls by shapely, several times slower"
-    library = compiled_source(source, ("wall_proofs",), "collision", otherwise, ("box_tree.h", "segments.h"))
+    library = compiled_source(source, ("wall_proofs",))
     return None if library is None else CompiledWallProofs(library, question)

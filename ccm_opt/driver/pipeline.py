@@ -10,7 +10,6 @@ from ccm_opt.driver.lowered_costs import planned_with_costs
 from ccm_opt.driver.planned_for_errors import STAGE
 from ccm_opt.driver.planning_run import PlanningRun, compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.dynamics.runtime.compiled_library import prepare
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.deadline import Deadline
@@ -61,8 +60,6 @@ def solve(
     deadline = Deadline.after(problem.planner.time_limit)
 
     # Checks: what no plan could mend is refused before one is sought.
-    # Compiling goes on in the background while the path is sought.
-    prepare(problem.arm)
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation, settings=numbers.simulation)
         terms = compiled_terms(problem.arm, constraints, costs)

@@ -1,32 +1,48 @@
-"""The machine's C compiler: which one, and what its machine code depends on."""
+"""The machine's C compiler: which one, and how it is run so that nothing it does can harm more than its library."""
 
 import os
-import platform
 import shutil
+import signal
 import subprocess
-import sys
-from functools import cache
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from ccm_opt.ground.compiler_settings import DEFAULT_COMPILER, CompilerSettings
+from ccm_opt.ground.machine_code import FLAGS
 
 COMPILER_VARIABLE = "CCM_OPT_CC"
-"""Environment variable that names the compiler to use; empty: none."""
+"""Environment variable that names the compiler to use; empty: compiled code is not used at all."""
 COMPILERS = ("gcc", "clang", "cc")
-# Nobody reads errno or floating-point traps, and without them loops can be vectorised; no value changes.
-FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC")
-SUFFIX = ".dll" if sys.platform == "win32" else ".so"
 
 
-def find_compiler() -> str | None:
-    """Path of the C compiler: ``CCM_OPT_CC`` or the first of gcc, clang, cc; None when there is none."""
+class CompilerError(OSError):
+    """There is no compiled library to be had; the message says why, in one line."""
+
+
+def find_compiler() -> str:
+    """Path of the C compiler: ``CCM_OPT_CC`` or the first of gcc, clang, cc.
+
+    Raises:
+        CompilerError: there is none.
+    """
     chosen = os.environ.get(COMPILER_VARIABLE)
-    candidates = COMPILERS if chosen is None else (chosen,)
-    for name in candidates:
-        path = shutil.which(name) if name else None
+    if chosen == "":
+        raise CompilerError(f"{COMPILER_VARIABLE} is empty")
+    for name in COMPILERS if chosen is None else (chosen,):
+        path = shutil.which(name)
         if path:
             return path
-    return None
+    raise CompilerError("no C compiler was found" if chosen is None else f"{COMPILER_VARIABLE}: no program {chosen}")
+
+
+def has_compiler() -> bool:
+    """Whether there is a C compiler."""
+    try:
+        find_compiler()
+    except CompilerError:
+        return False
+    return True
 
 
 def compile_library(
@@ -39,28 +55,50 @@ def compile_library(
     """Compile one C file into a shared library.
 
     Raises:
-        CalledProcessError: the compiler refuses; its words are in ``stderr``.
-        TimeoutExpired: it hangs.
+        CompilerError: it cannot be run, refuses, takes too long, or makes nothing.
     """
     command = [compiler, *flags, str(source), "-o", str(output), "-lm"]
-    subprocess.run(command, check=True, capture_output=True, timeout=settings.time_limit)  # noqa: S603 - our own list
+    # A file and no pipe: one who waits for the end of a pipe waits for the compiler's children as well.
+    with tempfile.TemporaryFile() as words:
+        code = _exit_code(command, words.fileno(), settings.time_limit)
+        words.seek(0)
+        said = words.read(settings.most_words).decode(errors="replace").split("\n")
+    if code < 0:
+        raise CompilerError(f"the C compiler {compiler} was ended by signal {-code}")
+    if code > 0:
+        reason = next((line.strip() for line in said if line.strip()), f"exit code {code}")
+        raise CompilerError(f"the C compiler failed: {reason}")
+    if not output.is_file() or output.stat().st_size == 0:
+        raise CompilerError(f"the C compiler {compiler} made no library")
 
 
-def machine_code_key(compiler: str) -> str:
-    """What decides the machine code of a source: compiler, flags and processor."""
-    return "\n".join((_version(compiler), " ".join(FLAGS), _processor()))
+def _exit_code(command: Sequence[str], words: int, time_limit: float) -> int:
+    """Run a command to its end or its time limit; whatever ends the wait ends its children with it.
+
+    Args:
+        command: program and arguments.
+        words: file descriptor that takes all that it says.
+        time_limit: [s].
+    """
+    try:
+        process = subprocess.Popen(  # noqa: S603 - our own list
+            command, stdin=subprocess.DEVNULL, stdout=words, stderr=words, start_new_session=os.name == "posix"
+        )
+    except OSError as error:
+        raise CompilerError(f"the C compiler {command[0]} cannot be run: {error.strerror or error}") from error
+    try:
+        return process.wait(time_limit)
+    except BaseException as error:
+        _end(process)
+        if isinstance(error, subprocess.TimeoutExpired):
+            raise CompilerError(f"the C compiler {command[0]} took longer than {time_limit:g} s") from error
+        raise
 
 
-@cache
-def _version(compiler: str) -> str:
-    result = subprocess.run([compiler, "--version"], check=False, capture_output=True, text=True)  # noqa: S603 - path from which()
-    return f"{compiler}\n{result.stdout}"
-
-
-@cache
-def _processor() -> str:
-    """The processor's instruction set: ``-march=native`` code must not run on another one that shares the cache."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.exists() else []
-    flags = next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
-    return f"{platform.system()} {platform.machine()} {flags}"
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Kill a process and, where there are groups of processes, its children."""
+    if os.name == "posix":
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
+    process.wait()

@@ -9,9 +9,11 @@ class CompilerSettings:
 
     Attributes:
         time_limit: a compiler that takes longer than this hangs [s]; it takes 0.4 s. Taste.
+        most_words: of what it says are read, in bytes. Taste.
     """
 
-    time_limit: float = 300.0
+    time_limit: float = 20.0
+    most_words: int = 10_000
 
 
 DEFAULT_COMPILER = CompilerSettings()

@@ -1,106 +1,118 @@
-"""Compiled C on disk: a library is compiled once for a machine, into the cache, and then loaded.
+"""Compiled C on disk: where a library stands, whether it can be trusted, and how it gets there.
 
 A library's name is a digest of all that its machine code depends on, so that a change of any of it compiles anew and
-nothing is ever stale.
+nothing is ever stale. Beside it stands the digest of its own bytes: a library that was cut short or changed is not
+loaded, since the system would end the process, with no word, at the first missing page.
 """
 
-import ctypes
 import hashlib
 import os
-import subprocess
+import shutil
+import stat
 import tempfile
-import threading
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import platformdirs
 
-from ccm_opt.ground.c_compiler import SUFFIX, compile_library
+from ccm_opt.ground.c_compiler import CompilerError, compile_library
 
 CACHE_VARIABLE = "CCM_OPT_CACHE"
 """Environment variable that names the folder of the cache."""
-LOADING_ERRORS = (OSError, AttributeError, RuntimeError, subprocess.SubprocessError)
-"""What may go wrong on the way to a library, none of which is a failure where there is a fall-back."""
-_one_at_a_time = threading.Lock()  # threads that want the same library wait for the first, and then find it
+PREBUILT = Path(__file__).with_name("prebuilt")
+"""Folder of the libraries that were compiled when the package was built or installed."""
+_UNFINISHED = "unfinished-"
+_HOUR = 3600.0
 
 
-def cache_folder_of(kind: str) -> Path:
-    """Folder of the libraries of one kind: under ``CCM_OPT_CACHE`` or the user's cache folder."""
+def cache_folder() -> Path:
+    """Folder of the compiled libraries: under ``CCM_OPT_CACHE`` or the user's cache folder."""
     root = os.environ.get(CACHE_VARIABLE) or platformdirs.user_cache_dir("ccm_opt", appauthor=False)
-    return Path(root) / kind
+    return Path(root) / "libraries"
 
 
-def library_name(parts: Sequence[str]) -> str:
-    """The file name of a library that depends on the parts."""
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32] + SUFFIX
+def digest_file(path: Path) -> Path:
+    """Where the digest of a library's bytes stands."""
+    return path.with_name(path.name + ".sha256")
 
 
-def opened_or_made(
-    path: Path, open_library: Callable[[Path], ctypes.PyDLL], make: Callable[[Path], None]
-) -> ctypes.PyDLL:
-    """The library at a path, which is made first where there is none or a damaged one.
+def is_whole(path: Path) -> bool:
+    """Whether a library has the size and the digest that it had when it was made.
 
     Raises:
-        OSError, AttributeError, RuntimeError, SubprocessError: there is no making it.
+        OSError: what is there cannot be read.
     """
-    with _one_at_a_time:
-        if path.exists():
-            try:
-                return open_library(path)
-            except (OSError, AttributeError):
-                pass  # damaged: it is made anew
-        make(path)
-        return open_library(path)
+    try:
+        told = digest_file(path).read_text(encoding="ascii", errors="replace").split()
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return False
+    return told == [hashlib.sha256(content).hexdigest(), str(len(content))]
 
 
-def open_with_symbols(path: Path, symbols: Sequence[str]) -> ctypes.PyDLL:
-    """Load a library that keeps the interpreter's lock while it runs, which makes short calls shorter.
-
-    Its functions take one pointer and return nothing.
+def is_mine_alone(path: Path) -> bool:
+    """Whether a file or folder belongs to the user and nobody else can write there.
 
     Raises:
-        OSError: it is none.
-        AttributeError: it lacks a symbol.
+        OSError: there is none.
     """
-    library = ctypes.PyDLL(str(path))
-    for symbol in symbols:
-        function = getattr(library, symbol)
-        function.restype = None
-        function.argtypes = (ctypes.c_void_p,)
-    return library
+    if os.name != "posix":
+        return True  # Windows keeps the user's folders by lists of rights, which other users are not in
+    found = path.stat(follow_symlinks=False)
+    return found.st_uid == os.geteuid() and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
-def compile_into(path: Path, files: Mapping[str, str], compiler: str) -> None:
+def make_folder(folder: Path) -> None:
+    """Make sure that there is a folder which is the user's alone.
+
+    Raises:
+        CompilerError: there is one that is not.
+        OSError: there is no making it.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=0o700, exist_ok=True)
+    if not is_mine_alone(folder):
+        raise CompilerError(
+            f"others can write in {folder}, where compiled libraries are kept: remove it, or name another folder by "
+            f"{CACHE_VARIABLE}"
+        )
+
+
+def compile_into(path: Path, files: Mapping[str, str], compiler: str, flags: tuple[str, ...]) -> None:
     """Compile C, and put the finished library in its place in one step, so that readers see all or nothing.
 
     Args:
         path: of the library.
         files: texts by their names; the first is compiled and may include the others.
         compiler: path of the compiler.
+        flags: of the compiler.
 
     Raises:
-        OSError, SubprocessError: it cannot be compiled or written.
+        OSError: it cannot be compiled or written; ``CompilerError`` where the compiler is to blame.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    _remove_leftovers(path.parent)
     # Beside its destination, since a rename is atomic within one file system only.
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=_UNFINISHED) as folder:
         for name, text in files.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
         output = Path(folder) / path.name
-        compile_library(compiler, Path(folder) / next(iter(files)), output)
+        compile_library(compiler, Path(folder) / next(iter(files)), output, flags)
+        output.chmod(0o700)
+        content = output.read_bytes()
+        digest = digest_file(output)
+        digest.write_text(f"{hashlib.sha256(content).hexdigest()} {len(content)}\n", encoding="ascii")
+        # A reader between the two sees a library without its digest, and makes it once more.
+        digest.replace(digest_file(path))
         output.replace(path)
 
 
-def first_line(error: BaseException) -> str:
-    """What went wrong, in one line; of a compiler that fails its own words."""
-    if isinstance(error, subprocess.CalledProcessError) and error.stderr:
-        return f"the C compiler failed: {error.stderr.decode(errors='replace').strip().splitlines()[0]}"
-    lines = str(error).strip().splitlines()
-    return lines[0] if lines else type(error).__name__
-
-
-def pointer_to(struct: ctypes.Structure) -> ctypes.c_void_p:
-    """The address of a structure, which lives as long as the pointer."""
-    pointer = ctypes.c_void_p(ctypes.addressof(struct))
-    pointer.owner = struct  # type: ignore[attr-defined]  # keeps it alive
-    return pointer
+def _remove_leftovers(folder: Path) -> None:
+    """Remove what a process that was killed has left; nothing compiles for an hour."""
+    for left in folder.glob(f"{_UNFINISHED}*"):
+        try:
+            old = time.time() - left.stat().st_mtime > _HOUR
+        except OSError:
+            continue  # another process has just removed it
+        if old:
+            shutil.rmtree(left, ignore_errors=True)

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.compiled_source import compiled_source
-from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.compiled_source import compiled_source, pointer_to
 from ccm_opt.ground.rounding import ROUNDING
 
 _POINTER = ctypes.c_void_p
@@ -34,7 +33,7 @@ def compiled_sweeps(beta: FloatArray, gamma: FloatArray, cap: FloatArray, newton
         newton_steps: most steps for one controllable speed.
     """
     source = Path(__file__).with_name("speed_sweeps.c")
-    library = compiled_source(source, ("speed_sweeps",), "retiming", "motions are timed by toppra, more slowly")
+    library = compiled_source(source, ("speed_sweeps",))
     if library is None:
         return None
     intervals, rows = beta.shape

@@ -35,8 +35,10 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.files.plotting.arm_3d import ArmView
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, FLAGS, compile_library, find_compiler
-from ccm_opt.ground.library_cache import CACHE_VARIABLE, open_with_symbols
+from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, compile_library, find_compiler
+from ccm_opt.ground.compiled_source import open_with_symbols
+from ccm_opt.ground.library_cache import CACHE_VARIABLE
+from ccm_opt.ground.machine_code import best_level
 from ccm_opt.jointed.arm import Arm, Feed
 from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
 from ccm_opt.jointed.inverse_kinematics import ball_angles
@@ -124,8 +126,6 @@ def compare_sines(count: int = 1000) -> None:
     """Our sines of all angles at once beside the C library's, in libraries that differ in nothing else."""
     print("\nSines: with the C library's sin and cos, a state of a batch of 36 joints takes")
     compiler = find_compiler()
-    if compiler is None:
-        return
     arm = swan_neck(12)
     with tempfile.TemporaryDirectory() as folder:
         for name, made in (("", arm), (" with rotors", replace(arm, rotor_inertia=1e-4))):
@@ -135,7 +135,7 @@ def compare_sines(count: int = 1000) -> None:
             back_ends = []
             for flag in ("-DFAR=1e5", "-DFAR=-1.0"):  # with -1 every angle is too far for our reduction
                 output = Path(folder) / f"{len(back_ends)}{name.strip()}.so".replace(" ", "-")
-                compile_library(compiler, source, output, (*FLAGS, flag))
+                compile_library(compiler, source, output, (*best_level(), flag))
                 back_ends.append(CompiledBackEnd(open_with_symbols(output, compiled_library.SYMBOLS)))
             for kind in ("inverse_dynamics", "forward_dynamics"):
                 ours, theirs = (DynamicsFunction(kind, model, back_end) for back_end in back_ends)
@@ -286,6 +286,8 @@ def main() -> None:
     """Print all tables; compile into a folder of its own."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ[CACHE_VARIABLE] = folder
+        # A compiler that is named makes the libraries anew, so that a cold cache can be measured.
+        os.environ[COMPILER_VARIABLE] = find_compiler()
         compare_calls()
         compare_sines()
         compare_simulation()

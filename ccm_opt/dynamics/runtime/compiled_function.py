@@ -8,7 +8,7 @@ import numpy as np
 
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.compiled_source import pointer_to
 
 _POINTER = ctypes.c_void_p
 JointsCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]

@@ -8,7 +8,7 @@ from ccm_opt.dynamics.algorithms.arm_model import ArmModel
 from ccm_opt.dynamics.runtime.compiled_function import CompiledArm
 from ccm_opt.dynamics.runtime.control_law import LoopParameters, stiffened
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.compiled_source import pointer_to
 
 
 class _LoopStruct(ctypes.Structure):

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.compiled_source import compiled_source
-from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.compiled_source import compiled_source, pointer_to
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.motion.connect.blocked_raster import BlockedRaster
 
@@ -81,5 +80,5 @@ class CompiledShares:
 def compiled_shares(arm: Arm, raster: BlockedRaster, parts: int, spacing: float, stride: int) -> CompiledShares | None:
     """The compiled look, by the arguments of the class; None where there is no compiling."""
     source = Path(__file__).with_name("free_shares.c")
-    library = compiled_source(source, ("free_shares",), "connect", "motions are sampled by numpy, several times slower")
+    library = compiled_source(source, ("free_shares",))
     return None if library is None else CompiledShares(library, arm, raster, parts, spacing, stride)

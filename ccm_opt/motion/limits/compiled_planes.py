@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.box_tree import BoxTree
-from ccm_opt.ground.compiled_source import compiled_source
-from ccm_opt.ground.library_cache import pointer_to
+from ccm_opt.ground.compiled_source import compiled_source, pointer_to
 from ccm_opt.ground.tree_for_c import TreeForC, TreeStruct
 
 SYMBOLS = ("sweep_planes",)
@@ -73,8 +72,7 @@ def compiled_planes(asked: SweptLinks) -> tuple[IntArray, FloatArray, FloatArray
         Shapes (k,), (k, 2) and (k,) [m]; n·x ≤ b is on the sweep's side.
     """
     source = Path(__file__).with_name("sweep_planes.c")
-    otherwise = "sweep regions are made by numpy, several times slower"
-    library = compiled_source(source, SYMBOLS, "motion", otherwise, ("box_tree.h", "segments.h"))
+    library = compiled_source(source, SYMBOLS)
     if library is None:
         return None
     query = _QueryStruct(sweeps=len(asked.corners), far=asked.far, shortest=asked.shortest, behind=asked.behind)
