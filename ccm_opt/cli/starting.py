@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -55,14 +56,17 @@ def show_problems(names: Sequence[str], out: Path) -> int:
     Returns:
         The exit code.
     """
-    known = {file.stem: file for file in sorted(shared_folder().glob("*.toml"))}
+    known = {file.stem: file for file in sorted(shared_folder().rglob("*.toml"), key=lambda file: file.stem)}
     if not names:
         return run_all(["problems"], lambda _: _list(known))
     return run_all(names, lambda name: _copy(name, known, out))
 
 
 def _list(known: dict[str, Path]) -> int:
-    described = {name: parse_problem(file.read_text(encoding="utf-8")).description for name, file in known.items()}
+    # Of the files alone: reading their drawings as well would take longer than all the rest.
+    described = {
+        name: str(tomllib.loads(file.read_text(encoding="utf-8"))["description"]) for name, file in known.items()
+    }
 
     def show() -> None:
         table = columned_table("problems that come with ccm-opt", ("name", "description"), unwrapped=1)
@@ -77,17 +81,24 @@ def _list(known: dict[str, Path]) -> int:
 
 
 def _copy(name: str, known: dict[str, Path], out: Path) -> int:
-    """Copy one problem.
+    """Copy one problem, and the drawing that it may need.
 
     Raises:
-        ProblemError: there is none of that name, or a file is in its place.
+        ProblemError: there is none of that name, or a file is in the place of one of the two.
     """
     if name not in known:
         raise ProblemError(f"there is no problem '{name}'; there are {', '.join(known)}")
+    text = known[name].read_text(encoding="utf-8")
     place = out / f"{name}.toml"
-    _write(place, known[name].read_text(encoding="utf-8"))
+    drawing = tomllib.loads(text).get("workspace", {}).get("file")
+    copies = [place]
+    if drawing is not None:
+        copies.insert(0, out / drawing)
+        _write(out / drawing, (known[name].parent / drawing).read_text(encoding="utf-8"))
+    _write(place, text)
+    words = " and ".join(str(file) for file in reversed(copies))
     return print_result(
-        lambda: report_console().print(f"written to {escape(str(place))}", soft_wrap=True),
+        lambda: report_console().print(f"written to {escape(words)}", soft_wrap=True),
         SOLVED,
         lambda: {"status": "copied", "file": str(place)},
     )
