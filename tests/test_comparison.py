@@ -343,7 +343,7 @@ def test_an_interrupt_leaves_what_is_done(tmp_path: Path) -> None:
     assert "the same command goes on from there" in errors
     before = journal.read_text()
     done = subprocess.run([*command, "2"], capture_output=True, text=True, check=True)
-    assert "nlp 2 (100 %)" in " ".join(done.stdout.split())
+    assert "nlp solved 2, 100 %" in " ".join(done.stdout.split())
     assert journal.read_text() == before
 
 

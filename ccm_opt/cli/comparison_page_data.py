@@ -3,9 +3,10 @@
 import math
 
 from ccm_opt.cli.comparison_tables import success_words
+from ccm_opt.cli.comparison_words import ShownQuantity, percents, probability
 from ccm_opt.comparison.comparison_files import medians
 from ccm_opt.comparison.running import Comparison, Pair
-from ccm_opt.comparison.runs import QUANTITIES, Run
+from ccm_opt.comparison.runs import QUANTITIES, Quantity, Run
 from ccm_opt.comparison.statistics import FigurePair
 from ccm_opt.files.report.comparison_page import (
     ComparedMethod,
@@ -14,7 +15,6 @@ from ccm_opt.files.report.comparison_page import (
     ComparedRun,
     comparison_html,
 )
-from ccm_opt.files.report.page_units import MINUS, NONE
 
 
 def comparison_page(comparison: Comparison) -> str:
@@ -22,17 +22,16 @@ def comparison_page(comparison: Comparison) -> str:
     return comparison_html(
         comparison.problems,
         [_method(comparison, name) for name in comparison.methods],
-        [_quantity(item.key, item.title, item.unit) for item in QUANTITIES],
+        [_quantity(item) for item in QUANTITIES],
         [_run(run) for row in comparison.runs for run in row],
         [_pair(pair) for pair in comparison.pairs],
     )
 
 
-def _quantity(key: str, title: str, unit: str) -> ComparedQuantity:
+def _quantity(item: Quantity) -> ComparedQuantity:
     """Lengths in millimetres; gaps may be nothing, and so have linear axes."""
-    if unit == "m":
-        return ComparedQuantity(key, title, "mm", 1e3, logarithmic=False)
-    return ComparedQuantity(key, title, unit)
+    shown = ShownQuantity.of(item)
+    return ComparedQuantity(item.key, item.title, shown.unit, shown.factor, logarithmic=item.unit != "m")
 
 
 def _method(comparison: Comparison, name: str) -> ComparedMethod:
@@ -53,27 +52,15 @@ def _pair(pair: Pair) -> ComparedPair:
 
 def _row(item: FigurePair) -> tuple[str, ...]:
     """One figure of two methods in the units of the page."""
-    quantity = _quantity(item.quantity.key, item.quantity.title, item.quantity.unit)
-    # Ratios have no unit; differences have that of the figure.
-    factor = 1.0 if item.quantity.scale == "ratio" else quantity.factor
-    interval = item.interval
-    bounded = math.isfinite(interval.low) and math.isfinite(interval.high)
+    shown = ShownQuantity.of(item.quantity)
     return (
-        f"{quantity.title} [{quantity.unit}]",
+        shown.title,
         str(item.pairs),
-        _number(quantity.factor * item.first),
-        _number(quantity.factor * item.second),
+        shown.value(item.first),
+        shown.value(item.second),
         item.quantity.scale,
-        _number(factor * item.effect),
-        f"{_number(factor * interval.low)} to {_number(factor * interval.high)}" if bounded else NONE,
-        _number(100.0 * item.better, " %"),
-        f"{item.p_value:.2g}" if math.isfinite(item.p_value) else NONE,
+        shown.effect(item),
+        shown.interval(item.interval),
+        percents(item.better),
+        probability(item.p_value),
     )
-
-
-def _number(value: float, unit: str = "") -> str:
-    """Three digits and at most four decimals: less is nothing."""
-    if not math.isfinite(value):
-        return NONE
-    text = f"{float(f'{value:.3g}'):.4f}".rstrip("0").rstrip(".").replace("-", MINUS)
-    return f"{'0' if text == f'{MINUS}0' else text}{unit}"

@@ -42,6 +42,13 @@ class Method:
         return self.make() if self.make is not None else default_planner(prepared, Stages())
 
 
+def _ompl_planner() -> Planner:
+    from ccm_opt.planners.ompl_peer import OmplPlanner  # noqa: PLC0415 - nobody else needs it
+    from ccm_opt.planners.own_units import OwnUnitsPlanner  # noqa: PLC0415 - likewise
+
+    return OwnUnitsPlanner(OmplPlanner())
+
+
 METHODS: Mapping[str, Method] = {
     method.name: method
     for method in (
@@ -49,6 +56,7 @@ METHODS: Mapping[str, Method] = {
         Method("nlp-as-found", "the curve planner, its motion as found", {"method": "nlp", "optimiser": "none"}),
         Method("nlp-paul", "the curve planner, timed by Paul's transitions", {"method": "nlp", "retiming": "paul"}),
         Method("hill-climbing", "the paper's planner", {"method": "hill-climbing"}),
+        Method("ompl", "RRT-Connect of OMPL, under our certificate (extra 'ompl')", make=_ompl_planner),
         Method("hill-climbing-paul", "the paper's planner and timing", {"method": "hill-climbing", "retiming": "paul"}),
     )
 }

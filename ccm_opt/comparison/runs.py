@@ -54,11 +54,11 @@ class Quantity:
 QUANTITIES = (
     Quantity("tip_error_m", "tip error", "m", "difference", tie=MICROMETRE),
     Quantity("least_wall_clearance_m", "clearance", "m", "difference", more_is_better=True, tie=MICROMETRE),
-    Quantity("joint_path_length_rad", "joint path length", "rad"),
+    Quantity("joint_path_length_rad", "joint path", "rad"),
     Quantity("duration_s", "duration", "s"),
     Quantity("peak_torque_Nm", "peak torque", "N m"),
-    Quantity("planning_cpu_s", "CPU time of planning", "s"),
-    Quantity("cpu_s", "CPU time in all", "s"),
+    Quantity("planning_cpu_s", "planning CPU", "s"),
+    Quantity("cpu_s", "CPU in all", "s"),
 )
 """What is compared on the problems that both methods solve."""
 
