@@ -19,9 +19,12 @@ import shapely
 
 from ccm_opt.cli.comparing import CompareOptions, compare_methods
 from ccm_opt.cli.comparison_page_data import comparison_page
+from ccm_opt.comparison import method_code
 from ccm_opt.comparison.comparison_files import comparison_json, runs_csv
 from ccm_opt.comparison.journal import open_journal
+from ccm_opt.comparison.method_code import code_of
 from ccm_opt.comparison.methods import METHODS, check_methods, method_named
+from ccm_opt.comparison.problem_files import write_problems
 from ccm_opt.comparison.running import Comparison, compare
 from ccm_opt.comparison.runs import Run, Task, execute, failed_run
 from ccm_opt.comparison.scenes import links_apart
@@ -35,6 +38,7 @@ from ccm_opt.comparison.suites import (
     shared_folder,
 )
 from ccm_opt.errors import ProblemError
+from ccm_opt.files.problem_file import load_problem
 from ccm_opt.ground.executors import LocalWorkers
 
 from .conftest import PROBLEMS, SMALL_PROBLEM
@@ -143,6 +147,8 @@ def small_problem_again(tmp_path: Path) -> tuple[Case, ...]:
 @pytest.mark.parametrize("name", METHODS)
 def test_every_method_of_the_table_makes_a_planner(name: str) -> None:
     """Each method makes something with a ``plan``, and its options are options of a problem."""
+    if name == "ompl":
+        pytest.importorskip("ompl.geometric")
     problem = method_named(name).prepared(cases_of_suite("open-space", 1)[0].problem(), 3.0)
     assert callable(method_named(name).planner(problem).plan)
     prepared = problem.planner
@@ -206,6 +212,96 @@ def test_keys_tell_runs_apart(tmp_path: Path) -> None:
     tasks += [Task(cases[0], "nlp"), Task(cases[0], STRAIGHT, 1.0)]
     assert len({task.key for task in tasks}) == len(tasks)
     assert Task(cases[0], STRAIGHT).key == tasks[0].key
+
+
+# ---------------------------------------------------------------- code
+
+
+@pytest.fixture
+def own_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A package with a planner beside the user, whose module imports another."""
+    folder = tmp_path / "my_planners"
+    folder.mkdir()
+    (folder / "__init__.py").write_text("")
+    (folder / "numbers.py").write_text("SPEED = 1\n")
+    (folder / "mine.py").write_text("from tests.comparison_tasks import StraightPlanner\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    code_of.cache_clear()
+    method_code._digest_of_package.cache_clear()
+    yield folder
+    code_of.cache_clear()
+    method_code._digest_of_package.cache_clear()
+    for name in [name for name in sys.modules if name.partition(".")[0] == "my_planners"]:
+        del sys.modules[name]
+
+
+def test_a_planner_that_was_changed_is_run_anew_and_said_so(
+    tmp_path: Path, own_package: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A changed file anywhere in a planner's package makes its runs anew, with a warning; others keep theirs."""
+    small_cases(tmp_path)
+    method = "my_planners.mine:StraightPlanner"
+    options = wanted(tmp_path, planners=(method,))
+    journal = tmp_path / "out" / "journal.jsonl"
+    assert compare_methods(options) == 0
+    before = journal.read_text().splitlines()
+    assert "other code" not in capsys.readouterr().err
+
+    (own_package / "numbers.py").write_text("SPEED = 2\n")
+    code_of.cache_clear()
+    method_code._digest_of_package.cache_clear()
+    assert compare_methods(options) == 0
+    # Words may be broken into lines anywhere.
+    err = " ".join(capsys.readouterr().err.split())
+    assert f"4 runs of {method} in" in err
+    assert "had other code; they are made anew" in err
+    after = [json.loads(line) for line in journal.read_text().splitlines()]
+    assert len(after) == len(before) + 4
+    assert {run["method"] for run in after[len(before) :]} == {method}
+    assert compare_methods(options) == 0
+    assert len(journal.read_text().splitlines()) == len(after)
+
+
+def test_our_own_code_counts_but_for_pictures_and_tables() -> None:
+    """Each source of planning, timing and verification is in the digest; what no run meets is not."""
+    places = [place for place, _ in method_code._sources("ccm_opt")]
+    met = [place for place in places if not place.startswith(method_code.NOT_MET)]
+    assert "motion/search.py" in met
+    assert "collision/pair_proofs.c" in met
+    assert "verification/verifier.py" in met
+    assert not any(place.startswith(("cli/", "files/report")) for place in met)
+    assert code_of("nlp") == code_of("hill-climbing") != code_of(STRAIGHT)
+
+
+def test_a_worker_with_other_code_makes_no_run(tmp_path: Path) -> None:
+    """What a worker of another version would find is no result: it says which code it has, and is asked again later."""
+    run = execute(Task(small_cases(tmp_path)[0], STRAIGHT, code="0" * 16))
+    assert run.outcome == "crashed"
+    assert "this worker has other code of" in run.reason
+
+
+# ---------------------------------------------------------------- problems as files
+
+
+def test_problems_are_written_as_files_that_say_the_same(tmp_path: Path) -> None:
+    """Random problems and those of files can be loaded again; nothing that says something else is replaced."""
+    cases = (*cases_of_suite("clutter-20", 2), *cases_of_suite("duct", 1), *small_cases(tmp_path))
+    files = write_problems(cases, tmp_path / "problems")
+    assert [file.stem for file in files] == [case.name for case in cases]
+    for case, file in zip(cases, files, strict=True):
+        given, read = case.problem(), load_problem(file)
+        np.testing.assert_allclose(read.start.bends, given.start.bends, atol=1e-12)
+        np.testing.assert_allclose(read.limits.velocity, given.limits.velocity)
+        assert len(read.workspace.obstacles) == len(given.workspace.obstacles)
+        for one, other in zip(read.workspace.obstacles, given.workspace.obstacles, strict=True):
+            assert one.core.equals_exact(other.core, 1e-12)
+        assert read.tolerances == given.tolerances
+    # Written again, all is well; changed by hand, it stays as it is.
+    write_problems(cases, tmp_path / "problems")
+    files[0].write_text("# mine\n")
+    with pytest.raises(ProblemError, match="says something else"):
+        write_problems(cases, tmp_path / "problems")
+    assert files[0].read_text() == "# mine\n"
 
 
 # ---------------------------------------------------------------- comparing

@@ -254,6 +254,9 @@ def compare_command(
         float | None,
         typer.Option(min=0.001, help="CPU time for every planner, in s.", show_default="the problem's"),
     ] = None,
+    write_problems: Annotated[
+        bool, typer.Option("--write-problems", help="Write every problem as a file, in problems/ of that folder.")
+    ] = False,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
 ) -> int:
     """Run planners on the same problems and compare what they find; continue where an earlier run stopped."""
@@ -271,6 +274,7 @@ def compare_command(
         out=out,
         time_limit=time_limit,
         pictures=not no_pictures,
+        write_problems=write_problems,
     )
     return compare_methods(options)
 

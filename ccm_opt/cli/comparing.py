@@ -15,12 +15,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from ccm_opt.cli.cancelling import CANCELLED
 from ccm_opt.cli.comparison_page_data import comparison_page
 from ccm_opt.cli.comparison_tables import print_comparison
-from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all
+from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all, warn
 from ccm_opt.cli.output import output
 from ccm_opt.comparison.comparison_files import JOURNAL, PAGE, comparison_json, write_comparison
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import DEFAULT, check_methods
-from ccm_opt.comparison.running import Comparison, compare
+from ccm_opt.comparison.problem_files import FOLDER, write_problems
+from ccm_opt.comparison.running import Comparison, compare, outdated
 from ccm_opt.comparison.runs import QUANTITIES, Run
 from ccm_opt.comparison.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
 from ccm_opt.ground.executors import DaskWorkers, LocalWorkers, Workers
@@ -42,6 +43,7 @@ class CompareOptions:
         out: folder for the journal, tables and pictures.
         time_limit: CPU time of every planner [s], or None.
         pictures: whether to draw.
+        write_problems: whether to write the problems as files, too.
     """
 
     files: Sequence[Path]
@@ -55,6 +57,7 @@ class CompareOptions:
     out: Path
     time_limit: float | None
     pictures: bool
+    write_problems: bool = False
 
 
 def compare_methods(options: CompareOptions) -> int:
@@ -78,7 +81,12 @@ def _compare(options: CompareOptions) -> int:
     cases = chosen_cases(options)
     methods = check_methods((*(options.methods or DEFAULT), *options.planners))
     workers: Workers = DaskWorkers(options.dask) if options.dask else LocalWorkers(options.workers)
+    if options.write_problems:
+        write_problems(cases, options.out / FOLDER)
     with open_journal(options.out / JOURNAL) as journal, _display(len(cases) * len(methods)) as progress:
+        for method, count in outdated(journal, cases, methods).items():
+            runs = "1 run" if count == 1 else f"{count} runs"
+            warn(f"{runs} of {method} in {options.out / JOURNAL} had other code; they are made anew")
         comparison = compare(cases, methods, workers, journal, time_limit=options.time_limit, progress=progress)
     drawn = {PAGE: comparison_page(comparison).encode(), **_pictures(comparison)} if options.pictures else {}
     write_comparison(comparison, options.out, drawn)

@@ -1,11 +1,13 @@
 """Runs every method on every problem but for those in the journal, and gathers the runs as a comparison."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
 from ccm_opt.comparison.journal import Journal
+from ccm_opt.comparison.method_code import code_of
 from ccm_opt.comparison.runs import Run, Task, execute, failed_run
 from ccm_opt.comparison.statistics import (
     ConfidenceInterval,
@@ -76,6 +78,20 @@ class Comparison:
         return tuple(run for row in self.runs for run in row if not run.solved)
 
 
+def outdated(journal: Journal, cases: Sequence[Case], methods: Sequence[str]) -> Mapping[str, int]:
+    """How many runs of these problems in the journal were made with other code, by method; none is left out.
+
+    They stay in the journal and count no more: such runs are made anew.
+    """
+    names = {case.name for case in cases}
+    old = Counter(
+        run.method
+        for run in journal.runs.values()
+        if run.problem in names and run.method in methods and run.code != code_of(run.method)
+    )
+    return {method: old[method] for method in methods if old[method]}
+
+
 def compare(
     cases: Sequence[Case],
     methods: Sequence[str],
@@ -98,7 +114,7 @@ def compare(
     Raises:
         ProblemError: when a method is unknown, the journal cannot be written, or the cluster is gone.
     """
-    rows = [[Task(case, method, time_limit) for method in methods] for case in cases]
+    rows = [[Task(case, method, time_limit, code_of(method)) for method in methods] for case in cases]
     # A comparison that was interrupted goes on where it stopped.
     missing = [task for row in rows for task in row if not journal.has(task.key)]
     if missing:

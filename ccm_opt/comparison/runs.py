@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
+from ccm_opt.comparison.method_code import code_of
 from ccm_opt.comparison.methods import method_named
 from ccm_opt.comparison.suites import Case
 from ccm_opt.errors import NoPlanFound, ProblemError, TimeLimitReached, VerificationError
@@ -71,18 +71,20 @@ class Task:
         case: the problem.
         method: name of the method.
         time_limit: CPU time of the planner [s]; None keeps the problem's.
+        code: digest of the code that is asked for; empty for whatever is there.
     """
 
     case: Case
     method: str
     time_limit: float | None = None
+    code: str = ""
 
     @cached_property
     def key(self) -> str:
         """Differs from that of every other run, so that a resumed comparison knows which runs it has."""
         options = sorted(method_named(self.method).options.items())
-        # All that can change the result: an edited problem or a new version of the package is another run.
-        parts = (self.case.name, self.case.fingerprint, self.method, options, self.time_limit, _package_version())
+        # All that can change the result: an edited problem or changed code is another run.
+        parts = (self.case.name, self.case.fingerprint, self.method, options, self.time_limit, self.code)
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:20]
 
 
@@ -99,6 +101,7 @@ class Run:
         figures: by the keys of ``QUANTITIES``; those of the motion only when it is solved.
         wall: time from begin to end [s].
         tactic: name of what found the motion.
+        code: digest of the code that was asked for.
     """
 
     key: str
@@ -109,6 +112,7 @@ class Run:
     figures: Mapping[str, float] = field(default_factory=dict)
     wall: float = 0.0
     tactic: str = ""
+    code: str = ""
 
     @property
     def solved(self) -> bool:
@@ -149,6 +153,7 @@ def execute(task: Task) -> Run:
         # Making the planner may fail; then there is no time of planning to note.
         planner = None
         try:
+            _refuse_other_code(task)
             method = method_named(task.method)
             problem = method.prepared(task.case.problem(), task.time_limit)
             planner = ClockedPlanner(method.planner(problem))
@@ -170,13 +175,28 @@ def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
     solution = solve(problem, planner=planner, explain=False)
     wanted = {quantity.key for quantity in QUANTITIES}
     figures = {key: float(x) for key, x in solution.metrics.items() if key in wanted and math.isfinite(x)}
-    return Run(task.key, task.case.name, task.method, "solved", "", figures, tactic=solution.path.candidate)
+    tactic = solution.path.candidate
+    return Run(task.key, task.case.name, task.method, "solved", "", figures, tactic=tactic, code=task.code)
+
+
+def _refuse_other_code(task: Task) -> None:
+    """Refuse to run what was not asked for: the worker of a cluster may have another version.
+
+    Raises:
+        RuntimeError: which makes the run a crash, so that it is made again once the worker is mended.
+    """
+    here = code_of(task.method)
+    if task.code and here != task.code:
+        raise RuntimeError(
+            f"this worker has other code of {task.method} ({here}) than was asked for ({task.code}); "
+            "install the same version on every worker and start it anew"
+        )
 
 
 def failed_run(task: Task, error: BaseException) -> Run:
     """The record of a task that ended with an error."""
     outcome, reason = _outcome_of(error)
-    return Run(task.key, task.case.name, task.method, outcome, reason[:LONGEST_REASON])
+    return Run(task.key, task.case.name, task.method, outcome, reason[:LONGEST_REASON], code=task.code)
 
 
 def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
@@ -200,8 +220,3 @@ def _load_libraries() -> None:
     """Load what is loaded when first used, so that no run pays for it."""
     for name in ("ccm_opt.driver.pipeline", "casadi", "toppra.algorithm"):
         import_module(name)
-
-
-@cache
-def _package_version() -> str:
-    return version("ccm-opt")
