@@ -13,6 +13,7 @@ from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.length_words import words_for_unit
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
+from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.planners.binding_sides import binding_sides
 from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.planners.pose_over_routes import PoseTry, brought_tries, drawn_tries, pose_search, pose_tries
@@ -22,6 +23,7 @@ from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.terms import Constraint, Cost
 
 
+@on_one_thread
 def find_pose(
     problem: Problem,
     *,

@@ -17,6 +17,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.expected import expect, expect_that, refusal
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
+from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.planners.curve import CurvePlanner
 from ccm_opt.planners.own_units import OwnUnitsPlanner
 from ccm_opt.planners.resuming_planner import ResumingPlanner
@@ -199,6 +200,7 @@ class LivePlan:
         except VerificationError as failure:
             self.current, self.reason = False, "the verifier refuses the plan: " + "; ".join(failure.failures)
 
+    @on_one_thread
     def _make(self, problem: Problem) -> None:
         """Plan, time and verify a problem; the plan is kept.
 

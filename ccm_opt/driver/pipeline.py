@@ -15,12 +15,14 @@ from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
+from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
 from ccm_opt.user_terms.terms import Constraint, Cost
 
 
+@on_one_thread
 def solve(
     problem: Problem,
     *,

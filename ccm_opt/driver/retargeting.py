@@ -20,6 +20,7 @@ from ccm_opt.ground.arguments import is_number
 from ccm_opt.ground.expected import expect, expect_that
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
+from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.planners.legs import Leg, whole_path
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, Stop, TipGoal, Tolerances
@@ -27,6 +28,7 @@ from ccm_opt.solution import JointPath, JointTrajectory, Solution
 from ccm_opt.user_terms.terms import Constraint, Cost
 
 
+@on_one_thread
 def retarget(
     solution: Solution,
     time: float,

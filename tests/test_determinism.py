@@ -1,0 +1,45 @@
+"""The same problem, seed and versions give the same bytes, whatever the surroundings."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, has_compiler
+from ccm_opt.ground.library_cache import CACHE_VARIABLE
+
+from .conftest import PROBLEMS
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not has_compiler(), reason="compiled by a compiler that is named, or not at all")
+def test_surroundings_change_no_byte(tmp_path: Path) -> None:
+    """Other numbers of threads, hash seeds, working directories, caches and machine code: the same ``solution.npz``.
+
+    The motion is one whose sums two threads share: it differed by 1e-14.
+    """
+    threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    (tmp_path / "elsewhere").mkdir()
+    plain = solved(tmp_path / "plain", Path.cwd(), dict.fromkeys(threads, "1") | {"PYTHONHASHSEED": "0"})
+    other = solved(
+        tmp_path / "other",
+        tmp_path / "elsewhere",
+        dict.fromkeys(threads, "2")
+        | {"PYTHONHASHSEED": "7", COMPILER_VARIABLE: "cc", CACHE_VARIABLE: str(tmp_path / "cache")},
+    )
+    assert plain == other
+
+
+def solved(out: Path, working_directory: Path, surroundings: dict[str, str]) -> bytes:
+    """``solution.npz`` of a fed motion, made by a process of its own."""
+    problem = PROBLEMS / "feed-s-duct.toml"
+    command = [sys.executable, "-m", "ccm_opt", "solve", str(problem), "--no-pictures", "--quiet", "--out", str(out)]
+    path = os.pathsep.join(filter(None, (str(PROBLEMS.parent), os.environ.get("PYTHONPATH"))))
+    environment = os.environ | {"PYTHONPATH": path} | surroundings
+    ended = subprocess.run(
+        command, cwd=working_directory, env=environment, capture_output=True, text=True, check=False, timeout=300
+    )
+    assert ended.returncode == 0, ended.stderr
+    return (out / "feed-s-duct" / "solution.npz").read_bytes()
