@@ -1,11 +1,17 @@
+import json
+import sys
 from pathlib import Path
 
 from docutils import nodes
 from docutils.statemachine import StringList
+from myst_parser.parsers.sphinx_ import MystParser
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from ccm_opt import __version__
+
+sys.path.insert(0, str(Path(__file__).parent))
+from notebook_pages import Notebook, as_page
 
 project = "ccm_opt"
 author = "The ccm_opt developers"
@@ -53,6 +59,19 @@ class SettingsModules(SphinxDirective):
         return container.children
 
 
+class NotebookParser(MystParser):
+    """Reads notebooks as the pages in Markdown that they say."""
+
+    supported = ("notebook",)
+
+    def parse(self, inputstring: str, document: nodes.document) -> None:
+        """Parse the text of a notebook's file."""
+        notebook: Notebook = json.loads(inputstring)
+        super().parse(as_page(notebook), document)
+
+
 def setup(app: Sphinx) -> None:
-    """Make the directive known."""
+    """Make the directive and the reader of notebooks known."""
+    app.add_source_suffix(".ipynb", "notebook")
+    app.add_source_parser(NotebookParser)
     app.add_directive("settings-modules", SettingsModules)
