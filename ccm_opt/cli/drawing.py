@@ -10,6 +10,7 @@ from ccm_opt.cli.choices import FigureKind, FigureName
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.saved_plans import drawn, load
+from ccm_opt.ground.whole_file import put_file
 from ccm_opt.solution import Solution
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def _draw(folder: Path, options: DrawOptions) -> int:
     for name, content in pictures.items():
         try:
             out.mkdir(parents=True, exist_ok=True)
-            (out / name).write_bytes(content)
+            put_file(out / name, content)
         except OSError as error:
             raise ProblemError(f"cannot write {out / name}: {error.strerror or error}; choose another --out") from error
     written = [str(out / name) for name in pictures]

@@ -10,6 +10,7 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
+from ccm_opt.ground.whole_file import put_file
 
 
 def export_folder(folder: Path, kind: str, out: Path | None) -> int:
@@ -48,7 +49,7 @@ def _export(folder: Path, kind: str, out: Path | None) -> int:
         return print_result(lambda: sys.stdout.write(text), SOLVED, lambda: {"status": "exported", "text": text})
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(text, encoding="utf-8")
+        put_file(out, text.encode())
     except OSError as error:
         raise ProblemError(f"cannot write {out}: {error.strerror or error}; choose another --out") from error
     output().note({"status": "exported", "file": str(out)})

@@ -5,6 +5,7 @@ An earlier plan of the same name stays as it is; whatever is no whole result of 
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from ccm_opt.cli.outcome import warn
@@ -80,7 +81,7 @@ def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
         target: the folder of the plan.
         files: content of the plan's files by file name.
     """
-    folder = write_folder(place_beside(target, UNFINISHED), files)
+    folder = write_folder(target, files, beside=partial(place_beside, ending=UNFINISHED))
     tell_where(folder, target, "the new one, as far as it came, is written")
 
 

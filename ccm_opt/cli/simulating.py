@@ -9,6 +9,7 @@ from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
 from ccm_opt.cli.tables import peak_torque, report_console, units_of, value_table, verdict_cells
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem
+from ccm_opt.ground.whole_file import put_file
 from ccm_opt.problem import Problem
 from ccm_opt.solution import SimulatedMotion
 
@@ -91,7 +92,7 @@ def _draw(folder: Path, problem: Problem, motion: SavedMotion, simulated: Simula
 
     picture = simulation_png(problem, motion.trajectory, motion.joints, simulated)
     try:
-        (folder / PICTURE).write_bytes(picture)
+        put_file(folder / PICTURE, picture)
     except OSError as error:
         raise ProblemError(f"cannot write {folder / PICTURE}: {error.strerror or error}") from error
 

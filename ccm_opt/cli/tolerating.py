@@ -13,6 +13,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import TOLERANCE_FILES
 from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem
 from ccm_opt.files.export.tolerance_json import tolerance_data, tolerance_json
+from ccm_opt.ground.whole_file import put_file
 from ccm_opt.problem import Problem
 from ccm_opt.solution import SurvivedError
 
@@ -61,7 +62,7 @@ def _picture(problem: Problem, motion: SavedMotion, joints: SurvivedError) -> by
 
 def _write(path: Path, content: bytes) -> None:
     try:
-        path.write_bytes(content)
+        put_file(path, content)
     except OSError as error:
         raise ProblemError(f"cannot write {path}: {error.strerror or error}") from error
 

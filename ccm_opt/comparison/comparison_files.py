@@ -16,6 +16,7 @@ from ccm_opt.comparison.running import Comparison, Pair
 from ccm_opt.comparison.runs import QUANTITIES, Run
 from ccm_opt.comparison.statistics import LEVEL, ConfidenceInterval, FigurePair
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.whole_file import put_file
 
 JOURNAL = "journal.jsonl"
 TABLE = "runs.csv"
@@ -36,11 +37,8 @@ def write_comparison(comparison: Comparison, folder: Path, pictures: Mapping[str
     """
     files = {TABLE: runs_csv(comparison).encode(), RECORD: comparison_json(comparison).encode(), **(pictures or {})}
     for name, content in files.items():
-        # Written beside and renamed, as a rename is all or nothing: readers never see half a file.
-        beside = folder / f".{name}.part"
         try:
-            beside.write_bytes(content)
-            beside.replace(folder / name)
+            put_file(folder / name, content)
         except OSError as error:
             raise ProblemError(f"cannot write {folder / name}: {error.strerror or error}") from error
 

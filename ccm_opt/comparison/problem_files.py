@@ -9,6 +9,7 @@ import tomlkit
 from ccm_opt.comparison.suites import Case
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file.problem_data import recorded_data
+from ccm_opt.ground.whole_file import put_file
 from ccm_opt.problem import Problem
 
 FOLDER = "problems"
@@ -52,9 +53,6 @@ def _write(file: Path, text: str) -> None:
                 return
             raise ProblemError(f"{file} is there already and says something else; choose another --out, or remove it")
         file.parent.mkdir(parents=True, exist_ok=True)
-        # Written beside and renamed: nobody ever finds half a file.
-        beside = file.with_name(f".{file.name}.part")
-        beside.write_text(text, encoding="utf-8")
-        beside.replace(file)
+        put_file(file, text.encode())
     except (OSError, UnicodeDecodeError) as error:
         raise ProblemError(f"cannot write {file}: {getattr(error, 'strerror', None) or error}") from error

@@ -9,6 +9,7 @@ from ccm_opt.files.export.folder import solution_files, write_folder
 from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
 from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest, recorded_simulation
 from ccm_opt.ground.expected import expect
+from ccm_opt.ground.whole_file import put_file
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory, Solution
 from ccm_opt.solution.presenting import present_with
@@ -113,7 +114,7 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
         raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
     content = films[place.suffix](drawn(plan))
     try:
-        place.write_bytes(content)
+        put_file(place, content)
     except OSError as error:
         raise ProblemError(f"cannot write {place}: {error.strerror or error}") from error
     return place

@@ -1,6 +1,7 @@
 """The record of why there is no plan or no pose: in the place of the result, or beside an earlier one, which stays."""
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 from ccm_opt.errors import Diagnosis
@@ -36,7 +37,8 @@ def write_failure(
         ProblemError: when the folder cannot be written, or another folder is in its place.
     """
     record = failure_json(problem, status, diagnosis, timings or {})
-    return write_folder(place_beside(out / problem.name, FAILED), {RECORD: record.encode(), **(pictures or {})})
+    files = {RECORD: record.encode(), **(pictures or {})}
+    return write_folder(out / problem.name, files, beside=_FAILED_PLACE)
 
 
 def write_pose_failure(
@@ -58,4 +60,7 @@ def write_pose_failure(
         ProblemError: as for ``write_failure``.
     """
     record = pose_failure_json(problem, status, diagnosis, timings)
-    return write_folder(place_beside(out / problem.name, FAILED), {POSE_RECORD: record.encode()}, POSE_RECORD)
+    return write_folder(out / problem.name, {POSE_RECORD: record.encode()}, POSE_RECORD, beside=_FAILED_PLACE)
+
+
+_FAILED_PLACE = partial(place_beside, ending=FAILED)

@@ -1,13 +1,12 @@
-"""The files of the output folder, written whole or not at all: beside its place first, then renamed into it."""
+"""The files of the output folder, what each is called, and which places they may be written to."""
 
 import os
-import shutil
-import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.arrays_npz import arrays_npz, solution_arrays
+from ccm_opt.files.export.folder_swap import put_in_place
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.solution_json import solution_json
 from ccm_opt.files.export.trajectory_text import trajectory_texts
@@ -107,13 +106,20 @@ def check_target(target: Path, record: str = RECORD) -> None:
         raise ProblemError(f"cannot write {target}: {nearest} is not a writable folder; choose another --out")
 
 
-def write_folder(target: Path, files: Mapping[str, bytes], record: str = RECORD) -> Path:
+def write_folder(
+    target: Path,
+    files: Mapping[str, bytes],
+    record: str = RECORD,
+    *,
+    beside: Callable[[Path], Path] = Path,
+) -> Path:
     """Put a folder with these files in its place; a folder of an earlier run gives way, the user's files in it stay.
 
     Args:
         target: the folder.
         files: content by file name; a name with slashes lies in folders of the folder.
         record: name of the record of this kind of folder, see ``check_target``.
+        beside: another place for the folder, where that is to be left alone; asked when nobody else writes there.
 
     Returns:
         The folder.
@@ -121,47 +127,13 @@ def write_folder(target: Path, files: Mapping[str, bytes], record: str = RECORD)
     Raises:
         ProblemError: when it cannot be written; then the old folder, if any, is as it was.
     """
+
+    def chosen(wanted: Path) -> Path:
+        place = beside(wanted)
+        check_target(place, record)
+        return place
+
     try:
-        check_target(target, record)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as workshop:
-            _assemble(Path(workshop), files)
-            _swap(Path(workshop), target)
+        return put_in_place(target, files, WRITTEN_FILES, chosen)
     except OSError as error:
         raise ProblemError(f"cannot write {target}: {error.strerror or error}; choose another --out") from error
-    return target
-
-
-def _assemble(workshop: Path, files: Mapping[str, bytes]) -> None:
-    new = workshop / "new"
-    new.mkdir()
-    for name, content in files.items():
-        place = new / name
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_bytes(content)
-
-
-def _swap(workshop: Path, target: Path) -> None:
-    """Rename the new folder into its place; put the old one back when that fails."""
-    new = workshop / "new"
-    old = workshop / "old"
-    if not target.is_dir():
-        new.rename(target)
-        return
-    for entry in target.iterdir():
-        if entry.name not in WRITTEN_FILES:
-            _copy(entry, new / entry.name)
-    try:
-        target.rename(old)
-        new.rename(target)
-    except BaseException:  # Ctrl-C between the two renames must not lose the old folder
-        if old.exists() and not target.exists():
-            old.rename(target)
-        raise
-
-
-def _copy(entry: Path, place: Path) -> None:
-    if entry.is_dir() and not entry.is_symlink():
-        shutil.copytree(entry, place, symlinks=True)
-    else:
-        shutil.copy2(entry, place, follow_symlinks=False)
