@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 
 from ccm_opt.files.plotting import style
 from ccm_opt.ground.arrays import FloatArray
@@ -56,7 +57,8 @@ class LabelPlaces:
         self.axes.annotate(
             text, xy=tuple(place), xytext=tuple(middle), textcoords="offset points", ha="center", va="center",
             fontsize=size, color=colour, zorder=12, linespacing=1.1,
-            bbox={"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.78},
+            # Round the letters only: a white box would cut a piece out of what it covers.
+            path_effects=[withStroke(linewidth=2.4, foreground="white", alpha=0.85)],
             arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 4.0},
         )  # fmt: skip
 

@@ -174,7 +174,12 @@ def dress(figure: Figure, axes: Axes, title: str, problem: Problem) -> None:
     """Title, axes in the unit of the problem's file, and the legend below the drawing."""
     axes.set_title(title, fontsize=10, loc="left", pad=8)
     label_axes(axes, problem)
-    axes.tick_params(length=2.5, color=style.WALL_EDGE)
+    # Sizes are given here, for a figure may be drawn where the package's fonts are not in force.
+    axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
+    axes.xaxis.label.set_size(style.FONT_SIZE)
+    axes.yaxis.label.set_size(style.FONT_SIZE)
     for spine in axes.spines.values():
         spine.set_visible(False)
-    figure.legend(loc="lower center", ncols=3, frameon=False, handlelength=1.8, columnspacing=1.6)
+    figure.legend(
+        loc="lower center", ncols=3, frameon=False, handlelength=1.8, columnspacing=1.6, fontsize=style.FONT_SIZE
+    )

@@ -1,5 +1,6 @@
 """Draws the workspace into a picture: boundary, obstacles, their names."""
 
+import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch
@@ -14,6 +15,8 @@ _NAME_SIZE = 6.5
 """[points]."""
 _WIDTH_OF_LETTER = 0.62
 """Of a letter, as a share of its size, on average and a little more."""
+_INSIDE = 0.9
+"""Share of a name that lies in what it names."""
 
 
 def draw_workspace(
@@ -85,11 +88,18 @@ def _name(axes: Axes, obstacle: Obstacle) -> None:
     along, across = (ymax - ymin, xmax - xmin) if upright else (xmax - xmin, ymax - ymin)
     pixels = min(axes.bbox.width / (right - left), axes.bbox.height / (high - low))
     points = 72.0 / float(axes.figure.dpi) * pixels
-    if along * points < _NAME_SIZE * _WIDTH_OF_LETTER * len(obstacle.name) or across * points < _NAME_SIZE:
+    length = _NAME_SIZE * _WIDTH_OF_LETTER * len(obstacle.name)
+    if along * points < length or across * points < _NAME_SIZE:
         return
     # In a box the middle looks better than the first of the many places that are as far from its edge.
     box = seen.area > 0.95 * (xmax - xmin) * (ymax - ymin)
     x, y = (0.5 * (xmin + xmax), 0.5 * (ymin + ymax)) if box else place
+    # A name that runs out of a narrow or crooked shape hides its outline, and what is beside it.
+    wide, high = (_NAME_SIZE, length) if upright else (length, _NAME_SIZE)
+    half = 0.5 * np.array([wide, high]) / points
+    words = shapely.box(x - half[0], y - half[1], x + half[0], y + half[1])
+    if shapely.intersection(seen, words).area < _INSIDE * words.area:
+        return
     axes.text(
         x,
         y,

@@ -76,7 +76,9 @@ def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
         yield units.shown(peak, "N m"), "peak torque"
         return
     limit = float(bounds.max())
-    yield units.shown(peak, "N m", limit), f"peak torque, of {units.given(limit, 'N m')}"
+    # The unit is not torn apart at the end of a line.
+    allowed = units.given(limit, "N m").replace(" ", "\N{NO-BREAK SPACE}")
+    yield units.shown(peak, "N m", limit), f"peak torque, of {allowed}"
 
 
 def _summary(problem: Problem, units: PageUnits) -> str:

@@ -70,11 +70,13 @@ def _walls(workspace: Workspace, settings: ReportSettings) -> SceneData:
     }
 
 
-def _name_place(outline: shapely.Geometry) -> list[float]:
-    """Where an obstacle's name stands: inside it, with the lengths that it has there for text across and upright."""
+def _name_place(outline: shapely.Geometry) -> list[float | list[float]]:
+    """A point in an obstacle, and how far the obstacle goes from it to the left and right, and down and up [m]."""
     box = shapely.bounds(outline)
     x, y = shapely.get_coordinates(shapely.point_on_surface(outline))[0]
-    return [float(f"{value:.5g}") for value in (x, y, box[2] - box[0], box[3] - box[1])]
+    reaches = (x, y), (x - box[0], box[2] - x), (y - box[1], box[3] - y)
+    place, across, up = ([float(f"{value:.5g}") for value in pair] for pair in reaches)
+    return [*place, across, up]
 
 
 def path_in_steps(geometry: shapely.Geometry, origin: FloatArray, step: float) -> str:

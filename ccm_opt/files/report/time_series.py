@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.files.report.delta_coding import coded, step_for
+from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.thinning import kept_samples
 from ccm_opt.ground.arrays import FloatArray, IntArray
@@ -66,7 +67,7 @@ def series_groups(solution: Solution, settings: ReportSettings = REPORT) -> Iter
 
 
 def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """What carries the base: its place, speed and force; nothing for a fixed base."""
+    """What carries the base: its place and speed in the page's unit, and its force; nothing for a fixed base."""
     trajectory = solution.trajectory
     limits = solution.problem.limits
     names = trajectory.coordinates.base_names
@@ -75,8 +76,10 @@ def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
     free = np.full(len(names), np.inf)
     speed = free if limits.feed_velocity is None else np.full(len(names), limits.feed_velocity)
     force = free if limits.feed_force is None else np.full(len(names), limits.feed_force)
-    yield SeriesGroup("feed", "Feed axis", "m", names, trajectory.base_positions, free)
-    yield SeriesGroup("feed-velocity", "Feed velocity", "m/s", names, trajectory.base_velocities, speed)
+    unit = PageUnits.of_arm(solution.problem.arm.length)
+    yield SeriesGroup("feed", "Feed axis", unit.name, names, trajectory.base_positions / unit.metres, free)
+    velocities = trajectory.base_velocities / unit.metres
+    yield SeriesGroup("feed-velocity", "Feed velocity", f"{unit.name}/s", names, velocities, speed / unit.metres)
     yield SeriesGroup("feed-force", "Feed force", "N", names, solution.joints.base_forces, force)
 
 
@@ -106,13 +109,15 @@ def _drive_name(number: int) -> str:
 
 
 def _tip_speed(solution: Solution) -> SeriesGroup:
-    """Speed of the tip by differences between samples, with its limit where there is one."""
+    """Speed of the tip by differences between samples, in the page's unit, with its limit where there is one."""
     time = solution.trajectory.time
     tips = solution.joint_positions[:, -1]
     velocity = np.gradient(tips, time, axis=0) if len(time) > 1 else np.zeros_like(tips)
     of_tip = [limit.velocity for limit in solution.problem.limits.points if limit.at is None]
-    bound = np.array([min(of_tip, default=np.inf)])
-    return SeriesGroup("tip-speed", "Tip speed", "m/s", ("tip",), np.linalg.norm(velocity, axis=1)[:, None], bound)
+    unit = PageUnits.of_arm(solution.problem.arm.length)
+    bound = np.array([min(of_tip, default=np.inf)]) / unit.metres
+    speed = np.linalg.norm(velocity, axis=1)[:, None] / unit.metres
+    return SeriesGroup("tip-speed", "Tip speed", f"{unit.name}/s", ("tip",), speed, bound)
 
 
 def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[SeriesGroup]:

@@ -17,8 +17,9 @@ function armPoints(arm, bends, feed = 0) {
 }
 
 class Motion {
-  constructor(arm, groups) {
+  constructor(arm, groups, unit) {
     this.arm = arm;
+    this.unit = unit;
     this.bends = groups.get("bends");
     this.feed = groups.get("feed");
     this.tracking = groups.get("tracking");
@@ -31,7 +32,8 @@ class Motion {
 
   feedAt(time) {
     if (!this.feed) return 0;
-    return this.feed.columns.reduce((sum, column) => sum + valueAt(this.feed.time, column, time), 0);
+    const inUnits = this.feed.columns.reduce((sum, column) => sum + valueAt(this.feed.time, column, time), 0);
+    return this.unit.metres * inUnits;
   }
 
   pointsAt(time) {

@@ -65,7 +65,7 @@ class Chart {
       pen = "L";
     }
     const look = { d: parts.join(""), stroke: colour, "stroke-width": width, "stroke-dasharray": dash, class: "curve" };
-    if (faint) look.opacity = 0.25;
+    if (faint) look.opacity = 0.4;
     return svg("path", look);
   }
 
@@ -91,7 +91,8 @@ class Chart {
     for (const x of places) {
       for (const foot of [y - 4, y + 13]) {
         if (foot - 10 < top - 12 || foot > bottom + 2) continue;
-        const room = Math.min(this.roomAround(x, x + width, foot - 4), 30);
+        let room = Math.min(this.roomAround(x, x + width, foot - 4), 30);
+        if (this.coversDotWords(x, x + width, foot)) room = -10;
         if (!best || room > best.room + 4) best = { x, y: foot, room };
       }
     }
@@ -123,14 +124,24 @@ class Chart {
   }
 
   dot({ x, y, colour, words }) {
-    const px = this.axes.across(x);
-    const py = this.axes.up(y);
+    const place = this.dotPlace(x, y, words);
+    const text = svg("text", { x: place.x, y: place.foot, class: "words ink" }, words);
+    return svg("g", {}, svg("circle", { cx: place.px, cy: place.py, r: 4.5, fill: colour, class: "dot" }), text);
+  }
+
+  dotPlace(x, y, words) {
+    const [px, py] = [this.axes.across(x), this.axes.up(y)];
     const width = LETTER * words.length;
     const beside = px > (this.axes.left + this.axes.right) / 2 ? px - 7 - width : px + 7;
-    const place = Math.min(Math.max(beside, this.axes.left + 4), this.axes.right - 2 - width);
-    const low = py < this.axes.bottom - 26 ? 18 : -10;
-    const text = svg("text", { x: place, y: py + low, class: "words ink" }, words);
-    return svg("g", {}, svg("circle", { cx: px, cy: py, r: 4.5, fill: colour, class: "dot" }), text);
+    const left = Math.min(Math.max(beside, this.axes.left + 4), this.axes.right - 2 - width);
+    return { px, py, x: left, end: left + width, foot: py + (py < this.axes.bottom - 26 ? 18 : -10) };
+  }
+
+  coversDotWords(from, to, foot) {
+    return (this.shown.dotted ?? []).some(dot => {
+      const place = this.dotPlace(dot.x, dot.y, dot.words);
+      return from < place.end + 4 && to > place.x - 4 && Math.abs(foot - place.foot) < 14;
+    });
   }
 
   showTime(time) {

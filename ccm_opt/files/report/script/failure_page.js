@@ -14,7 +14,7 @@ const DRAWN = {
   gap: (scene, mark) => scene.polyline("findings", mark.points, "narrow-gap"),
   arm: (scene, mark) => scene.body("findings", "curled")(mark.points),
   place: (scene, mark) => drawRing(scene, "findings", mark.place, mark.words),
-  words: (scene, mark) => { if (mark.at) drawWords(scene, "findings", mark.at, mark.words, "bad", { dy: -14 }); },
+  words: (scene, mark, goals) => { if (mark.at) drawWords(scene, "findings", mark.at, mark.words, "bad", goals); },
 };
 
 function startFailurePage() {
@@ -22,7 +22,7 @@ function startFailurePage() {
   const scene = new Scene(byId("scene"), data.scene, data.unit);
   if (data.start) scene.body("start", "arm")(data.start);
   for (const name of data.blocking) scene.walls.get(name)?.classList.add("blocking");
-  for (const mark of data.marks) DRAWN[mark.kind](scene, mark);
+  for (const mark of data.marks) DRAWN[mark.kind](scene, mark, data.goals);
   drawGoals(scene, data.goals);
   addSwitches(scene, LAYERS.map(layer => (layer.name === "names" ? { ...layer, on: data.scene.named } : layer)));
   startSceneControls(scene, data.scene.bounds);

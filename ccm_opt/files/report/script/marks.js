@@ -49,13 +49,22 @@ function drawRing(scene, name, place, words, look = "least") {
   scene.pin(place, ring, scene.layer(name, scene.labels));
 }
 
-function drawWords(scene, name, place, words, look) {
-  const text = svg("text", { class: `words ${look}`, y: -18, "text-anchor": "middle" }, words);
+function drawWords(scene, name, place, words, look, goals = []) {
+  const text = svg("text", { class: `words ${look}`, "text-anchor": "middle" }, words);
   scene.pin(place, svg("g", {}, text), scene.layer(name, scene.labels));
-  // The words stay inside the drawing where their place is near its edge.
+  // The words stay inside the drawing where their place is near its edge, and off the goals.
   scene.pinned[scene.pinned.length - 1].fit = (_, [x, y]) => {
-    const half = Math.min(4 * words.length, scene.view.width / 2 - 4);
-    text.setAttribute("x", Math.min(Math.max(x, half), scene.view.width - half) - x);
-    text.setAttribute("y", y < 36 ? 28 : -18);
+    const length = text.getComputedTextLength() || 8 * words.length;
+    const half = Math.min(length / 2 + 8, scene.view.width / 2 - 4);
+    const middle = Math.min(Math.max(x, half), scene.view.width - half);
+    const covers = foot => goals.some(goal => {
+      const [gx, gy] = scene.view.toScreen(goal.place);
+      return Math.abs(gx - middle) < half + 8 && Math.abs(gy - (y + foot - 5)) < 16;
+    });
+    const inside = foot => y + foot > 14 && y + foot < scene.view.height - 8;
+    const feet = [-18, 28, -40, 50];
+    const free = feet.find(foot => inside(foot) && !covers(foot)) ?? feet.find(inside) ?? -18;
+    text.setAttribute("x", middle - x);
+    text.setAttribute("y", free);
   };
 }

@@ -66,9 +66,15 @@ class Phase {
   }
 
   over(host, timeline) {
-    const curves = this.shares.map((share, k) => ({
-      name: this.data.kinds[k], x: this.time, y: share.map(value => 100 * value), colour: this.colour(k), width: 1.6, dotted: true,
+    const shares = this.shares.map(share => share.map(value => 100 * value));
+    const curves = shares.map((share, k) => ({
+      name: this.data.kinds[k], x: this.time, y: share, colour: this.colour(k), width: 1, faint: true, dotted: true,
     }));
+    // In front only the limit that is nearest: six curves at once say nothing.
+    for (const [begin, end, kind] of this.runs()) {
+      const part = values => values.slice(begin, end + 1);
+      curves.push({ x: part(this.time), y: part(shares[kind]), colour: this.colour(kind), width: 2.2 });
+    }
     const planned = 100 * this.data.planned;
     const levels = [{ value: 100, words: "limit" }];
     if (planned < 100) levels.push({ value: planned, words: `plans use ${given(planned, 1)} %`, look: "wanted" });
@@ -79,7 +85,7 @@ class Phase {
       content: () => ({ x, y: { low: 0, high: 1.1 * most }, curves, levels, marks: this.marks, words: time => this.shareWords(time) }),
       note: time => this.words(nearestSample(this.time, time)),
     });
-    host.append(this.legend("The joint that uses most of its limit, kind by kind."));
+    host.append(this.legend("The joint that uses most of its limit, kind by kind; strong where that limit is the nearest of all."));
     return chart;
   }
 

@@ -85,7 +85,7 @@ function startJointCharts(timeline, groups, marks) {
 function startPlanPage() {
   const data = readData();
   const groups = new Map(data.groups.map(group => [group.key, readGroup(group)]));
-  const motion = new Motion(data.scene.arm, groups);
+  const motion = new Motion(data.scene.arm, groups, data.unit);
   const timeline = new Timeline(motion.duration);
   const scene = new Scene(byId("scene"), data.scene, data.unit);
   timeline.follow(drawPlan(scene, data, motion));

@@ -69,18 +69,52 @@ class Scene {
   }
 
   nameWall(wall, parent) {
-    const [x, y, across, up] = wall.place;
     const text = svg("text", { class: "name", "text-anchor": "middle", dy: "0.35em" }, wall.name);
     const node = svg("g", {}, text);
-    this.pin([x, y], node, parent);
-    // A name is seen only where it has room inside its obstacle, upright where that is upright.
-    this.pinned[this.pinned.length - 1].fit = scale => {
-      const length = 6.2 * wall.name.length;
-      const upright = up > 1.5 * across;
-      const room = upright ? up * scale > length && across * scale > 11 : across * scale > length && up * scale > 11;
-      text.setAttribute("transform", upright ? "rotate(-90)" : "");
-      node.style.visibility = room ? "" : "hidden";
+    const path = this.walls.get(wall.name);
+    this.pin(wall.place, node, parent);
+    // A name is seen only where it has room inside what is seen of its obstacle, upright where that is upright.
+    this.pinned[this.pinned.length - 1].fit = () => {
+      const place = this.placeOfName(path, wall.place, 6.2 * wall.name.length);
+      node.style.visibility = place ? "" : "hidden";
+      if (!place) return;
+      node.setAttribute("transform", `translate(${place.x.toFixed(1)} ${place.y.toFixed(1)})`);
+      text.setAttribute("transform", place.upright ? "rotate(-90)" : "");
     };
+  }
+
+  // Where a name of a length [pixel] lies inside the part of an obstacle that is seen; null where it has no room.
+  placeOfName(path, [x, y, across, up], length) {
+    const edge = 6;
+    const [left, bottom] = this.view.toScreen([x - across[0], y - up[0]]);
+    const [right, top] = this.view.toScreen([x + across[1], y + up[1]]);
+    const low = [Math.max(left, edge), Math.max(top, edge)];
+    const high = [Math.min(right, this.view.width - edge), Math.min(bottom, this.view.height - edge)];
+    const size = [high[0] - low[0], high[1] - low[1]];
+    const upright = size[1] > 1.5 * size[0];
+    if (size[upright ? 1 : 0] < length || size[upright ? 0 : 1] < 11) return null;
+    const found = [this.view.toScreen([x, y])];
+    // The middle first, then other places of what is seen, from the middle outwards.
+    for (const share of [0.5, 0.3, 0.7, 0.15, 0.85]) {
+      for (const other of [0.5, 0.3, 0.7, 0.15, 0.85]) found.push([low[0] + share * size[0], low[1] + other * size[1]]);
+    }
+    found.push(found.shift());
+    for (const [px, py] of found) {
+      if (this.holdsWords(path, px, py, length, upright, low, high)) return { x: px, y: py, upright };
+    }
+    return null;
+  }
+
+  // Whether words about a pixel lie inside an obstacle and the part of the drawing between two corners.
+  holdsWords(path, px, py, length, upright, low, high) {
+    const [half, thick] = [length / 2, 5];
+    const [dx, dy] = upright ? [thick, half] : [half, thick];
+    if (px - dx < low[0] || px + dx > high[0] || py - dy < low[1] || py + dy > high[1]) return false;
+    for (const [sx, sy] of [[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1], [0, -1], [0, 1], [-1, 0], [1, 0]]) {
+      const [ax, ay] = this.local(this.view.toPlane([px + sx * dx, py + sy * dy]));
+      if (!path.isPointInFill(new DOMPoint(ax / this.data.step, ay / this.data.step))) return false;
+    }
+    return true;
   }
 
   body(name, look) {
