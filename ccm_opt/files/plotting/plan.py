@@ -176,8 +176,8 @@ def dress(figure: Figure, axes: Axes, title: str, problem: Problem) -> None:
     label_axes(axes, problem)
     # Sizes are given here, for a figure may be drawn where the package's fonts are not in force.
     axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
-    axes.xaxis.label.set_size(style.FONT_SIZE)
-    axes.yaxis.label.set_size(style.FONT_SIZE)
+    axes.xaxis.label.set_fontsize(style.FONT_SIZE)
+    axes.yaxis.label.set_fontsize(style.FONT_SIZE)
     for spine in axes.spines.values():
         spine.set_visible(False)
     figure.legend(
