@@ -6,11 +6,47 @@ while IPOPT runs, but what the handler raises is lost there: IPOPT only stops ea
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
 
 _LOCK = threading.Lock()
+
+
+def ipopt_answer(
+    solver: Callable[[], Any], start: FloatArray, **arguments: Any
+) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Ask IPOPT from a start; one that raises has found nothing, which is said like any other failure.
+
+    Args:
+        solver: makes or finds CasADi's solver.
+        start: shape (variables,).
+        arguments: bounds and parameters by CasADi's names; ``lbg`` is needed.
+
+    Returns:
+        The answer by CasADi's names, and the statistics; of a solver that raised the start, and NaN for every row.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed meanwhile.
+    """
+    with ipopt_call():
+        try:
+            made = solver()
+            answer = made(x0=start, **arguments)
+            statistics = made.stats()
+        except RuntimeError as error:
+            unknown = np.full(np.size(arguments["lbg"]), np.nan)
+            words = str(error).strip().splitlines() or [type(error).__name__]
+            answer = {"x": start, "f": np.nan, "g": unknown, "lam_g": np.zeros_like(unknown)}
+            statistics = {"return_status": f"raised an error: {words[0]}", "iter_count": 0}
+    if statistics["return_status"] == "User_Requested_Stop":
+        raise KeyboardInterrupt  # no callback is set: only Ctrl-C asks for this
+    return answer, statistics
 
 
 @contextmanager

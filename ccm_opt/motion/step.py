@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import daqp
 import numpy as np
 
 from ccm_opt.collision.contact_finder import ContactFinder
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.small_qp import solve_small_qp
 from ccm_opt.motion.limits.limit import Limit, LimitRows
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term, pose_in
@@ -71,16 +71,13 @@ class Stepper:
             first += len(rows.upper)
 
         most = settings.iterations_a_row * len(upper)
-        delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, lower, sense, iter_limit=most)
-        if flag < 1 and np.any(lower[sense == 0] > 0.0):
+        delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
+        if delta is None and np.any(lower[sense == 0] > 0.0):
             # What rows ask to be mended cannot be at once: then it may stay as it is.
             staying = np.where(sense == 0, np.minimum(lower, 0.0), lower)
-            delta, _, flag, _ = daqp.solve(hessian, gradient, matrix, upper, staying, sense.copy(), iter_limit=most)
-        # Negative flags: infeasible, jammed, or out of iterations. The pose itself as the answer tells the caller that
-        # there is no step.
-        if flag < 1:
-            return pose
-        return self._accept(pose, np.asarray(delta), parts, turn)
+            delta = solve_small_qp(hessian, gradient, matrix, upper, staying, sense.copy(), most)
+        # The pose itself as the answer tells the caller that there is no step.
+        return pose if delta is None else self._accept(pose, delta, parts, turn)
 
     def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
         """Backtrack until every limit's true check holds; the linearised rows promise that for small steps only."""

@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.ipopt_call import ipopt_call
+from ccm_opt.ground.ipopt_call import ipopt_answer
 from ccm_opt.nlp.configuration_settings import ConfigurationSettings
 from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
 from ccm_opt.nlp.multiple_shooting import ConfigurationNLP, ShootingProgram
@@ -52,12 +52,7 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> NLPResult:
     """
     program = nlp.program
     bounds = {"lbx": nlp.lower, "ubx": nlp.upper, "lbg": program.lower, "ubg": program.upper}
-    with ipopt_call():
-        solver = built_solver(program)
-        answer = solver(x0=guess, p=nlp.parameters, **bounds)
-        statistics = solver.stats()
-    if statistics["return_status"] == "User_Requested_Stop":
-        raise KeyboardInterrupt  # no callback is set: only Ctrl-C asks for this
+    answer, statistics = ipopt_answer(lambda: built_solver(program), guess, p=nlp.parameters, **bounds)
     variables = np.asarray(answer["x"], dtype=np.float64).ravel()
     worst = _worst_rows(nlp, variables, np.asarray(answer["g"]).ravel())
     row, violation = worst[0]

@@ -123,6 +123,10 @@ class KeyframeProgram:
             self.settings,
         )
 
+        if result is None:
+            nothing = np.zeros((intervals + 1, p))
+            return QuadraticStep(nothing, np.zeros(intervals), np.zeros(len(self.rows)), np.zeros(2), solved=False)
+
         # Rows were divided by a nominal length; their multipliers have to be, too, to belong to rows in metres.
         x = np.asarray(result.x).reshape(intervals, self.width)
         pull = np.zeros(2) if self.end_fixed else np.asarray(result.y)[:2] / unit
@@ -264,9 +268,20 @@ def _solve(
     least: FloatArray,
     options: OptimisationSettings,
 ) -> Any:
-    """Solve min ½ xᵀHx + gᵀx, equal x = 0, lower ≤ matrix x ≤ upper, x ≥ least."""
-    solver = piqp.SparseSolver()
-    settings = solver.settings
+    """Solve min ½ xᵀHx + gᵀx, equal x = 0, lower ≤ matrix x ≤ upper, x ≥ least; None where the solver raises."""
+    try:
+        solver = piqp.SparseSolver()
+        _set(solver.settings, options)
+        most = np.full(len(gradient), UNBOUNDED)
+        solver.setup(hessian, gradient, equal, np.zeros(equal.shape[0]), matrix, lower, upper, least, most)
+        solver.solve()
+    except RuntimeError:
+        return None
+    return solver.result
+
+
+def _set(settings: Any, options: OptimisationSettings) -> None:
+    """Put our settings into the solver's."""
     settings.verbose = False
     # Factors the block-banded system stage by stage, in time linear in the number of keyframes.
     settings.kkt_solver = piqp.sparse_multistage
@@ -275,7 +290,3 @@ def _solve(
     settings.eps_duality_gap_abs = options.qp_gap
     settings.eps_duality_gap_rel = 0.1 * options.qp_gap
     settings.max_iter = options.qp_iterations
-    most = np.full(len(gradient), UNBOUNDED)
-    solver.setup(hessian, gradient, equal, np.zeros(equal.shape[0]), matrix, lower, upper, least, most)
-    solver.solve()
-    return solver.result

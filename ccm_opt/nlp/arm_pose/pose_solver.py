@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -13,7 +13,7 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import PIECES
 from ccm_opt.continuum.spline import second_derivatives
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.ipopt_call import ipopt_call
+from ccm_opt.ground.ipopt_call import ipopt_answer
 from ccm_opt.nlp.arm_pose.pose_program import PARTS, PoseProgram
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.arm_pose.pose_task import PoseTask, free_from
@@ -95,13 +95,9 @@ class PoseQuestion:
         lower, upper = self._variable_bounds()
         row_lower, row_upper = self.program.bounds
         start = np.clip(self._start(curve), lower, upper)
-        with ipopt_call():
-            solver = built_solver(self.program, self.settings)
-            answer = solver(x0=start, p=self._parameters(), lbx=lower, ubx=upper, lbg=row_lower, ubg=row_upper)
-            statistics = solver.stats()
-        if statistics["return_status"] == "User_Requested_Stop":
-            raise KeyboardInterrupt
-        return self._read(answer, statistics)
+        bounds = {"lbx": lower, "ubx": upper, "lbg": row_lower, "ubg": row_upper}
+        solver = partial(built_solver, self.program, self.settings)
+        return self._read(*ipopt_answer(solver, start, p=self._parameters(), **bounds))
 
     @cached_property
     def _length(self) -> float:

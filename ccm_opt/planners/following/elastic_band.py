@@ -9,7 +9,6 @@ is divided into equal distances again.
 
 from dataclasses import dataclass
 
-import daqp
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -19,6 +18,7 @@ from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.ground.polygons import nearest_on_segments
 from ccm_opt.ground.polyline import arc_lengths, points_at
 from ccm_opt.ground.rounding import TINY
+from ccm_opt.ground.small_qp import solve_small_qp
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, ElasticBandSettings
 
 
@@ -80,8 +80,8 @@ class ElasticBand:
         high[[0, -1]] = 0.0
 
         m = len(band)
-        shift, _, flag, _ = daqp.solve(hessian, gradient, np.zeros((0, m)), high, low, np.zeros(m, dtype=np.intc))
-        return (np.asarray(shift) if flag > 0 else np.zeros(m)), normals
+        shift = solve_small_qp(hessian, gradient, np.zeros((0, m)), high, low, np.zeros(m, dtype=np.intc))
+        return (np.zeros(m) if shift is None else shift), normals
 
     def _quadratic_cost(self, scaled_curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
         """Hessian (m, m) and gradient (m,) by the shifts of what a step minimises.

@@ -1,0 +1,117 @@
+"""Make the k-th operation of a kind fail: writes, renames, removals, folders, programs, libraries, solvers.
+
+Operations of the file system, of processes and of libraries are met where Python itself announces them to an audit
+hook, whoever calls them, so that none is forgotten; solvers are met at their calls. A hook cannot be taken out again:
+this belongs into a process of its own.
+"""
+
+import errno
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import daqp
+import piqp
+
+NO_SPACE = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+REFUSED = PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+EVENTS = {
+    "os.rename": "rename",
+    "os.remove": "remove",
+    "os.rmdir": "remove",
+    "os.mkdir": "make a folder",
+    "os.chmod": "change rights",
+    "subprocess.Popen": "start a program",
+    "ctypes.dlopen": "load a library",
+}
+"""What the audit events mean; ``open`` counts where it is for writing."""
+
+
+@dataclass
+class Faults:
+    """Counts operations while it is armed, and makes one of them fail.
+
+    Attributes:
+        fail_at: number of the operation that fails, from 1; None: none.
+        kinds: of all operations so far, in their order.
+        failed: what failed, for people.
+    """
+
+    fail_at: int | None = None
+    kinds: list[str] = field(default_factory=list)
+    failed: str | None = None
+
+    def met(self, kind: str, what: object, error: Exception) -> None:
+        """Count one operation, and raise when it is the one that fails."""
+        self.kinds.append(kind)
+        if len(self.kinds) == self.fail_at:
+            self.failed = f"{kind}: {what}"
+            raise error
+
+
+_armed: list[Faults] = []
+
+
+def _hook(event: str, arguments: tuple[Any, ...]) -> None:
+    if not _armed:
+        return
+    if event in EVENTS:
+        _armed[-1].met(EVENTS[event], arguments[0], REFUSED)
+    elif event == "open" and _is_for_writing(arguments):
+        _armed[-1].met("write", arguments[0], NO_SPACE)
+
+
+def _is_for_writing(arguments: tuple[Any, ...]) -> bool:
+    path, mode, flags = arguments
+    if not isinstance(path, (str, bytes, os.PathLike)) or os.fspath(path) in {os.devnull, os.devnull.encode()}:
+        return False
+    if isinstance(mode, str):
+        return any(letter in mode for letter in "wax+")
+    return bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))
+
+
+@contextmanager
+def injected(fail_at: int | None) -> Iterator[Faults]:
+    """Count what the block does, and let its operation of that number fail."""
+    faults = Faults(fail_at)
+    _armed.append(faults)
+    try:
+        yield faults
+    finally:
+        _armed.remove(faults)
+
+
+def install() -> None:
+    """Let this process meet its operations; call it once, before the planner is imported."""
+    sys.addaudithook(_hook)
+    sys.dont_write_bytecode = True
+    solve = daqp.solve
+    make = piqp.SparseSolver
+
+    def daqp_met(*arguments: Any, **options: Any) -> Any:
+        _solver("daqp")
+        return solve(*arguments, **options)
+
+    def piqp_met() -> Any:
+        _solver("piqp")
+        return make()
+
+    call = ca.Function.__call__
+
+    def casadi_met(function: Any, *arguments: Any, **options: Any) -> Any:
+        if function.is_a("IpoptInterface"):
+            _solver("ipopt")
+        return call(function, *arguments, **options)
+
+    daqp.solve = daqp_met
+    piqp.SparseSolver = piqp_met
+    ca.Function.__call__ = casadi_met
+
+
+def _solver(name: str) -> None:
+    if _armed:
+        _armed[-1].met("solver", name, RuntimeError(f"{name} failed"))

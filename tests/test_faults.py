@@ -1,0 +1,38 @@
+"""Writes, renames, removals, compilers, libraries and solvers fail at a few places, drawn at random.
+
+``python -m tests.faults solve --every`` lets each of them fail in turn.
+"""
+
+import subprocess
+import sys
+
+import pytest
+
+from ccm_opt.ground.c_compiler import has_compiler
+
+RUNS = {
+    "solve": ["solve", "--count", "8"],
+    "solve, compiling": ["solve", "--cold", "--count", "4"],
+    "check": ["check", "--count", "3"],
+    "compare": ["compare", "--count", "3"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["solve", "--count", "10"],
+        ["solve", "--cold", "--count", "4"],
+        ["check", "--count", "3"],
+        ["compare", "--count", "3"],
+    ],
+    ids=["solve", "solve, compiling", "check", "compare"],
+)
+def test_what_fails_underneath_leaves_the_old_result_or_the_new_one(arguments: list[str]) -> None:
+    """Whatever fails, there is a whole result, the user's file is still there, and a line says what happened."""
+    if "--cold" in arguments and not has_compiler():
+        pytest.skip("no C compiler")
+    command = [sys.executable, "-m", "tests.faults", *arguments]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
