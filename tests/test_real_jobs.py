@@ -92,8 +92,8 @@ def test_the_drawing_is_the_one_that_its_example_draws(
     monkeypatch.setattr("sys.argv", ["draw", str(tmp_path)])
     runpy.run_path(str(EXAMPLES / "09_draw_turbine_stages.py"), run_name="__main__")
     assert "12 aerofoils in 2 rows" in capsys.readouterr().out
-    shipped = import_scene(JOBS / "turbine-stages.dxf", ImportOptions(), set())
-    drawn = import_scene(tmp_path / "turbine-stages.dxf", ImportOptions(), set())
+    shipped = import_scene(JOBS / "turbine-stages.dxf", ImportOptions(), set()).obstacles
+    drawn = import_scene(tmp_path / "turbine-stages.dxf", ImportOptions(), set()).obstacles
     assert [each.name for each in shipped] == [each.name for each in drawn]
     assert all(shapely.equals_exact(a.core, b.core, 1e-6) for a, b in zip(shipped, drawn, strict=True))
     assert run("problems", "turbine-stages", "--out", tmp_path / "copy")[0] == 0
