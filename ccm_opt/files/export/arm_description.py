@@ -68,6 +68,11 @@ def visual_radius(arm: Arm) -> float:
     return arm.radius if arm.radius > 0.0 else 0.02 * arm.link_length
 
 
+def checked_share(arm: Arm, k: int) -> float:
+    """Where on link k the part begins that may touch nothing, as a share of its length; 1: all is mount."""
+    return float(np.clip(arm.mount_length / arm.link_length - k, 0.0, 1.0))
+
+
 def number(value: float) -> str:
     """A number that reads back as itself."""
     return repr(float(value))

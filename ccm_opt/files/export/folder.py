@@ -8,6 +8,8 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.arrays_npz import arrays_npz, solution_arrays
 from ccm_opt.files.export.folder_swap import put_in_place
 from ccm_opt.files.export.mjcf import mjcf_text
+from ccm_opt.files.export.scene_solids import solid_scene
+from ccm_opt.files.export.scene_urdf import URDF_MESHES, scene_meshes
 from ccm_opt.files.export.solution_json import solution_json
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
@@ -39,7 +41,9 @@ PARETO_FILES = (PARETO_RECORD, "pareto.png", "pareto")
 """Beside the recommended one of several plans; the last is a folder with a folder for each plan."""
 TOLERANCE_FILES = ("tolerance.json", "tolerance.png")
 """What ``ccm-opt tolerance`` writes beside a plan; a new plan takes them away."""
-WRITTEN_FILES = frozenset((*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES, *TOLERANCE_FILES))
+WRITTEN_FILES = frozenset(
+    (*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES, *TOLERANCE_FILES, URDF_MESHES)
+)
 """Files and folders that a run writes; anything else in an old folder is the user's and is kept."""
 
 
@@ -63,7 +67,9 @@ def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] 
 def solution_files(solution: Solution) -> dict[str, bytes]:
     """Content of every file of a solved problem but the pictures, by file name."""
     files = {name: text.encode() for name, text in solution_texts(solution).items()}
-    return {**files, ARRAYS: arrays_npz(solution_arrays(solution))}
+    problem = solution.problem
+    meshes = scene_meshes(solid_scene(problem.workspace, problem.arm), URDF_MESHES)
+    return {**files, ARRAYS: arrays_npz(solution_arrays(solution)), **meshes}
 
 
 def solution_texts(solution: Solution) -> dict[str, str]:
@@ -79,10 +85,11 @@ def solution_texts(solution: Solution) -> dict[str, str]:
 
 
 def model_texts(problem: Problem) -> dict[str, str]:
-    """Descriptions of a problem's arm for other programs, by file name."""
+    """Descriptions of a problem's arm and obstacles for other programs, by file name."""
+    scene = solid_scene(problem.workspace, problem.arm)
     return {
-        "arm.urdf": urdf_text(problem.arm, problem.name, problem.limits),
-        "arm.mjcf.xml": mjcf_text(problem.arm, problem.name, problem.simulation.gravity),
+        "arm.urdf": urdf_text(problem.arm, problem.name, problem.limits, scene),
+        "arm.mjcf.xml": mjcf_text(problem.arm, problem.name, problem.simulation.gravity, scene),
     }
 
 

@@ -5,27 +5,41 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from ccm_opt.files.export.arm_description import FEED, Revolute, number, numbers, revolutes, visual_radius
+from ccm_opt.files.export.arm_description import (
+    FEED,
+    Revolute,
+    checked_share,
+    number,
+    numbers,
+    revolutes,
+    visual_radius,
+)
+from ccm_opt.files.export.scene_mjcf import add_scene
+from ccm_opt.files.export.scene_solids import SolidScene
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import base_position
 
 
-def mjcf_text(arm: Arm, name: str, gravity: FloatArray) -> str:
-    """MJCF of the arm, with a motor at every revolute.
+def mjcf_text(arm: Arm, name: str, gravity: FloatArray, scene: SolidScene | None = None) -> str:
+    """MJCF of the arm, with a motor at every revolute, and of the obstacles around it.
 
-    Links collide with whatever a scene adds, not with each other. Zero angles are the straight arm along the base
+    Links collide with obstacles and whatever else a scene adds, not with each other; of the mount, which may touch
+    walls, there is only the look. Zero angles are the straight arm along the base
     heading. A feed axis is the slide joint ``feed`` before all others, a payload a body of its own.
 
     Args:
         arm: the arm.
         name: of the model.
         gravity: in the world, shape (3,) [m/s²].
+        scene: the obstacles; None writes the arm alone.
     """
     model = ET.Element("mujoco", model=name)
     ET.SubElement(model, "compiler", angle="radian", autolimits="true")
     ET.SubElement(model, "option", gravity=numbers(gravity), timestep="0.001", integrator="RK4")
     parent = ET.SubElement(model, "worldbody")
+    if scene is not None:
+        add_scene(model, parent, scene)
     actuators = ET.SubElement(model, "actuator")
     for ball, group in groupby(revolutes(arm), key=lambda revolute: revolute.ball):
         parent = _add_body(parent, arm, ball)
@@ -76,6 +90,14 @@ def _add_link(body: ET.Element, arm: Arm, k: int) -> None:
         mass=number(arm.masses[k]),
         diaginertia=numbers((arm.inertia_axial[k], across, across)),
     )
-    ends = numbers((0.0, 0.0, 0.0, arm.link_length, 0.0, 0.0))
-    radius = number(visual_radius(arm))
-    ET.SubElement(body, "geom", type="capsule", fromto=ends, size=radius, contype="1", conaffinity="0")
+    begin = checked_share(arm, k) * arm.link_length
+    if begin > 0.0:  # seen and not felt
+        _add_capsule(body, arm, (0.0, arm.link_length), "0")
+    if begin < arm.link_length:
+        _add_capsule(body, arm, (begin, arm.link_length), "1")
+
+
+def _add_capsule(body: ET.Element, arm: Arm, span: tuple[float, float], contype: str) -> None:
+    ends = numbers((span[0], 0.0, 0.0, span[1], 0.0, 0.0))
+    size = number(visual_radius(arm))
+    ET.SubElement(body, "geom", type="capsule", fromto=ends, size=size, contype=contype, conaffinity="0")

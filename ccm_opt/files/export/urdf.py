@@ -5,7 +5,17 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from ccm_opt.files.export.arm_description import FEED, Revolute, number, numbers, revolutes, visual_radius
+from ccm_opt.files.export.arm_description import (
+    FEED,
+    Revolute,
+    checked_share,
+    number,
+    numbers,
+    revolutes,
+    visual_radius,
+)
+from ccm_opt.files.export.scene_solids import SolidScene
+from ccm_opt.files.export.scene_urdf import URDF_MESHES, add_obstacles
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import base_position
 from ccm_opt.problem import Limits
@@ -16,17 +26,23 @@ UNLIMITED_VELOCITY = 1e3
 """Likewise [m/s]."""
 
 
-def urdf_text(arm: Arm, name: str, limits: Limits) -> str:
-    """URDF of the arm.
+def urdf_text(
+    arm: Arm, name: str, limits: Limits, scene: SolidScene | None = None, mesh_folder: str = URDF_MESHES
+) -> str:
+    """URDF of the arm, and of the obstacles around it.
 
     The root link ``world`` is the world frame; base position and heading stand in the fixed joint ``base_mount``. All
     joint frames are parallel at zero angles, the straight arm along the base heading. A feed axis is the prismatic
-    joint ``feed`` before all others, a payload a link of its own. URDF has no place for rotor inertia.
+    joint ``feed`` before all others, a payload a link of its own, and the tip a link without mass, ``tip``. Obstacles
+    are links that are fixed to the world. Of the mount, which may touch walls, there is only the look. URDF has no
+    place for rotor inertia.
 
     Args:
         arm: the arm.
         name: of the robot.
         limits: bounds on the revolutes; without torque limits an effort of 1e6 N m is written.
+        scene: the obstacles; None writes the arm alone.
+        mesh_folder: of the meshes of obstacles, relative to the file.
     """
     robot = ET.Element("robot", name=name)
     ET.SubElement(robot, "link", name="world")
@@ -38,6 +54,10 @@ def urdf_text(arm: Arm, name: str, limits: Limits) -> str:
         parent = child
     if arm.payload:
         _add_payload(robot, arm, parent)
+    ET.SubElement(robot, "link", name="tip")
+    _place(ET.SubElement(robot, "joint", name="tip_mount", type="fixed"), parent, "tip", (arm.link_length, 0.0, 0.0))
+    if scene is not None:
+        add_obstacles(robot, scene, mesh_folder)
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
@@ -92,16 +112,18 @@ def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> Non
     axial = number(arm.inertia_axial[k])
     across = number(arm.inertia_transverse[k])
     ET.SubElement(inertial, "inertia", ixx=axial, iyy=across, izz=across, ixy="0", ixz="0", iyz="0")
-    for purpose in ("visual", "collision"):
-        _add_capsule(link, arm, purpose)
+    _add_capsule(link, arm, "visual", 0.0)
+    begin = checked_share(arm, k) * arm.link_length
+    if begin < arm.link_length:
+        _add_capsule(link, arm, "collision", begin)
 
 
-def _add_capsule(link: ET.Element, arm: Arm, purpose: str) -> None:
-    """A cylinder along the link and a sphere at either end."""
+def _add_capsule(link: ET.Element, arm: Arm, purpose: str, begin: float) -> None:
+    """A cylinder along the link, from ``begin`` to its end, and a sphere at either end."""
     radius = number(visual_radius(arm))
-    shape = _add_shape(link, purpose, (0.5 * arm.link_length, 0.0, 0.0))
-    ET.SubElement(shape, "cylinder", radius=radius, length=number(arm.link_length))
-    for x in (0.0, arm.link_length):
+    shape = _add_shape(link, purpose, (0.5 * (begin + arm.link_length), 0.0, 0.0))
+    ET.SubElement(shape, "cylinder", radius=radius, length=number(arm.link_length - begin))
+    for x in (begin, arm.link_length):
         ET.SubElement(_add_shape(link, purpose, (x, 0.0, 0.0)), "sphere", radius=radius)
 
 
