@@ -7,7 +7,7 @@ MethodChoice: TypeAlias = Literal["nlp", "hill-climbing"]
 """Of ``solve --method``: the names of ``planner.method``."""
 ControllerChoice: TypeAlias = Literal["computed-torque", "pd"]
 """Of ``simulate --controller``: the names of ``simulation.controller``."""
-ExportFormat: TypeAlias = Literal["urdf", "mjcf", "yaml", "csv"]
+ExportFormat: TypeAlias = Literal["urdf", "mjcf", "yaml", "csv", "npz", "glb"]
 """Of ``export --format``."""
 FigureKind: TypeAlias = Literal["png", "svg", "pdf"]
 """Of ``--figure-format``."""

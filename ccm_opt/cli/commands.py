@@ -363,18 +363,27 @@ def tolerance_command(
 @command(
     app,
     "export",
-    ("ccm-opt export runs/swan-neck --format urdf --out arm.urdf",),
+    (
+        "ccm-opt export runs/swan-neck --format urdf --out arm.urdf",
+        "ccm-opt export runs/swan-neck --format yaml --bends-only --out trajectory.yaml",
+        "ccm-opt export runs/swan-neck --format glb --out motion.glb",
+    ),
 )
 def export_command(
     folder: Annotated[Path, typer.Argument(help="Folder that solve wrote.", show_default=False)],
     *,
     kind: Annotated[ExportFormat, typer.Option("--format", help="Format.")],
     out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
+    bends_only: Annotated[
+        bool,
+        typer.Option("--bends-only", help="Leave out the two revolutes of a ball that stay at 0 in the plane."),
+    ] = False,
+    no_scene: Annotated[bool, typer.Option("--no-scene", help="Leave the obstacles out of URDF and MJCF.")] = False,
 ) -> int:
-    """Write the arm or the motion of a written plan for other programs."""
-    from ccm_opt.cli.exporting import export_folder  # noqa: PLC0415 - loads numpy
+    """Write the arm, its surroundings or the motion of a written plan for other programs."""
+    from ccm_opt.cli.exporting import ExportOptions, export_folder  # noqa: PLC0415 - loads numpy
 
-    return export_folder(folder, kind, out)
+    return export_folder(folder, ExportOptions(kind, out, bends_only, not no_scene))
 
 
 @command(

@@ -1,55 +1,100 @@
-"""``ccm-opt export``: the arm or the motion of a written plan as one file, for other programs."""
+"""``ccm-opt export``: the arm, its surroundings or the motion of a written plan as one file, for other programs."""
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
+from ccm_opt.cli.choices import ExportFormat
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.errors import ProblemError
+from ccm_opt.files.export.arrays_npz import arrays_npz, bends_of_arrays
+from ccm_opt.files.export.folder import ARRAYS
 from ccm_opt.files.export.mjcf import mjcf_text
-from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
+from ccm_opt.files.export.motion_glb import motion_glb
+from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem, read_arrays
+from ccm_opt.files.export.scene_solids import solid_scene
+from ccm_opt.files.export.scene_urdf import MESHES, URDF_MESHES, scene_meshes
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.ground.whole_file import put_file
 
+BINARY = ("npz", "glb")
+"""Formats that are no text, and have to go into a file."""
 
-def export_folder(folder: Path, kind: str, out: Path | None) -> int:
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What the command line asks for.
+
+    Attributes:
+        kind: the format.
+        out: the file; standard output when None, for texts alone.
+        bends_only: whether the revolutes that a plane motion leaves alone are left out.
+        scene: whether obstacles are written with the arm.
+    """
+
+    kind: ExportFormat
+    out: Path | None = None
+    bends_only: bool = False
+    scene: bool = True
+
+
+def export_folder(folder: Path, options: ExportOptions) -> int:
     """Write one format of a written plan.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
-        kind: one of ``EXPORT_FORMATS``.
-        out: the file; standard output when None.
+        options: the options.
 
     Returns:
         The exit code.
     """
-    return run_all([folder], lambda item: _export(item, kind, out))
+    return run_all([folder], lambda item: _export(item, options))
 
 
-def exported_text(folder: Path, kind: str) -> str:
-    """The text of a format, made anew from the folder's record and arrays.
+def exported_files(folder: Path, options: ExportOptions) -> dict[str, bytes]:
+    """The file of a format, under the name ``""``, and the meshes beside it by their names, made anew from the folder.
 
     Raises:
         ProblemError: for an unreadable folder.
     """
     problem = load_recorded_problem(folder)
-    if kind == "urdf":
-        return urdf_text(problem.arm, problem.name, problem.limits)
-    if kind == "mjcf":
-        return mjcf_text(problem.arm, problem.name, problem.simulation.gravity)
-    motion = load_motion(folder, problem.arm)
-    csv, yaml = trajectory_texts(motion.trajectory, motion.joints)
-    return csv if kind == "csv" else yaml
+    arm = problem.arm
+    bends_only = options.bends_only
+    scene = solid_scene(problem.workspace, arm) if options.scene else None
+    match options.kind:
+        case "urdf":
+            meshes = URDF_MESHES if options.out is None else f"{options.out.name}{MESHES}"
+            text = urdf_text(arm, problem.name, problem.limits, scene, meshes, bends_only=bends_only)
+            return {"": text.encode()} | ({} if scene is None else scene_meshes(scene, meshes))
+        case "mjcf":
+            gravity = problem.simulation.gravity
+            return {"": mjcf_text(arm, problem.name, gravity, scene, bends_only=bends_only).encode()}
+        case "npz":
+            load_motion(folder, arm)  # refuses what is no plan of this arm
+            arrays = read_arrays(folder / ARRAYS)
+            return {"": arrays_npz(bends_of_arrays(arrays) if bends_only else arrays)}
+    motion = load_motion(folder, arm)
+    if options.kind == "glb":
+        return {"": motion_glb(problem, motion.trajectory)}
+    csv, yaml = trajectory_texts(motion.trajectory, motion.joints, bends_only=bends_only)
+    return {"": (csv if options.kind == "csv" else yaml).encode()}
 
 
-def _export(folder: Path, kind: str, out: Path | None) -> int:
-    text = exported_text(folder, kind)
+def _export(folder: Path, options: ExportOptions) -> int:
+    out = options.out
+    if out is None and options.kind in BINARY:
+        raise ProblemError(f"{options.kind} is no text; name the file to write with --out")
+    files = exported_files(folder, options)
     if out is None:
+        text = files[""].decode()
         return print_result(lambda: sys.stdout.write(text), SOLVED, lambda: {"status": "exported", "text": text})
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        put_file(out, text.encode())
+        for name, content in files.items():
+            place = out.parent / name if name else out
+            place.parent.mkdir(parents=True, exist_ok=True)
+            put_file(place, content)
     except OSError as error:
         raise ProblemError(f"cannot write {out}: {error.strerror or error}; choose another --out") from error
     output().note({"status": "exported", "file": str(out)})

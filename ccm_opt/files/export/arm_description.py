@@ -23,6 +23,7 @@ class Revolute:
 
     Attributes:
         name: as in ``joint_names``.
+        index: its place among all revolutes of the arm.
         ball: number of its ball, counted from 1.
         axis: unit vector in its own frame, x along the link.
         limit: bound on its absolute angle [rad]: the bend limit for a bend, half a turn out of the plane.
@@ -33,6 +34,7 @@ class Revolute:
     """
 
     name: str
+    index: int
     ball: int
     axis: Axis
     limit: float
@@ -42,8 +44,13 @@ class Revolute:
     friction: float
 
 
-def revolutes(arm: Arm) -> Iterator[Revolute]:
-    """All revolutes from the base outward."""
+def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
+    """The revolutes from the base outward.
+
+    Args:
+        arm: the arm.
+        bends_only: whether only those that bend in the plane are wanted, one a ball; the arm then stays in the plane.
+    """
     axes = REVOLUTE_AXES[arm.axes]
     bends = arm.bend_limits
     rotors = np.broadcast_to(arm.rotor_inertia, (3 * arm.links,))
@@ -51,13 +58,16 @@ def revolutes(arm: Arm) -> Iterator[Revolute]:
     for index, name in enumerate(joint_names(arm)):
         ball, place = divmod(index, 3)
         is_bend = place == 1  # the plane of the bends is world x-z, and the second revolute turns about y
+        if bends_only and not is_bend:
+            continue
         yield Revolute(
             name=name,
+            index=index,
             ball=ball + 1,
             axis=axes[place],
             limit=float(bends[ball]) if is_bend else float(np.pi),
-            starts_ball=place == 0,
-            carries_link=place == 2,
+            starts_ball=place == 0 or bends_only,
+            carries_link=place == 2 or bends_only,
             rotor_inertia=float(rotors[index]),
             friction=float(friction[index]),
         )

@@ -1,11 +1,14 @@
-"""The file ``solution.npz``: every array of a plan, uncompressed, without pickles."""
+"""The file ``solution.npz``: every array of a plan, without pickles."""
 
+import zipfile
+from collections.abc import Mapping
 from io import BytesIO
 
 import numpy as np
 import numpy.typing as npt
 
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.files.export.export_settings import EXPORT, ExportSettings
 from ccm_opt.solution import RoomRecord, Solution
 
 
@@ -51,11 +54,33 @@ def _room_arrays(room: RoomRecord | None) -> dict[str, npt.NDArray[np.generic]]:
     return {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}
 
 
-def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]]) -> bytes:
-    """The content of an ``.npz`` file."""
+def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]], settings: ExportSettings = EXPORT) -> bytes:
+    """The content of an ``.npz`` file.
+
+    The revolutes that a plane motion leaves alone are two thirds of many arrays; compressed, these zeros take no room.
+    The same arrays give the same bytes, whenever they are written.
+    """
     buffer = BytesIO()
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]  # numpy's stub takes the keyword allow_pickle for one of them
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for name, array in arrays.items():
+            idle = array.ndim == 2 and not np.all(np.any(array != 0, axis=0))
+            entry = zipfile.ZipInfo(f"{name}.npy")  # of the first day of 1980
+            entry.compress_type = zipfile.ZIP_DEFLATED if idle else zipfile.ZIP_STORED
+            content = BytesIO()
+            np.lib.format.write_array(content, np.asanyarray(array), allow_pickle=False)
+            archive.writestr(entry, content.getvalue(), compresslevel=settings.compression if idle else None)
     return buffer.getvalue()
+
+
+def bends_of_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.NDArray[np.generic]]:
+    """The same arrays without the revolutes that do not bend in the plane: two columns of three of many are left out.
+
+    Args:
+        arrays: those of a plan, by name.
+    """
+    of_revolutes = {"joint_names"} | {f"joint_{what}" for what in ("angles", "velocities", "accelerations", "torques")}
+    of_revolutes |= {"simulated_angles", "simulated_torques"}
+    return {name: array[..., 1::3] if name in of_revolutes else array for name, array in arrays.items()}
 
 
 def curve_arrays(curves: tuple[Configuration, ...]) -> dict[str, npt.NDArray[np.generic]]:

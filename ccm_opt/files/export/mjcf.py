@@ -21,7 +21,9 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import base_position
 
 
-def mjcf_text(arm: Arm, name: str, gravity: FloatArray, scene: SolidScene | None = None) -> str:
+def mjcf_text(
+    arm: Arm, name: str, gravity: FloatArray, scene: SolidScene | None = None, *, bends_only: bool = False
+) -> str:
     """MJCF of the arm, with a motor at every revolute, and of the obstacles around it.
 
     Links collide with obstacles and whatever else a scene adds, not with each other; of the mount, which may touch
@@ -33,6 +35,7 @@ def mjcf_text(arm: Arm, name: str, gravity: FloatArray, scene: SolidScene | None
         name: of the model.
         gravity: in the world, shape (3,) [m/s²].
         scene: the obstacles; None writes the arm alone.
+        bends_only: whether a link has one hinge, which bends in the plane, in place of three.
     """
     model = ET.Element("mujoco", model=name)
     ET.SubElement(model, "compiler", angle="radian", autolimits="true")
@@ -41,7 +44,7 @@ def mjcf_text(arm: Arm, name: str, gravity: FloatArray, scene: SolidScene | None
     if scene is not None:
         add_scene(model, parent, scene)
     actuators = ET.SubElement(model, "actuator")
-    for ball, group in groupby(revolutes(arm), key=lambda revolute: revolute.ball):
+    for ball, group in groupby(revolutes(arm, bends_only=bends_only), key=lambda revolute: revolute.ball):
         parent = _add_body(parent, arm, ball)
         for axis in arm.base_axes if ball == 1 else ():
             span = numbers((axis.low, axis.high))

@@ -186,7 +186,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         ProblemError: when an array is missing, has the wrong shape or type, is not finite, or contradicts another.
     """
     path = folder / ARRAYS
-    arrays = _read_arrays(path)
+    arrays = read_arrays(path)
     arrays.setdefault("stops", np.zeros(0, dtype=np.int64))  # folders of earlier versions have none
     of_base = {name: shape for _ in arm.base_axes for name, shape in FEED_SHAPES.items()}
     of_room = ROOM_SHAPES if any(name in arrays for name in ROOM_SHAPES) else {}
@@ -252,7 +252,12 @@ def _reason(record: Mapping[str, object]) -> str:
     return f"; {diagnosis['reason']}" if isinstance(diagnosis, Mapping) and "reason" in diagnosis else ""
 
 
-def _read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
+def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
+    """The arrays of a file, by name, as they stand there.
+
+    Raises:
+        ProblemError: when it cannot be read.
+    """
     if not path.is_file():
         raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'")
     try:

@@ -1,7 +1,9 @@
 """The files ``trajectory.csv``, for spreadsheets, and ``trajectory.yaml``, in the shape of a ROS message."""
 
 import json
+import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,23 +14,27 @@ from ccm_opt.solution import JointStates, JointTrajectory
 _QUANTITIES = ("angle", "velocity", "acceleration", "torque")
 _FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
 _ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
+_WHOLE = re.compile(r"(?<![\d.e+-])(-?\d+)(?![\d.])")
+"""A number without a point, or the digits in front of its exponent."""
 
 
-def trajectory_texts(trajectory: JointTrajectory, joints: JointStates) -> tuple[str, str]:
+def trajectory_texts(trajectory: JointTrajectory, joints: JointStates, *, bends_only: bool = False) -> tuple[str, str]:
     """The motion of all revolutes as CSV and as YAML; SI units, radians.
 
-    Both have the same numbers, of twelve digits, and formatting them is most of the work: it is done once.
+    Both have the same numbers, of twelve digits, and formatting them is most of the work: it is done once. Every number
+    has a point, whole ones too: the fields of ROS messages take floats alone, and YAML takes ``1e-05`` for a text.
 
     Args:
         trajectory: gives the time.
         joints: gives names, angles, velocities, accelerations, torques.
+        bends_only: whether the revolutes that turn out of the plane, or about the link, are left out.
 
     Returns:
         The text of ``trajectory.csv``: ``time`` and a column ``<joint>_<quantity>`` for every joint and quantity; and
         of ``trajectory.yaml``: ``joint_names`` and ``points`` as in ROS 2 ``trajectory_msgs/JointTrajectory``. A feed
         axis is the first joint, ``feed``, with the columns ``feed_position``, …, ``feed_force`` [m, N].
     """
-    names, tables = _tables(trajectory, joints)
+    names, tables = _tables(trajectory, joints if not bends_only else bending_joints(joints))
     columns = [_rows(table) for table in tables]
     times = trajectory.time.tolist()
     return "\n".join(_csv(times, names, columns)), "\n".join(_yaml(times, names, columns))
@@ -56,10 +62,25 @@ def _tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str
     return names, [np.column_stack(pair) for pair in zip(base, tables, strict=True)]
 
 
+def bending_joints(joints: JointStates) -> JointStates:
+    """The second revolute of every ball alone, the one that bends in the plane."""
+    return replace(
+        joints,
+        names=joints.names[1::3],
+        angles=joints.angles[:, 1::3],
+        velocities=joints.velocities[:, 1::3],
+        accelerations=joints.accelerations[:, 1::3],
+        torques=joints.torques[:, 1::3],
+    )
+
+
 def _rows(table: FloatArray) -> list[str]:
-    """Every row of a table, its numbers joined by commas."""
-    row = ",".join(["%.12g"] * table.shape[1])
-    return [row % tuple(values) for values in table.tolist()]
+    """Every row of a table, its numbers joined by commas, each with a point."""
+    # Revolutes that a plane motion leaves alone are most of the table, and need no formatting.
+    moving = np.any(table != 0.0, axis=0)
+    row = ",".join("%.12g" if moves else "0.0" for moves in moving)
+    whole = "\n".join([row % tuple(values) for values in table[:, moving].tolist()])
+    return _WHOLE.sub(r"\1.0", whole).split("\n")
 
 
 def _csv(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:

@@ -27,7 +27,13 @@ UNLIMITED_VELOCITY = 1e3
 
 
 def urdf_text(
-    arm: Arm, name: str, limits: Limits, scene: SolidScene | None = None, mesh_folder: str = URDF_MESHES
+    arm: Arm,
+    name: str,
+    limits: Limits,
+    scene: SolidScene | None = None,
+    mesh_folder: str = URDF_MESHES,
+    *,
+    bends_only: bool = False,
 ) -> str:
     """URDF of the arm, and of the obstacles around it.
 
@@ -43,14 +49,15 @@ def urdf_text(
         limits: bounds on the revolutes; without torque limits an effort of 1e6 N m is written.
         scene: the obstacles; None writes the arm alone.
         mesh_folder: of the meshes of obstacles, relative to the file.
+        bends_only: whether a link has one revolute, which bends in the plane, in place of three.
     """
     robot = ET.Element("robot", name=name)
     ET.SubElement(robot, "link", name="world")
     parent = _add_mount(robot, arm, limits)
-    for index, revolute in enumerate(revolutes(arm)):
+    for revolute in revolutes(arm, bends_only=bends_only):
         child = f"link{revolute.ball:02d}" if revolute.carries_link else f"{revolute.name}_frame"
         _add_link(robot, arm, child, revolute)
-        _add_joint(robot, arm, parent, child, revolute, limits, index)
+        _add_joint(robot, arm, parent, child, revolute, limits)
         parent = child
     if arm.payload:
         _add_payload(robot, arm, parent)
@@ -133,14 +140,12 @@ def _add_shape(link: ET.Element, purpose: str, centre: tuple[float, float, float
     return ET.SubElement(body, "geometry")
 
 
-def _add_joint(
-    robot: ET.Element, arm: Arm, parent: str, child: str, revolute: Revolute, limits: Limits, index: int
-) -> None:
+def _add_joint(robot: ET.Element, arm: Arm, parent: str, child: str, revolute: Revolute, limits: Limits) -> None:
     joint = ET.SubElement(robot, "joint", name=revolute.name, type="revolute")
     shift = arm.link_length if revolute.starts_ball and revolute.ball > 1 else 0.0
     _place(joint, parent, child, (shift, 0.0, 0.0))
     ET.SubElement(joint, "axis", xyz=numbers(revolute.axis))
-    effort = UNLIMITED_EFFORT if limits.torque is None else float(limits.torque[index])
-    _add_limit(joint, (-revolute.limit, revolute.limit), float(limits.velocity[index]), effort)
+    effort = UNLIMITED_EFFORT if limits.torque is None else float(limits.torque[revolute.index])
+    _add_limit(joint, (-revolute.limit, revolute.limit), float(limits.velocity[revolute.index]), effort)
     if revolute.friction:
         ET.SubElement(joint, "dynamics", damping=number(revolute.friction))
