@@ -15,6 +15,7 @@ from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE, Certificat
 from ccm_opt.collision.compiled_proofs import compiled_proofs
 from ccm_opt.collision.compiled_wall_proofs import compiled_wall_proofs
 from ccm_opt.collision.pair_proofs import InterpretedProofs, PairProofs, Pairs
+from ccm_opt.collision.proof_rounding import proof_rounding
 from ccm_opt.collision.stretches import Stretches
 from ccm_opt.collision.wall_proofs import InterpretedWallProofs, Links, WallProofs, WallQuestion
 from ccm_opt.freespace.workspace import Workspace
@@ -109,16 +110,26 @@ class Certificate:
         return self._pair_proofs.unproved(spans, pairs)
 
     @cached_property
+    def _rounding(self) -> float:
+        """Distances are kept to this much more at least, so that rounding proves nothing that is not true."""
+        return proof_rounding(self.arm, self.workspace, self.settings.depth)
+
+    @cached_property
     def _pair_proofs(self) -> PairProofs:
         arm = self.arm
-        apart = 2.0 * arm.radius + self.spare + self.settings.touch + arm.room_for_errors(np.arange(arm.links))
+        apart = (
+            2.0 * arm.radius
+            + self.spare
+            + max(self.settings.touch, 2.0 * self._rounding)
+            + arm.room_for_errors(np.arange(arm.links))
+        )
         return compiled_proofs(arm.first_self_pair, apart) or InterpretedProofs(arm.first_self_pair, apart)
 
     @cached_property
     def _wall_proofs(self) -> WallProofs:
         arm = self.arm
         room = arm.room_for_errors(np.arange(1, arm.links + 1))
-        least = arm.radius + self.workspace.clearance + self.spare + room + self.settings.touch
+        least = arm.radius + self.workspace.clearance + self.spare + room + max(self.settings.touch, self._rounding)
         question = WallQuestion(self.workspace, least, self._mount)
         return compiled_wall_proofs(question) or InterpretedWallProofs(question)
 

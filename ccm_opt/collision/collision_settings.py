@@ -11,8 +11,8 @@ class CertificateSettings:
 
     Attributes:
         depth: bisections of an interval before its certificate is refused. Taste: the sag falls four-fold at each.
-        touch: gap that even an arm of no width keeps [arm lengths]. Derived: rounding of positions in a
-            room of some arm's lengths.
+        touch: gap that even an arm of no width keeps [arm lengths]. Derived: above what rounding takes in a room of up
+            to a hundred thousand arm's lengths; where ``proof_rounding`` is more, that counts.
         rounding: depth of contact in these units, and bend beyond a joint limit [rad], that counts as none at an end of
             a motion. Derived: likewise.
         contact: depth below contact that motions of an arm with some width may have where they begin or end in

@@ -1,7 +1,8 @@
 /* Which links are not proved clear of walls over stretches of a motion: wall_proofs.py in C.
 
-   A link stays in the hull of its four end positions, grown by the sag. Rounding is far below the gap that even an arm
-   of no width keeps, which is part of every distance here. What is no number is never proved. */
+   A link stays in the hull of its four end positions, grown by the sag. What rounding takes, proof_rounding.py, is part
+   of every distance that is asked for here, so that nothing is rounded to the safe side anew. What is no number is never
+   proved. */
 
 #include <math.h>
 #include <stdint.h>

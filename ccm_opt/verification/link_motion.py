@@ -7,6 +7,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.verification.rounding import point_rounding, turn_rounding
 
 
 def link_headings(arm: Arm, positions: FloatArray) -> FloatArray:
@@ -132,6 +133,17 @@ class ChainMotion:
         """The same with joint i's change counted i times, shape (T − 1, links + 1) [rad]; 0 first."""
         weights = np.arange(1.0, self.arm.links + 1.0)
         return _running_sum(weights * np.abs(np.diff(self.bends, axis=0)))
+
+    @cached_property
+    def rounding(self) -> float:
+        """What rounding may take from any distance of the arm at any time, besides that of the distance itself [m]."""
+        return point_rounding(self.arm, self.positions) + turn_rounding(self.arm, self.positions)
+
+    @cached_property
+    def size(self) -> float:
+        """What no coordinate of the arm exceeds at any time [m]."""
+        farthest = float(np.max(np.abs(self.arm.base))) + self.arm.length + float(np.max(np.abs(self.carried)))
+        return 2.0 * farthest
 
     def whole(self) -> Nodes:
         """One stretch for each sample interval."""

@@ -10,6 +10,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.verification.bisection import Nearest, Pairs, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
+from ccm_opt.verification.rounding import distance_rounding
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.selfcollision import first_distant, relative_travel
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -29,12 +30,14 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
     if len(pairs) == 0:
         return ""
 
+    lost = 2.0 * motion.rounding + distance_rounding(motion.size)
+
     def evaluate(nodes: Nodes, some: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         k = some.node
         first = poses[k, some.link], poses[k, some.link + 1]
         second = poses[k, some.other], poses[k, some.other + 1]
         travel = nodes.half[k] * relative_travel(motion, nodes.interval[k], some.link, some.other)
-        return segment_distances(*first, *second), travel
+        return segment_distances(*first, *second) - lost, travel
 
     verdict = prove_apart(motion, pairs, evaluate, settings.touch, Nearest(motion.arm.length), settings)
     if verdict.proved:

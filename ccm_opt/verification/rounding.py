@@ -14,6 +14,8 @@ UNIT = 2.0**-53
 """Half the distance from 1 to the next number."""
 OF_FUNCTIONS = 8.0 * UNIT
 """Error of a sine or cosine: at most four units in the last place, with which vectorised libraries are content."""
+OF_DISTANCES = 64.0 * UNIT
+"""Error of the distance of two segments, as a share of their greatest coordinate."""
 
 
 def heading_rounding(arm: Arm, positions: FloatArray) -> float:
@@ -41,3 +43,20 @@ def point_rounding(arm: Arm, positions: FloatArray) -> float:
     base = 4.0 * UNIT * (float(np.max(np.abs(arm.base))) + arm.length + carried) + (OF_FUNCTIONS + 4.0 * UNIT) * carried
     # Both coordinates may be off by so much.
     return float(np.sqrt(2.0)) * (along + base)
+
+
+def distance_rounding(size: float) -> float:
+    """By how much the distance of two segments may be off [m].
+
+    Args:
+        size: that no coordinate of the segments exceeds [m].
+    """
+    return OF_DISTANCES * size
+
+
+def turn_rounding(arm: Arm, positions: FloatArray) -> float:
+    """By how much the way of a point may be off that is reckoned from what links turn between two samples [m]."""
+    # Every turn is a difference of two headings; the sum of them, and its product with a length, add their own.
+    turned = 2.0 * heading_rounding(arm, positions)
+    bends = float(np.max(np.sum(np.abs(positions[..., : arm.links]), axis=-1), initial=0.0))
+    return arm.length * (turned + 1.01 * (arm.links + 4) * UNIT * 2.0 * (bends + abs(arm.base_heading)))

@@ -7,6 +7,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.bisection import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
+from ccm_opt.verification.rounding import UNIT, distance_rounding
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -48,16 +49,21 @@ def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
     thickness = 2.0 * arm.radius
     least = least_allowed_gap(0.0, thickness, settings)
 
+    # Both links are off by what their places are.
+    lost = 2.0 * motion.rounding + distance_rounding(motion.size)
+
     def evaluate(nodes: Nodes, pairs: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         k = pairs.node
         i = pairs.link
         j = pairs.other
-        return self_distances(arm, poses, pairs), nodes.half[k] * relative_travel(motion, nodes.interval[k], i, j)
+        return self_distances(arm, poses, pairs) - lost, nodes.half[k] * relative_travel(
+            motion, nodes.interval[k], i, j
+        )
 
     nodes = motion.whole()
     nearest = _probe(motion, evaluate, nodes, settings.pair_probes)
     # Links that are farther apart than this at the middle of an interval come no nearer than the nearest known pair.
-    look = thickness + max(least, min(nearest.gap, arm.link_length))
+    look = thickness + max(least, min(nearest.gap, arm.link_length)) + 2.0 * lost
     # To the ends of an interval, half of it away, the links between the two turn by half of what they turn in all.
     pairs = _candidates(arm, motion.poses(nodes), 0.5 * motion.turned, look)
     return prove_apart(motion, pairs, evaluate, least, nearest, settings)
@@ -75,7 +81,8 @@ def relative_travel(motion: ChainMotion, k: np.ndarray, i: np.ndarray, j: np.nda
     # weights and from 0 in the sum.
     weighted = motion.bent_weighted[k, j + 1] - motion.bent_weighted[k, i + 1]
     # Running sums lose digits when they are subtracted; what they can have lost is added to the bound.
-    rounding = 1e-12 * (1.0 + motion.bent_weighted[k, -1])
+    count = motion.arm.links + 2
+    rounding = 4.0 * count * UNIT * (count * motion.bent[k, -1] + motion.bent_weighted[k, -1])
     return np.asarray(motion.arm.link_length * (np.minimum(turned, (j + 2) * bent - weighted) + rounding))
 
 

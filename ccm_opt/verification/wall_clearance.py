@@ -12,6 +12,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.bisection import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes, unit_rows
+from ccm_opt.verification.rounding import distance_rounding
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.wall_edges import WallEdges, wall_edges
@@ -112,6 +113,7 @@ def _prove(
 ) -> Verdict:
     arm = motion.arm
     links = np.flatnonzero(exposed < 1.0)
+    lost = motion.rounding + distance_rounding(max(motion.size, edges.size))
 
     def evaluate(nodes: Nodes, pairs: Pairs, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         interval = nodes.interval[pairs.node]
@@ -126,14 +128,14 @@ def _prove(
         end = end + ahead
         travel -= carried * (1.0 - aslant)
         distance = segment_distances(start, end, edges.start[pairs.other], edges.end[pairs.other])
-        return distance - edges.rounding[pairs.other] - arm.radius, travel
+        return distance - edges.rounding[pairs.other] - arm.radius - lost, travel
 
     nodes = motion.whole()
     poses = motion.poses(nodes)
     nearest = _probe(motion, edges, exposed, links, poses, settings.wall_probes)
     # Walls that are farther away than this at the middle of an interval come no nearer than the nearest known one.
     travel = 0.5 * arm.link_length * motion.turned[:, links + 1]
-    look = arm.radius + travel + max(least, min(nearest.gap, max(least, 0.0) + arm.link_length))
+    look = arm.radius + travel + max(least, min(nearest.gap, max(least, 0.0) + arm.link_length)) + 2.0 * lost
     pairs = _candidates(poses, edges, exposed, links, look)
     return prove_apart(motion, pairs, evaluate, least, nearest, settings)
 

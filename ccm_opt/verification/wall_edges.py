@@ -31,6 +31,11 @@ class WallEdges:
     names: tuple[str, ...]
 
     @cached_property
+    def size(self) -> float:
+        """What no coordinate of the walls exceeds [m]."""
+        return float(max(np.max(np.abs(self.start), initial=0.0), np.max(np.abs(self.end), initial=0.0)))
+
+    @cached_property
     def tree(self) -> shapely.STRtree:
         """Spatial index of the edges' boxes, each grown by its rounding."""
         return _box_tree(self.start, self.end, self.rounding)

@@ -1,7 +1,7 @@
 """The plans that are corrupted, their folders in memory, and the list of ways to change them."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -195,10 +195,10 @@ def kind(name: str, *, true: bool = False) -> Callable[[Callable[[Folder, Genera
     return entered
 
 
-def write_plans(place: Path) -> dict[str, Folder]:
-    """Solve the plans that are corrupted, and read their folders."""
+def write_plans(place: Path, names: Sequence[str] = tuple(PLANS)) -> dict[str, Folder]:
+    """Solve the plans that are corrupted, or some of them, and read their folders."""
     found = {}
-    for name, text in PLANS.items():
-        solution = ccm_opt.solve(parse_problem(text, f"{name}.toml"))
+    for name in names:
+        solution = ccm_opt.solve(parse_problem(PLANS[name], f"{name}.toml"))
         found[name] = Folder.of(write_solution(solution, place), solution)
     return found

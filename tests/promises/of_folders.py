@@ -1,0 +1,79 @@
+"""Changes to what stands in a folder beside the motion, each of which contradicts the motion in one way."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tests.corruption.plans import Folder
+
+Change = Callable[[Folder], None]
+
+
+def _keyframes(folder: Folder) -> None:
+    """Keyframes of another motion, with the curves that belong to them."""
+    middle = len(folder.arrays["keyframes"]) // 2
+    away = 0.3 * np.sin(np.pi * np.arange(len(folder.arrays["keyframes"])) / (2 * middle))[:, None]
+    keyframes = folder.arrays["keyframes"] + away
+    keyframes[[0, -1]] = folder.arrays["keyframes"][[0, -1]]
+    folder.arrays["keyframes"] = keyframes
+    folder.arrays.update(curves_of(folder))
+
+
+def curves_of(folder: Folder) -> dict[str, np.ndarray]:
+    """The curves that belong to a folder's keyframes."""
+    from ccm_opt.files.export.arrays_npz import curve_arrays
+    from ccm_opt.planners.keyframe_curves import keyframe_curves
+
+    return dict(curve_arrays(keyframe_curves(folder.solution.problem.arm, folder.arrays["keyframes"])))
+
+
+def _scaled(name: str) -> Change:
+    def change(folder: Folder) -> None:
+        folder.arrays[name] = 1.001 * folder.arrays[name]
+
+    return change
+
+
+def _figure(folder: Folder) -> None:
+    folder.record["metrics"]["peak_torque_Nm"] *= 0.9
+
+
+def _recorded_check(folder: Folder) -> None:
+    next(check for check in folder.record["checks"] if check["name"] == "joint velocity")["worst"] *= 0.5
+
+
+def _text(name: str, found: str, put: str) -> Change:
+    def change(folder: Folder) -> None:
+        assert found in folder.texts[name]
+        folder.texts[name] = folder.texts[name].replace(found, put, 1)
+
+    return change
+
+
+def _row(name: str, mark: str) -> Change:
+    """A line of numbers far into a text takes the place of the next."""
+
+    def change(folder: Folder) -> None:
+        lines = folder.texts[name].split("\n")
+        marked = [k for k, line in enumerate(lines) if mark in line and k > len(lines) // 2]
+        lines[marked[1]] = lines[marked[0]]
+        folder.texts[name] = "\n".join(lines)
+
+    return change
+
+
+FOLDER_MUTATIONS: dict[str, tuple[Change, ...]] = {
+    "keyframes against motion": (_keyframes,),
+    "curves against keyframes": tuple(
+        _scaled(name) for name in ("segment_curvatures", "segment_knots", "segment_lengths", "base_headings")
+    ),
+    "simulated arm against its plan": (_scaled("simulated_angles"), _scaled("simulated_torques")),
+    "figures against arrays": (_figure,),
+    "record against checks": (_recorded_check,),
+    "gaps over time against motion": tuple(_scaled(name) for name in ("room_time", "wall_gaps", "self_gaps")),
+    "table against arrays": (_row("trajectory.csv", ","),),
+    "ROS message against arrays": (_row("trajectory.yaml", "positions"), _row("trajectory.yaml", "effort")),
+    "URDF against problem": (_text("arm.urdf", 'upper="', 'upper="1'), _text("arm.urdf", "ball03_roll", "ball03")),
+    "MJCF against problem": (_text("arm.mjcf.xml", 'mass="', 'mass="1'), _text("arm.mjcf.xml", "link03", "link3")),
+}
+"""By the check that catches them."""

@@ -1,0 +1,294 @@
+"""Motions that break one promise each."""
+
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.freespace.obstacle import Obstacle
+from ccm_opt.freespace.workspace import Workspace
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.mapping import map_curve
+from ccm_opt.problem import CurvePose, JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
+from tests.arms import plain_arm
+
+from .cases import FULL, LINKS, ROOM, WEIGHTLESS, Case, Mutation, fed, fixed, pausing
+
+SHARE = 0.9
+BENDING = 0.9 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+"""Bends that lead the arm nowhere near itself."""
+
+
+def peak(values: FloatArray) -> float:
+    """The greatest size."""
+    return float(np.max(np.abs(values)))
+
+
+def gap_in_time() -> Case:
+    """Two samples are left out."""
+    motion = fixed().trajectory
+    parts = {name: np.delete(getattr(motion, name), [100, 101], axis=0) for name in ("positions", "velocities")}
+    accelerations = np.delete(motion.accelerations, [100, 101], axis=0)
+    return fixed().moved(time=np.delete(motion.time, [100, 101]), accelerations=accelerations, **parts)
+
+
+def inside_a_rock() -> Case:
+    """The whole arm lies in an obstacle, far from its edges."""
+    return fixed().asked(workspace=Workspace(ROOM, (Obstacle("rock", shapely.box(-2.0, -2.0, 2.0, 2.0)),)))
+
+
+def near_a_wall() -> Case:
+    """A wall is nearer than the clearance, and is not touched."""
+    wall = Obstacle("wall", shapely.box(0.8, -1.0, 0.9, 1.0))
+    return fixed().asked(workspace=Workspace(ROOM, (wall,), clearance=0.3))
+
+
+def rolled_up() -> Case:
+    """An arm of ten links rolls up into itself."""
+    return fixed(1.1, plain_arm(10))
+
+
+def nudged(case: Case, share: float = 0.02) -> Case:
+    """One sample's accelerations are reported greater, so that its torques are."""
+    accelerations = case.trajectory.accelerations.copy()
+    k = int(np.argmax(np.max(np.abs(case.states.torques), axis=1)))
+    accelerations[k] *= 1.0 + share
+    return case.moved(accelerations=accelerations)
+
+
+def torque_at_one_sample() -> Case:
+    """A torque passes its limit at one sample; around it the mean does not."""
+    case = fixed(BENDING).asked(simulation=WEIGHTLESS)
+    return nudged(case.limited(torque=1.01 * peak(case.states.torques)))
+
+
+def weakened_accelerations() -> Case:
+    """Accelerations are reported smaller wherever they are great, and torques with them."""
+    case = fixed(BENDING).asked(simulation=WEIGHTLESS)
+    limit = 0.93 * peak(case.states.torques)
+    most = 0.85 * np.max(np.abs(case.trajectory.accelerations), axis=0)
+    weak = np.clip(case.trajectory.accelerations, -most, most)
+    return case.limited(torque=limit).moved(accelerations=weak)
+
+
+def weakened_feed() -> Case:
+    """The same of the axis."""
+    case = fed(end=0.0).asked(simulation=WEIGHTLESS)
+    limit = 0.93 * peak(case.states.base_forces)
+    weak = case.trajectory.accelerations.copy()
+    most = 0.85 * peak(weak[:, -1])
+    weak[:, -1] = np.clip(weak[:, -1], -most, most)
+    return case.limited(feed_force=limit).moved(accelerations=weak)
+
+
+def force_at_one_sample() -> Case:
+    """The force on the axis passes its limit at one sample alone."""
+    case = fed(end=0.0).asked(simulation=WEIGHTLESS)
+    limit = 1.01 * peak(case.states.base_forces)
+    accelerations = case.trajectory.accelerations.copy()
+    accelerations[int(np.argmax(np.abs(case.states.base_forces[:, 0]))), -1] *= 1.02
+    return case.limited(feed_force=limit).moved(accelerations=accelerations)
+
+
+def bumped_rates(case: Case, column: int, size: float) -> Case:
+    """Rates that the angles do not have, with the accelerations that belong to them."""
+    motion = case.trajectory
+    t = (motion.time - 0.8) / 0.4
+    inside = (t > 0.0) & (t < 1.0)
+    velocities = motion.velocities.copy()
+    accelerations = motion.accelerations.copy()
+    velocities[inside, column] += size * np.sin(np.pi * t[inside]) ** 2
+    accelerations[inside, column] += size * np.pi / 0.4 * np.sin(2.0 * np.pi * t[inside])
+    return case.moved(velocities=velocities, accelerations=accelerations)
+
+
+def still_moving() -> Case:
+    """The last sample still has some speed."""
+    case = fixed()
+    velocities = case.trajectory.velocities.copy()
+    velocities[-1, 2] = 1e-4
+    return case.moved(velocities=velocities)
+
+
+def feed_still_moving() -> Case:
+    """So has the axis."""
+    case = fed()
+    velocities = case.trajectory.velocities.copy()
+    velocities[-1, -1] = 1e-5
+    return case.moved(velocities=velocities)
+
+
+def arc(arm: Arm, curvature: float) -> Configuration:
+    """A bow over the same chord, to one side or the other."""
+    half = 0.5 * curvature * arm.length
+    return Configuration.chain(arm.base, -half, [0.5 * arm.length] * 2, [np.full(5, curvature)] * 2)
+
+
+def bowed(start: float, wanted: float) -> Case:
+    """A motion from one bow, and the bow that it should begin at."""
+    arm = plain_arm(12, 0.05)
+    begin = arm.bends(map_curve(arm, arc(arm, start), "least-squares"))
+    return fixed(0.5 * begin, arm, begin).asked(start=CurvePose(arc(arm, wanted)))
+
+
+def ending_bowed(end: float, wanted: float) -> Case:
+    """A motion to one bow, and the bow that it should end at."""
+    arm = plain_arm(12, 0.05)
+    there = arm.bends(map_curve(arm, arc(arm, end), "least-squares"))
+    case = fixed(there, arm, 0.5 * there)
+    return case.asked(goal=CurvePose(arc(arm, wanted)))
+
+
+def tip_of(case: Case, sample: int) -> tuple[FloatArray, float]:
+    """Where the tip is at a sample, and its heading."""
+    arm = case.problem.arm
+    place = case.trajectory.positions[sample]
+    return arm.joint_positions_at(place)[-1], float(arm.headings(place[: arm.links])[-1])
+
+
+def missed_tip(*, heading: bool, stop: bool) -> Case:
+    """The tip, or its heading, is a little too far from a goal."""
+    case = pausing() if stop else fixed()
+    sample = case.trajectory.stops[0] if stop else -1
+    place, turned = tip_of(case, sample)
+    goal = TipGoal(place, turned + 0.018) if heading else TipGoal(place + np.array([1.1e-3, 0.0]), turned)
+    return case.asked(stops=(Stop(goal, Tolerances()),)) if stop else case.asked(goal=goal)
+
+
+def stopping(goal: JointPose | CurvePose, rest: float = 0.1, pause: float = 0.1) -> Case:
+    """A motion that stops where it should be at a goal."""
+    return pausing(rest).asked(stops=(Stop(goal, Tolerances(), pause),))
+
+
+AT_STOP = JointPose(np.full(LINKS, 0.2))
+
+
+def stopping_bowed(wanted: float) -> Case:
+    """A stop at a bow that is another."""
+    arm = plain_arm(LINKS)
+    there = arm.bends(map_curve(arm, arc(arm, 1.0), "least-squares"))
+    case = fixed(there, arm)
+    motion = case.trajectory
+    back = replace(motion, positions=motion.positions[::-1], velocities=-motion.velocities[::-1])
+    parts = {
+        name: np.concatenate((getattr(motion, name), getattr(back, name)[1:])) for name in ("positions", "velocities")
+    }
+    accelerations = np.concatenate((motion.accelerations, motion.accelerations[::-1][1:]))
+    time = np.concatenate((motion.time, motion.time[-1] + motion.time[1:]))
+    whole = case.moved(time=time, accelerations=accelerations, stops=(len(motion.time) - 1,), **parts)
+    return whole.asked(goal=JointPose(np.zeros(LINKS)), stops=(Stop(CurvePose(arc(arm, wanted)), Tolerances()),))
+
+
+def fed_stopping() -> Case:
+    """A stop at another place of the axis."""
+    case = fed()
+    motion = case.trajectory
+    parts = {
+        name: np.concatenate((getattr(motion, name), sign * getattr(motion, name)[::-1][1:]))
+        for name, sign in (("positions", 1.0), ("velocities", -1.0), ("accelerations", 1.0))
+    }
+    time = np.concatenate((motion.time, motion.time[-1] + motion.time[1:]))
+    whole = case.moved(time=time, stops=(len(motion.time) - 1,), **parts)
+    elsewhere = JointPose(np.full(LINKS, 0.2), 0.21)
+    return whole.asked(goal=JointPose(np.zeros(LINKS)), stops=(Stop(elsewhere, Tolerances()),))
+
+
+def beyond_the_axis() -> Case:
+    """The base is carried farther than the axis reaches; where the tip comes to is as it should be."""
+    case = fed()
+    return case.asked(goal=TipGoal(tip_of(case, -1)[0])).built(feed=Feed(0.0, 0.19, 0.0))
+
+
+def shared(case: Case) -> Case:
+    """Plans may use a share of the limits alone."""
+    return case.asked(planner=PlannerOptions(effort_share=SHARE))
+
+
+def effort_above_its_share() -> Case:
+    """A torque takes more than its share, at one sample alone."""
+    case = fixed(BENDING).asked(simulation=WEIGHTLESS)
+    return nudged(shared(case.limited(torque=1.01 * peak(case.states.torques) / SHARE)))
+
+
+def point(**limits: float) -> Case:
+    """A limit on a point of the arm."""
+    return fixed().asked(limits=replace(fixed().problem.limits, points=(PointLimit(**limits),)))
+
+
+def greatest_jerk(case: Case, columns: slice = slice(0, LINKS)) -> float:
+    """The greatest jerk of some coordinates between samples."""
+    motion = case.trajectory
+    return peak(np.diff(motion.accelerations[:, columns], axis=0) / np.diff(motion.time)[:, None])
+
+
+def of(case: Case, name: str, share: float = 0.98) -> float:
+    """A little less than the greatest of one kind of rate of the bends."""
+    return share * peak(getattr(case.trajectory, name)[:, :LINKS])
+
+
+def of_axis(case: Case, name: str, share: float = 0.98) -> float:
+    """The same of the axis."""
+    return share * peak(getattr(case.trajectory, name)[:, -1])
+
+
+MUTATIONS: dict[str, Mutation] = {
+    "samples": gap_in_time,
+    "joint names": lambda: fixed().told(names=("yaw", *fixed().states.names[1:])),
+    "free side": inside_a_rock,
+    "wall clearance": near_a_wall,
+    "self-collision": rolled_up,
+    "joint limit": lambda: fixed().built(joint_limit=0.19),
+    "joint velocity": lambda: fixed().limited(velocity=of(fixed(), "velocities")),
+    "joint acceleration": lambda: fixed().limited(acceleration=of(fixed(), "accelerations")),
+    "joint jerk": lambda: fixed().limited(jerk=0.98 * greatest_jerk(fixed())),
+    "joint torque": torque_at_one_sample,
+    "joint torque of the samples": weakened_accelerations,
+    "tip velocity": lambda: point(velocity=0.1),
+    "tip acceleration": lambda: point(acceleration=0.1),
+    "point at 0.3 m velocity": lambda: point(at=0.3, velocity=0.02),
+    "point at 0.3 m acceleration": lambda: point(at=0.3, acceleration=0.02),
+    "velocities against angles": lambda: bumped_rates(fixed(), 2, 0.05),
+    "accelerations against velocities": lambda: fixed().moved(accelerations=0.8 * fixed().trajectory.accelerations),
+    "revolutes against bends": lambda: fixed().told(angles=fixed().states.angles + 1e-6 * np.eye(3 * LINKS)[0]),
+    "torques against dynamics": lambda: fixed().told(torques=1.001 * fixed().states.torques),
+    "feed range": beyond_the_axis,
+    "joints inside the guide": lambda: fed().built(feed=Feed(0.0, 0.3, 0.15)),
+    "feed velocity": lambda: fed().limited(feed_velocity=of_axis(fed(), "velocities")),
+    "feed acceleration": lambda: fed().limited(feed_acceleration=of_axis(fed(), "accelerations")),
+    "feed jerk": lambda: fed().limited(feed_jerk=0.98 * greatest_jerk(fed(), slice(LINKS, None))),
+    "feed force": force_at_one_sample,
+    "feed force of the samples": weakened_feed,
+    "feed velocity against positions": lambda: bumped_rates(fed(), -1, 0.004),
+    "feed force against dynamics": lambda: fed().told(base_forces=1.001 * fed().states.base_forces),
+    "share of velocity": lambda: shared(fixed().limited(velocity=of(fixed(), "velocities", 1.05))),
+    "share of acceleration": lambda: shared(fixed().limited(acceleration=of(fixed(), "accelerations", 1.05))),
+    "share of jerk": lambda: shared(fixed().limited(jerk=1.05 * greatest_jerk(fixed()))),
+    "share of effort": effort_above_its_share,
+    "start joints": lambda: fixed().asked(start=JointPose(np.full(LINKS, 2e-6))),
+    "start feed": lambda: fed().asked(start=JointPose(np.zeros(LINKS), 1e-3)),
+    "start on the curve": lambda: bowed(2.0, -2.0),
+    "start tip": lambda: bowed(1.0, 1.1),
+    "rest": still_moving,
+    "feed at rest": feed_still_moving,
+    "goal position": lambda: missed_tip(heading=False, stop=False),
+    "goal heading": lambda: missed_tip(heading=True, stop=False),
+    "goal joints": lambda: fixed().asked(goal=JointPose(np.full(LINKS, 0.22))),
+    "goal feed": lambda: fed().asked(goal=JointPose(np.full(LINKS, 0.2), 0.202)),
+    "goal on the curve": lambda: ending_bowed(2.0, -2.0),
+    "goal tip": lambda: ending_bowed(1.0, 1.1),
+    "stop N position": lambda: missed_tip(heading=False, stop=True),
+    "stop N heading": lambda: missed_tip(heading=True, stop=True),
+    "stop N joints": lambda: stopping(JointPose(np.full(LINKS, 0.22))),
+    "stop N feed": fed_stopping,
+    "stop N on the curve": lambda: stopping_bowed(-1.0),
+    "stop N tip": lambda: stopping_bowed(1.1),
+    "stop N pause": lambda: stopping(AT_STOP, rest=0.06),
+    "survived joint error": lambda: fixed().asked(
+        joint_error=0.4, workspace=Workspace(ROOM, (Obstacle("wall", shapely.box(0.8, -1.0, 0.9, 1.0)),))
+    ),
+}
+"""By the check that catches it; N stands for the number of a goal on the way."""
+UNHARMED = (fixed, fed, lambda: stopping(AT_STOP), lambda: shared(fixed()), lambda: fixed().asked(planner=FULL))
+"""Motions that keep everything."""

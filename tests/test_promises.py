@@ -1,0 +1,126 @@
+"""Every promise has a check, and every check a mutation that it alone catches."""
+
+import re
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+from pydantic import BaseModel
+
+from ccm_opt.cli import checking
+from ccm_opt.files.export.reading_back import FEED_SHAPES, ROOM_SHAPES, SHAPES
+from ccm_opt.files.export.text_agreement import NAMES
+from ccm_opt.files.problem_file import schema
+
+from .corruption.plans import Folder, write_plans
+from .promises.of_folders import FOLDER_MUTATIONS
+from .promises.of_motions import MUTATIONS, UNHARMED
+
+PAGE = (Path(__file__).parent.parent / "docs" / "promises.md").read_text(encoding="utf-8")
+TABLES = {
+    "": schema.RootTable,
+    "workspace": schema.WorkspaceTable,
+    "workspace.obstacles": schema.ObstacleTable,
+    "arm": schema.ArmTable,
+    "limits": schema.LimitsTable,
+    "start": schema.StartTable,
+    "goal": schema.GoalTable,
+    "planner": schema.PlannerTable,
+    "simulation": schema.SimulationTable,
+    "tolerance": schema.ToleranceTable,
+    "verification": schema.VerificationTable,
+}
+
+
+def rows(heading: str) -> dict[str, tuple[str, ...]]:
+    """Rows of the table below a heading of the page: the names in code of the first cell, and all cells."""
+    part = PAGE.split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    lines = [line for line in part.splitlines() if line.startswith("|") and "---" not in line][1:]
+    found = {}
+    for line in lines:
+        cells = tuple(cell.strip() for cell in line.strip("|").split(" | "))
+        for name in re.findall(r"`([^`]+)`", cells[0]):
+            found[name] = cells
+    return found
+
+
+def keys(prefix: str, model: type[BaseModel]) -> set[str]:
+    """All keys of a table and of the tables in it, with their paths."""
+    found = set()
+    for name, field in model.model_fields.items():
+        path = f"{prefix}.{field.alias or name}".lstrip(".")
+        inner = models_in(field.annotation)
+        if not inner:
+            found.add(path)
+        for part in inner:
+            found |= keys(path, part)
+    return found
+
+
+def models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Tables that a type allows."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in models_in(part)]
+
+
+def test_every_key_of_the_problem_file_has_a_row() -> None:
+    """A key that is new, and what holds it, has to be entered in the docs; a row of a key that is gone has to go."""
+    wanted = set().union(*(keys(prefix, model) for prefix, model in TABLES.items())) - set(TABLES)
+    assert set(rows("Keys of the problem file")) == wanted
+
+
+def test_every_array_has_a_row() -> None:
+    """So has every array of ``solution.npz``."""
+    assert set(rows("Arrays")) == {*SHAPES, *FEED_SHAPES, *ROOM_SHAPES}
+
+
+def test_every_key_of_the_record_has_a_row(written: Folder) -> None:
+    """So has every key of ``solution.json``, and every file of text."""
+    listed = set(rows("Record and files"))
+    sometimes = {"tries", "tolerance", "goal_pose", "diagnosis", "room"}
+    assert set(written.record) | sometimes | set(NAMES) == listed
+
+
+def test_every_check_has_a_row_and_a_mutation() -> None:
+    """The checks of the page are those that have a mutation, and every row of a promise names some of them or none."""
+    checks = set(rows("Checks, and what each alone catches"))
+    assert checks == {*MUTATIONS, *FOLDER_MUTATIONS}
+    for heading in ("Keys of the problem file", "Arrays", "Record and files"):
+        for name, cells in rows(heading).items():
+            named = set(re.findall(r"`([^`]+)`", cells[1]))
+            nothing = cells[1].startswith("none: ")
+            assert nothing or (named and named <= checks | {"exit code 2"}), name
+
+
+@pytest.mark.parametrize("number", range(len(UNHARMED)))
+def test_a_motion_that_keeps_everything_passes(number: int) -> None:
+    """What the mutations begin with is refused by no check."""
+    assert not UNHARMED[number]().failing
+
+
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_a_broken_promise_of_the_motion_is_caught_by_its_check_alone(name: str) -> None:
+    """The check fails, and no other does: without it the motion would pass."""
+    assert MUTATIONS[name]().failing == {name.replace("stop N", "stop 1")}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    """A plan as it was written."""
+    return write_plans(tmp_path_factory.mktemp("plans"), ("smooth",))["smooth"]
+
+
+@pytest.mark.parametrize("name", FOLDER_MUTATIONS)
+def test_what_contradicts_the_motion_is_caught_by_its_check_alone(
+    written: Folder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Whatever else a folder says is held against the motion, each thing by a check of its own."""
+    said: list[Any] = []
+    monkeypatch.setattr(checking, "print_result", lambda _, code, data: (said.append(data()), code)[1])
+    for number, change in enumerate(FOLDER_MUTATIONS[name]):
+        folder = written.copy()
+        change(folder)
+        folder.write(tmp_path / str(number))
+        checking.check_folders([tmp_path / str(number)])
+        assert {check["name"] for check in said[-1]["checks"] if not check["passed"]} == {name}, number
