@@ -117,12 +117,8 @@ class Certificate:
     @cached_property
     def _pair_proofs(self) -> PairProofs:
         arm = self.arm
-        apart = (
-            2.0 * arm.radius
-            + self.spare
-            + max(self.settings.touch, 2.0 * self._rounding)
-            + arm.room_for_errors(np.arange(arm.links))
-        )
+        touch = max(self.settings.touch, 2.0 * self._rounding)
+        apart = 2.0 * arm.radius + self.spare + touch + arm.room_for_errors(np.arange(arm.links))
         return compiled_proofs(arm.first_self_pair, apart) or InterpretedProofs(arm.first_self_pair, apart)
 
     @cached_property

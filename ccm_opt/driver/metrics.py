@@ -9,6 +9,7 @@ from ccm_opt.ground.polyline import path_length
 from ccm_opt.planners.following.deviation import Deviation, deviation
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
+from ccm_opt.verification.interpolation import interpolation_deviation
 
 
 def metrics(
@@ -41,6 +42,7 @@ def figures_of_motion(
         "duration_s": trajectory.duration,
         "peak_torque_Nm": float(np.max(np.abs(joints.torques), initial=0.0)),
         "joint_path_length_rad": path_length(trajectory.bend_angles),
+        "interpolation_deviation_m": interpolation_deviation(arm, trajectory),
         # The bend at the base turns the whole arm and curves nothing, so it does not count.
         "largest_curvature_per_m": float(np.max(np.abs(trajectory.bend_angles[:, 1:]), initial=0.0) / arm.link_length),
     }
