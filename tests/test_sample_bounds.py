@@ -74,7 +74,7 @@ def test_mean_torques_are_within_their_bound(seed: int, degree: int, links: int)
 
 
 def test_bounds_of_mean_torques_are_small_against_torques() -> None:
-    """A bound is worth something only if it is far below the limits: here, as in plans, below two percent of a torque."""
+    """A bound is worth something only if it is far below the limits: here, as in plans, below 2 % of torques."""
     rng = np.random.default_rng(5)
     arm = plain_arm(12, 0.05)
     drawn = random_spline(rng, 12, 3.0, 3)

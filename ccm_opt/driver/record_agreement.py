@@ -130,8 +130,8 @@ def _figures(
     known = {name: value for name, value in figures.items() if name in recorded}
     wrong = []
     for name, value in known.items():
-        gap = settings.report_resolution if name.endswith("clearance_m") else 0.0
-        if not _alike(recorded[name], value, gap, settings):
+        floor = settings.report_resolution if name.endswith("clearance_m") else settings.figure_floor
+        if not _alike(recorded[name], value, floor, settings):
             wrong.append(name)
     missing = [name for name in figures if name not in recorded]
     return _listed("figures against arrays", [*wrong, *(f"{name}, which is missing" for name in missing)], len(figures))
@@ -149,7 +149,9 @@ def _checks(
         worst, limit = recorded[check.name]
         # Least gaps are known to a resolution only.
         gap = settings.report_resolution if check.place is not None else 0.0
-        if not (_alike(worst, check.worst, gap, settings) and _alike(limit, check.limit, gap, settings)):
+        floor = max(gap, settings.figure_floor)
+        # Worst values may be nothing but rounding; limits follow from the problem, however small they are.
+        if not (_alike(worst, check.worst, floor, settings) and _alike(limit, check.limit, 0.0, settings)):
             wrong.append(check.name)
     return _listed("record against checks", wrong, len(known))
 
@@ -172,8 +174,8 @@ def _listed(name: str, wrong: Sequence[str], count: int) -> Check:
     return Check(name, float(len(wrong)), 0.0, "that differ", where, passed=not wrong)
 
 
-def _alike(recorded: float | None, value: float, gap: float, settings: VerificationSettings) -> bool:
+def _alike(recorded: float | None, value: float, floor: float, settings: VerificationSettings) -> bool:
     if recorded is None or not np.isfinite(value):
         return recorded is None and not np.isfinite(value)
     size = max(abs(recorded), abs(value))
-    return abs(recorded - value) <= max(settings.figure_share * size, settings.figure_floor, gap)
+    return abs(recorded - value) <= max(settings.figure_share * size, floor)
