@@ -19,14 +19,6 @@ def _(folder: Folder, rng: Generator) -> bool:
     return True
 
 
-@kind("a figure of merit missing")
-def _(folder: Folder, rng: Generator) -> bool:
-    # The leader that a fed arm followed is not in the folder, so that nobody can say what is missing of it.
-    names = sorted(name for name in folder.record["metrics"] if not name.startswith("leader"))
-    del folder.record["metrics"][names[int(rng.integers(len(names)))]]
-    return True
-
-
 @kind("a recorded check made better")
 def _(folder: Folder, rng: Generator) -> bool:
     checks = [check for check in folder.record["checks"] if check["worst"] is not None and abs(check["worst"]) > 1e-3]
