@@ -8,8 +8,8 @@ The names below are loaded when they are first used, so that importing the packa
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
+TYPE_CHECKING = False  # typing itself takes longer to load than all that is needed here
 if TYPE_CHECKING:
     from ccm_opt import errors
     from ccm_opt.driver.built_in import BuiltInPlanner, BuiltInRetimer, Planner, Retimer

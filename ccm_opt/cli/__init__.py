@@ -1,10 +1,10 @@
-"""The command line: ``main`` is the entry point, ``commands`` has every command and option."""
+"""The command line: ``main`` is the entry point, ``commands`` has every command and option.
 
-import gc
+Nothing but what Python has loaded already is imported before ``main`` can answer Ctrl-C.
+"""
+
 import os
 import sys
-
-from ccm_opt.cli.cancelling import report_cancelled
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Read by the linear algebra libraries when they are loaded: small matrices run faster on one thread."""
@@ -15,12 +15,32 @@ OBJECTS_BETWEEN_COLLECTIONS = 20_000
 
 def main() -> None:
     """Entry point of ``ccm-opt``; Ctrl-C ends it with exit code 130 also while modules are loaded."""
+    try:
+        _run()
+    except KeyboardInterrupt:
+        from ccm_opt.cli.cancelling import leave_cancelled, report_cancelled  # noqa: PLC0415 - see above
+
+        report_cancelled()
+        leave_cancelled()
+    except SystemExit as end:
+        from ccm_opt.cli.cancelling import CANCELLED, ignore_interrupts, leave_cancelled  # noqa: PLC0415 - see above
+
+        if end.code == CANCELLED:
+            leave_cancelled()
+        # All is done, and only Python's own end is left, in which Ctrl-C would be met by nobody.
+        ignore_interrupts()
+        sys.exit(end.code)
+
+
+def _run() -> None:
+    import gc  # noqa: PLC0415 - see above
+
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, "1")
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
-    try:
-        from ccm_opt.cli.commands import app  # noqa: PLC0415 - Ctrl-C while loading is handled here
+    from ccm_opt.cli.cancelling import interrupts_insist  # noqa: PLC0415 - see above
 
-        app()
-    except KeyboardInterrupt:
-        sys.exit(report_cancelled())
+    interrupts_insist()
+    from ccm_opt.cli.commands import app  # noqa: PLC0415 - Ctrl-C while loading is handled above
+
+    app()

@@ -23,18 +23,27 @@ IPOPT runs in CasADi                 ``ground/ipopt_call.py``         it is kept
 ===================================  ===============================  =================================================
 
 Where a folder of an earlier result stands, it stays, and what is no whole result is written beside it.
+
+An interrupt may be lost: C code that calls Python, CasADi's wrappers among it, drops whatever is raised there. So the
+interrupt that is raised can be told from others, and is looked for until somebody has met it; where it is gone and
+nobody has, it is raised again.
 """
 
+import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
+from typing import NoReturn
 
 CANCELLED = 130
 """Exit code after Ctrl-C: 128 and the number of the signal, as shells count."""
+LOOK_AGAIN = 0.25
+"""Time between two looks whether an interrupt was lost [s]; a share of the second within which a command is to end."""
 
 
 @dataclass
@@ -43,12 +52,53 @@ class _Notes:
 
     Attributes:
         noted: whether it was pressed where it is only noted.
+        met: whether whoever is to answer it has.
+        raised: the interrupt as it was raised last, or None once nobody holds it any more.
     """
 
     noted: bool = False
+    met: bool = True
+    raised: Callable[[], "Interrupted | None"] = lambda: None
 
 
 _NOTES = _Notes()
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C, told from other interrupts, so that it is seen when one is lost."""
+
+
+def interrupts_insist() -> None:
+    """From here on a Ctrl-C that is lost on its way is raised again, until ``interrupt_met``."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, _interrupt)
+
+
+def interrupt_met() -> None:
+    """Whoever is to answer Ctrl-C has it."""
+    _NOTES.met = True
+
+
+def _interrupt(_signal: int, _frame: FrameType | None) -> None:
+    _NOTES.met = False
+    if hasattr(signal, "setitimer"):  # not on every system
+        signal.signal(signal.SIGALRM, _look)
+        signal.setitimer(signal.ITIMER_REAL, LOOK_AGAIN, LOOK_AGAIN)
+    # It has no name here: the frame would keep it, and be kept by it.
+    raise _watched(Interrupted())
+
+
+def _watched(interrupt: Interrupted) -> Interrupted:
+    _NOTES.raised = weakref.ref(interrupt)
+    return interrupt
+
+
+def _look(number: int, frame: FrameType | None) -> None:
+    """Raise the interrupt again where nobody has met it and nobody holds it."""
+    if _NOTES.met:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    elif _NOTES.raised() is None:
+        _interrupt(number, frame)
 
 
 def last_steps_uninterrupted() -> None:
@@ -81,7 +131,26 @@ def cancelled_meanwhile() -> bool:
 
 def _note(_signal: int, _frame: FrameType | None) -> None:
     _NOTES.noted = True
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGINT, _interrupt)
+
+
+def ignore_interrupts() -> None:
+    """From here on Ctrl-C does nothing."""
+    interrupt_met()
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def leave_cancelled() -> NoReturn:
+    """End the process at once with exit code 130.
+
+    At Python's own end, a Ctrl-C that struck while some text was run as code, as dataclasses do when modules are
+    loaded, would count as unhandled however it was handled, and the process would end by the signal itself.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
+            stream.flush()
+    os._exit(CANCELLED)
 
 
 def report_cancelled() -> int:
@@ -90,5 +159,7 @@ def report_cancelled() -> int:
     Returns:
         The exit code.
     """
-    sys.stderr.write("error: cancelled\n")
+    interrupt_met()
+    with suppress(OSError, ValueError, AttributeError):  # nobody reads it
+        sys.stderr.write("error: cancelled\n")
     return CANCELLED

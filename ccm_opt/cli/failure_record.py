@@ -37,7 +37,8 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock, *, picture
     def record(status: str, diagnosis: Diagnosis) -> None:
         # The record first: it must be there whatever becomes of the page.
         folder = write_failure(problem, status, diagnosis, out, clock.timings)
-        if pictures:
+        # Who has pressed Ctrl-C is not to wait for a page.
+        if pictures and status != "cancelled":
             page = failure_html(problem, status, diagnosis, clock.timings)
             folder = write_failure(problem, status, diagnosis, out, clock.timings, {"report.html": page.encode()})
         tell_where(folder, out / problem.name, "why there is no new one is recorded")

@@ -25,7 +25,7 @@ from typing import TextIO, TypeVar
 from rich.console import Console
 from rich.markup import escape
 
-from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupts_as_usual
+from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupt_met, interrupts_as_usual
 from ccm_opt.cli.output import output
 from ccm_opt.cli.sentences import folded
 from ccm_opt.errors import NoPlanFound, ProblemError, ProblemFileError, VerificationError
@@ -160,6 +160,7 @@ def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
         complain(f"{name}: {error}")
         return NO_PLAN
     except KeyboardInterrupt:
+        interrupt_met()
         output().note({"status": "cancelled"})
         complain("cancelled")
         return CANCELLED

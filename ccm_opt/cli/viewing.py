@@ -5,6 +5,7 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ccm_opt.cli.cancelling import interrupt_met
 from ccm_opt.cli.outcome import SOLVED, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import stage_display
@@ -40,6 +41,7 @@ def _view(item: Path, port: int, *, browser: bool) -> int:
         app.run()
     except KeyboardInterrupt:
         # The only way to end it, and so no failure.
+        interrupt_met()
         return SOLVED
     return SOLVED
 

@@ -1,0 +1,71 @@
+"""Ctrl-C at any moment: exit code 130, one line, no traceback; an interrupt that is lost comes again."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from .conftest import PROBLEMS
+
+SWALLOWED = """
+import os, signal, sys, time
+from ccm_opt.cli.cancelling import interrupt_met, interrupts_insist, leave_cancelled, report_cancelled
+
+interrupts_insist()
+try:
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:
+        pass  # as C code does that drops what was raised
+    {meanwhile}
+    time.sleep(60)
+except KeyboardInterrupt:
+    report_cancelled()
+    leave_cancelled()
+"""
+HANDLED = "interrupt_met(); time.sleep(1); sys.exit(7)"
+"""What answers an interrupt, and goes on for longer than it takes to look again."""
+
+
+def ended(command: list[str], cwd: Path, after: float | None = None) -> tuple[int, str]:
+    """Exit code and messages of a process, interrupted after a time [s] where one is given."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=cwd)
+    assert process.stderr is not None
+    said = ""
+    if after is not None:
+        said = process.stderr.readline()  # from here on it is our own code that runs
+        time.sleep(after)
+        process.send_signal(signal.SIGINT)
+    said += process.communicate(timeout=120)[1]
+    return process.returncode, said
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs a timer that sends signals")
+def test_an_interrupt_that_is_lost_comes_again(tmp_path: Path) -> None:
+    """Code that drops what Ctrl-C raises does not keep the command running; one that answers it is left alone."""
+    code, said = ended([sys.executable, "-c", SWALLOWED.format(meanwhile="pass")], tmp_path)
+    assert (code, said) == (130, "error: cancelled\n")
+    code, said = ended([sys.executable, "-c", SWALLOWED.format(meanwhile=HANDLED)], tmp_path)
+    assert (code, said) == (7, "")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.75])
+def test_a_solve_that_is_interrupted_says_so_and_leaves_an_earlier_plan(tmp_path: Path, share: float) -> None:
+    """At any moment: 130 or, when it was just done, success; one line, no traceback; an earlier plan is as it was."""
+    folder = tmp_path / "runs" / "swan-neck"
+    folder.mkdir(parents=True)
+    (folder / "solution.json").write_text("{}")
+    (folder / "solution.npz").write_bytes(b"earlier")
+    command = [sys.executable, "-m", "ccm_opt", "solve", str(PROBLEMS / "swan-neck.toml"), "--no-pictures"]
+    code, said = ended(command, tmp_path, 2.0 * random.uniform(share, share + 0.25))  # noqa: S311
+    assert "Traceback" not in said
+    assert code in {0, 130}
+    if code == 130:
+        assert "error: cancelled" in said
+        assert (folder / "solution.npz").read_bytes() == b"earlier"
+    assert not [name for name in os.listdir(tmp_path / "runs") if name.startswith(".")]  # noqa: PTH208
