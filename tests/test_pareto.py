@@ -1,6 +1,7 @@
 """The trade-off between time and room: which plans are made, which are dominated, which is recommended and written."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from io import BytesIO
@@ -156,6 +157,20 @@ def test_every_plan_can_be_checked_from_its_files(forked: tuple[Path, str]) -> N
         np.testing.assert_array_equal(arrays["bend_angles"], chosen)
     solution = json.loads((folder / "solution.json").read_text())
     assert solution["room"]["price"] == pytest.approx(record["plans"][record["recommended"] - 1]["price"])
+
+
+@pytest.mark.slow
+def test_every_plan_has_a_page_that_leads_to_the_others(forked: tuple[Path, str]) -> None:
+    """From every page each other plan is one link away, and files that a page names are beside it."""
+    folder, _ = forked
+    recommended = json.loads((folder / "pareto.json").read_text())["recommended"]
+    inner = [folder / "pareto" / str(number) / "report.html" for number in range(1, 6)]
+    for page in (folder / "report.html", *inner):
+        links = re.findall(r'href="([^"#:]+)"', page.read_text())
+        assert all((page.parent / link).exists() for link in links)
+        reached = {(page.parent / link).resolve() for link in links if link.endswith("report.html")}
+        own = inner[recommended - 1] if page.parent == folder else page
+        assert reached == {other.resolve() for other in inner if other != own}
 
 
 @pytest.mark.slow

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 from ccm_opt.cli.choices import FigureKind, FigureName
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.errors import ProblemError
+from ccm_opt.files.export.pareto_folder import folder_of
 from ccm_opt.files.saved_plans import drawn, load
 from ccm_opt.ground.whole_file import put_file
-from ccm_opt.solution import Solution
+from ccm_opt.solution import ParetoPlans, Solution
 
 if TYPE_CHECKING:
     from ccm_opt.files.plotting.drawn_plan import DrawnPlan
+    from ccm_opt.files.report.plans_section import PlanPages
 
 STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
 """What is drawn where nothing is asked for."""
@@ -35,8 +37,16 @@ class DrawOptions:
     out: Path | None = None
 
 
-def plan_pictures(solution: Solution, kind: FigureKind = "png") -> Mapping[str, bytes]:
-    """The pictures of a plan that was just made, by file name; ``kind`` is the format of still ones."""
+def plan_pictures(
+    solution: Solution, kind: FigureKind = "png", plans: "PlanPages | None" = None
+) -> Mapping[str, bytes]:
+    """The pictures of a plan that was just made, by file name.
+
+    Args:
+        solution: the plan.
+        kind: format of still pictures.
+        plans: of which it is one, where there are several.
+    """
     from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
     from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
@@ -46,8 +56,32 @@ def plan_pictures(solution: Solution, kind: FigureKind = "png") -> Mapping[str, 
     return {
         f"plan.{kind}": plan_picture(plan, kind),
         "motion.gif": motion_gif(plan),
-        "report.html": report_html(solution, picture=f"plan.{kind}").encode(),
+        "report.html": report_html(solution, pictures=(f"plan.{kind}", "motion.gif"), plans=plans).encode(),
     }
+
+
+def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str, bytes]:
+    """The pictures of several plans: all of the recommended one, a picture and a page of each, and the trade-off."""
+    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.pareto_picture import pareto_png  # noqa: PLC0415
+    from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
+    from ccm_opt.files.report.page import report_html  # noqa: PLC0415
+    from ccm_opt.files.report.plans_section import PlanPages  # noqa: PLC0415
+
+    page = "report.html"
+    numbers = range(1, len(found.plans) + 1)
+    from_above = (f"{folder_of(number)}/{page}" if number != found.recommended else "" for number in numbers)
+    pictures = dict(plan_pictures(found.best, kind, PlanPages(found, tuple(from_above))))
+    pictures["pareto.png"] = pareto_png(found)
+    for number, plan in zip(numbers, found.plans, strict=True):
+        if plan.solution is None:
+            continue
+        still = f"plan.{kind}"
+        beside = tuple(f"../{other}/{page}" if other != number else "" for other in numbers)
+        report = report_html(plan.solution, pictures=(still,), plans=PlanPages(found, beside))
+        pictures[f"{folder_of(number)}/{still}"] = plan_picture(DrawnPlan.from_solution(plan.solution), kind)
+        pictures[f"{folder_of(number)}/{page}"] = report.encode()
+    return pictures
 
 
 def draw_folders(folders: Sequence[Path], options: DrawOptions) -> int:

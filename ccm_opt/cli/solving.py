@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.choices import FigureKind
-from ccm_opt.cli.drawing import plan_pictures
+from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
 from ccm_opt.cli.failure_record import failures_recorded, kept_without_pictures
 from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
@@ -18,7 +18,6 @@ from ccm_opt.cli.term_references import NO_TERMS, TermReferences
 from ccm_opt.files.export.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.files.export.pareto_folder import pareto_files
 from ccm_opt.problem import Problem
-from ccm_opt.solution import ParetoPlans
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def _solve_several(problem: Problem, options: SolveOptions) -> int:
         clock.begin("writing")
         files = pareto_files(found)
         with kept_without_pictures(target, files):
-            drawn = _pareto_pictures(found, options.figure_format) if options.pictures else {}
+            drawn = pareto_pictures(found, options.figure_format) if options.pictures else {}
         last_steps_uninterrupted()
         write_folder(target, {**files, **drawn})
         clock.finish()
@@ -122,9 +121,3 @@ def _data(files: Mapping[str, bytes], target: Path) -> dict[str, object]:
     if PARETO_RECORD in files:
         record["pareto"] = json.loads(files[PARETO_RECORD])
     return {"folder": str(target), **record}
-
-
-def _pareto_pictures(found: ParetoPlans, kind: FigureKind) -> Mapping[str, bytes]:
-    from ccm_opt.files.plotting.pareto_picture import pareto_png  # noqa: PLC0415 - loads matplotlib
-
-    return {**plan_pictures(found.best, kind), "pareto.png": pareto_png(found)}

@@ -16,6 +16,7 @@ from ccm_opt.diagnosis.reach import least_chord, supple_enough
 from ccm_opt.errors import Finding
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_units import METRES, LengthUnit
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.problem import Problem, TipGoal
 
@@ -58,7 +59,7 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray, settings: Move
         +1,
         lambda _: 0.0,
         lambda p, by: replace(p, goal=TipGoal(moved(by), goal.heading)),
-        lambda _, by: f"goal.position moved by {_words(by)}, to ({moved(by)[0]:.4f}, {moved(by)[1]:.4f})",
+        lambda p, by: f"goal.position moved by {_words(by)}, to {_in_file(moved(by), p.length_unit)}",
         lambda _: 1e3,
         whole=problem.arm.length,
         # The edge of the tolerance may be there already.
@@ -71,6 +72,13 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray, settings: Move
 def _words(distance: float) -> str:
     """A distance [m] with all the figures that it is rounded to."""
     return f"{1e3 * distance:.4g} mm" if distance < 1.0 else f"{distance:.4g} m"
+
+
+def _in_file(place: FloatArray, unit: LengthUnit) -> str:
+    """A place (2,) [m] as it is written in the problem's file, to a tenth of a millimetre."""
+    decimals = {"m": 4, "mm": 1, "in": 3}[unit]
+    x, y = (float(coordinate) / METRES[unit] for coordinate in place)
+    return f"({x:.{decimals}f}, {y:.{decimals}f})"
 
 
 def _heading(goal: TipGoal, turn: float, settings: MovedGoalSettings) -> Parameter:

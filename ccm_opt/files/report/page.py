@@ -1,5 +1,7 @@
 """The page ``report.html`` of a plan: its scene, motion, charts, checks and problem in one file."""
 
+from collections.abc import Sequence
+
 from ccm_opt.files.report.checks_section import checks_section
 from ccm_opt.files.report.document import COMMON, html_document
 from ccm_opt.files.report.gap_data import gap_data
@@ -9,6 +11,7 @@ from ccm_opt.files.report.markup import element, joined
 from ccm_opt.files.report.motion_sections import joints_section, simulation_section, timing_section
 from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.files.report.phase_data import phase_data
+from ccm_opt.files.report.plans_section import PlanPages, plans_section
 from ccm_opt.files.report.problem_section import files_section, making_section, problem_section
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.room_section import nearest_mark, room_section
@@ -33,13 +36,20 @@ SCRIPTS = (
 """Scripts of the page of a plan, in the order in which they are needed."""
 
 
-def report_html(solution: Solution, settings: ReportSettings = REPORT, *, picture: str = "plan.png") -> str:
+def report_html(
+    solution: Solution,
+    settings: ReportSettings = REPORT,
+    *,
+    pictures: Sequence[str] = ("plan.png", "motion.gif"),
+    plans: PlanPages | None = None,
+) -> str:
     """The report of a plan.
 
     Args:
         solution: the plan.
         settings: how large, how exact.
-        picture: name of the file beside the page that shows the motion.
+        pictures: names of the files beside the page that show the motion, the still one first.
+        plans: of which this is one, where a problem has several.
 
     Returns:
         A whole HTML page that loads nothing.
@@ -49,6 +59,7 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT, *, pictur
     data = plan_data(solution, units, settings)
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
     facts = (
+        plans_section(plans, units),
         room_section(solution.room),
         timing_section(),
         joints_section(keys),
@@ -58,7 +69,7 @@ def report_html(solution: Solution, settings: ReportSettings = REPORT, *, pictur
         tolerance_section(solution.tolerance, units),
         problem_section(problem, units),
         making_section(solution),
-        files_section(problem.name, picture),
+        files_section(problem.name, pictures),
     )
     stage = stage_section(f"The arm of {problem.name} in its room", moves=True)
     header = page_header(problem, [plan_badges(solution)], plan_figures(solution, units), units)

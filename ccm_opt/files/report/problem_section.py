@@ -1,6 +1,6 @@
 """What the page says of the problem, of how the plan was made, and of the files beside it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -17,7 +17,6 @@ _FILES = {
     "trajectory.yaml": "the motion for ROS 2",
     "arm.urdf": "the arm for RViz and others",
     "arm.mjcf.xml": "the arm for MuJoCo",
-    "motion.gif": "the motion as a film",
 }
 """Files beside the page, which links lead to."""
 
@@ -165,14 +164,17 @@ def timings_table(timings: Mapping[str, float]) -> Markup | None:
     return joined((element("h3", "CPU time"), table((), rows, numbers=(1,))))
 
 
-def files_section(name: str, picture: str) -> Markup:
+def files_section(name: str, pictures: Sequence[str]) -> Markup:
     """Links to the files beside the page, and the commands that go on from here.
 
     Args:
         name: of the output folder.
-        picture: name of the file of the motion's picture.
+        pictures: names of the files that show the motion.
     """
-    files = {**_FILES, picture: "the motion in one picture"}
+    shown = {
+        file: "the motion as a film" if file.endswith(".gif") else "the motion in one picture" for file in pictures
+    }
+    files = {**_FILES, **shown}
     links = (element("li", element("a", file, href=file), f": {words}") for file, words in files.items())
     commands = "\n".join(f"ccm-opt {verb} {name}" for verb in ("check", "simulate", "tolerance"))
     return element(
