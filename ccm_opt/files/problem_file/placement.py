@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import shapely
 
 from ccm_opt.files.problem_file.issues import Issues
@@ -16,7 +17,8 @@ def depth_inside(obstacle: Obstacle, point: Sequence[float]) -> float:
     place = shapely.Point(point)
     inside_core = isinstance(obstacle.core, shapely.Polygon) and shapely.contains_properly(obstacle.core, place)
     edge = obstacle.core.boundary if isinstance(obstacle.core, shapely.Polygon) else obstacle.core
-    distance = float(shapely.distance(edge, place))
+    with np.errstate(divide="ignore"):  # of coordinates like 1e-320, whose distances are right all the same
+        distance = float(shapely.distance(edge, place))
     return obstacle.rounding + (distance if inside_core else -distance)
 
 

@@ -5,12 +5,15 @@ Rules between keys are in ``rules``, checks between tables in ``agreement``, che
 
 import math
 import re
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
+import numpy as np
 import shapely
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from ccm_opt.files.problem_file.typed_quantities import (
+    LARGEST,
     BendLimitDegrees,
     Box,
     Curvature,
@@ -44,14 +47,32 @@ from ccm_opt.problem import (
     Weights,
 )
 
+CLOSEST_KNOTS = 1e-6
+"""Of a segment, as a share of it; a spline through closer ones swings wildly."""
 MAX_LINKS = 400
 """Far more than any arm that has been planned for; planning for more would take hours."""
 
 
 class Table(BaseModel):
-    """A table: unknown keys, guessed types and non-finite numbers are errors."""
+    """A table: unknown keys, guessed types, and numbers that are not finite or beyond all measure are errors."""
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
+
+    @field_validator("*")
+    @classmethod
+    def _of_some_measure(cls, value: Any) -> Any:
+        if any(abs(number) > LARGEST for number in _floats(value)):
+            raise ValueError(f"expected at most {LARGEST:g} in size")
+        return value
+
+
+def _floats(value: object) -> Iterator[float]:
+    """All floats of a value and of the lists in it."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            yield from _floats(part)
 
 
 class CircleTable(Table):
@@ -190,8 +211,8 @@ class SegmentTable(Table):
     @field_validator("knots")
     @classmethod
     def _increasing(cls, knots: list[float]) -> list[float]:
-        if not 0.0 < knots[0] < knots[1] < knots[2] < 1.0:
-            raise ValueError("expected three increasing numbers between 0 and 1")
+        if np.min(np.diff([0.0, *knots, 1.0])) < CLOSEST_KNOTS:
+            raise ValueError(f"expected three increasing numbers between 0 and 1, {CLOSEST_KNOTS:g} apart")
         return knots
 
 

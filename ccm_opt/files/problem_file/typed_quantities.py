@@ -17,6 +17,10 @@ from ccm_opt.files.problem_file.issues import described
 MAX_LENGTH = 1e9
 """Largest coordinate [m]; beyond it double precision no longer resolves a micrometre."""
 
+LARGEST = 1e12
+"""Largest number of any kind; no length, angle or limit of an arm comes near it, and squares of far larger ones are
+infinite."""
+
 
 def _scale(info: ValidationInfo) -> float:
     return float((info.context or {}).get("scale", 1.0))
@@ -45,6 +49,8 @@ def _ordered_box(corners: list[float]) -> list[float]:
 
 def _simple_ring(points: list[list[float]]) -> list[list[float]]:
     """Refuse an outline that crosses itself or has no area, and say near which vertex."""
+    if max(abs(value) for point in points for value in point) > LARGEST:
+        raise ValueError(f"expected coordinates of at most {LARGEST:g}")
     polygon = shapely.Polygon(points)
     if polygon.is_valid and polygon.area > 0.0:
         return points

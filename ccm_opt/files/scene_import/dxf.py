@@ -102,6 +102,15 @@ def read_dxf(content: bytes, distance: float, settings: ImportSettings) -> Drawi
             more than the bounds allow.
     """
     drawing = _parsed(content, settings)
+    try:
+        return _read(drawing, distance, settings)
+    except ProblemError:
+        raise
+    except Exception as error:  # the parser lets entities pass that it cannot make sense of later
+        raise ProblemError(f"the DXF file is damaged: {error} Save it again from a CAD program.") from error
+
+
+def _read(drawing: "Drawing", distance: float, settings: ImportSettings) -> DrawingContent:
     found = _Findings()
     for item in _entities(drawing, found, settings):
         try:

@@ -81,7 +81,7 @@ def _name(feature: Mapping[str, object], place: int) -> str:
 
 def _geometry(data: object, name: str, settings: ImportSettings) -> shapely.Geometry:
     kind = data.get("type") if isinstance(data, Mapping) else None
-    if not isinstance(data, Mapping) or kind not in GEOMETRIES:
+    if not isinstance(data, Mapping) or not isinstance(kind, str) or kind not in GEOMETRIES:
         raise ProblemError(f"'{name}': the type {kind!r} is no geometry of GeoJSON; expected Polygon or LineString")
     if _depth(data) > settings.deepest:
         raise ProblemError(f"'{name}': its collections are nested more than {settings.deepest} deep; take them apart")

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.scene_import.found_shapes import Disc, Line, Shape
+from ccm_opt.files.scene_import.found_shapes import Disc, Line, Region, Shape
 from ccm_opt.files.scene_import.import_settings import IMPORT, ImportSettings
 from ccm_opt.files.scene_import.rings import filled, polygons_of
 from ccm_opt.freespace.obstacle import Obstacle
@@ -81,6 +81,8 @@ def _wall(line: Line, growth: float, thickness: float) -> Obstacle:
 
 
 def _check_coordinates(shape: Shape, largest: float) -> None:
+    if isinstance(shape, Region) and not shape.rings:
+        raise ProblemError("it has no outline")
     worst = float(np.max(np.abs(_numbers(shape))))
     if not math.isfinite(worst):
         raise ProblemError("it has a coordinate that is not a finite number")

@@ -60,7 +60,10 @@ def numbers_in(text: str) -> list[float]:
     """
     if not _BETWEEN.fullmatch(NUMBER.sub(" ", text)):
         raise ProblemError("it has coordinates with something that is no number")
-    return [float(number) for number in NUMBER.findall(text)]
+    numbers = [float(number) for number in NUMBER.findall(text)]
+    if not all(map(math.isfinite, numbers)):
+        raise ProblemError("it has a number that is too large")
+    return numbers
 
 
 def length_of(text: str, view: View, across: bool | None) -> float:
@@ -78,6 +81,8 @@ def length_of(text: str, view: View, across: bool | None) -> float:
     if match is None:
         raise ProblemError(f"it has the length '{text[:40]}'; expected a number")
     value = float(match[1])
+    if not math.isfinite(value):
+        raise ProblemError("it has a length that is too large")
     unit = match[2].lower()
     if unit in _PIXELS:
         return value * _PIXELS[unit]

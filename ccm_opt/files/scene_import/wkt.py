@@ -73,7 +73,7 @@ def _depth(text: str) -> int:
 
 def _geometry(text: str) -> shapely.Geometry:
     try:
-        with np.errstate(invalid="ignore"):  # NaN is refused later, by name
+        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused later, by name
             return shapely.from_wkt(text)
     except (GEOSException, NotImplementedError, ValueError, TypeError) as error:
         shown = text if len(text) <= 60 else f"{text[:57]}..."

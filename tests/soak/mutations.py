@@ -1,0 +1,121 @@
+"""Files that nobody would write: valid ones with bytes, words and lines lost, doubled, swapped or made extreme."""
+
+import random
+import re
+from collections.abc import Callable
+
+Mutation = Callable[[bytes, random.Random], bytes]
+EXTREMES = (
+    b"0",
+    b"-0.0",
+    b"1e308",
+    b"-1e308",
+    b"1e-320",
+    b"nan",
+    b"inf",
+    b"-inf",
+    b"1e99999",
+    b"99999999999999999999",
+    b"true",
+    b'""',
+    b"[]",
+    b"[[]]",
+    b"{}",
+    b"\xff\xfe",
+    b"\x00",
+    "é∞𝛑".encode(),
+    b"{{data}}",
+    b"%s%n",
+)
+_NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
+_WORD = re.compile(rb"[A-Za-z_]\w*")
+
+
+def mutated(content: bytes, generator: random.Random) -> bytes:
+    """The content after one to four mutations."""
+    for _ in range(generator.randint(1, 4)):
+        content = generator.choice(MUTATIONS)(content, generator)
+    return content
+
+
+def other_number(content: bytes, generator: random.Random) -> bytes:
+    """A number becomes something extreme, or a thousand times as large or small."""
+    return _with_match(
+        content, _NUMBER, generator, lambda old: generator.choice((*EXTREMES, old + b"e3", old + b"e-3"))
+    )
+
+
+def other_word(content: bytes, generator: random.Random) -> bytes:
+    """A word becomes another word of the file."""
+    words = _WORD.findall(content) or [b"x"]
+    return _with_match(content, _WORD, generator, lambda _: generator.choice(words))
+
+
+def lost_bytes(content: bytes, generator: random.Random) -> bytes:
+    """A stretch is lost."""
+    first, last = _stretch(content, generator)
+    return content[:first] + content[last:]
+
+
+def doubled_bytes(content: bytes, generator: random.Random) -> bytes:
+    """A stretch is there several times."""
+    first, last = _stretch(content, generator)
+    return content[:last] + content[first:last] * generator.choice((1, 1, 2, 50)) + content[last:]
+
+
+def other_bytes(content: bytes, generator: random.Random) -> bytes:
+    """A few bytes are any others."""
+    changed = bytearray(content)
+    for _ in range(min(len(changed), generator.randint(1, 6))):
+        changed[generator.randrange(len(changed))] = generator.randrange(256)
+    return bytes(changed)
+
+
+def swapped_lines(content: bytes, generator: random.Random) -> bytes:
+    """Two lines change places."""
+    lines = content.split(b"\n")
+    i, j = generator.randrange(len(lines)), generator.randrange(len(lines))
+    lines[i], lines[j] = lines[j], lines[i]
+    return b"\n".join(lines)
+
+
+def cut_short(content: bytes, generator: random.Random) -> bytes:
+    """The end is missing."""
+    return content[: generator.randrange(len(content) + 1)]
+
+
+def nested(content: bytes, generator: random.Random) -> bytes:
+    """Brackets of one kind, very deep, somewhere."""
+    opening = generator.choice((b"[", b"{", b"(", b"<g>", b"POLYGON((", b'{"a":'))
+    place = generator.randrange(len(content) + 1)
+    return content[:place] + opening * generator.choice((10, 1000, 20_000)) + content[place:]
+
+
+MUTATIONS: tuple[Mutation, ...] = (
+    other_number,
+    other_number,
+    other_number,
+    other_word,
+    other_word,
+    lost_bytes,
+    doubled_bytes,
+    other_bytes,
+    swapped_lines,
+    cut_short,
+    nested,
+)
+
+
+def _with_match(
+    content: bytes, pattern: re.Pattern[bytes], generator: random.Random, replacement: Callable[[bytes], bytes]
+) -> bytes:
+    matches = list(pattern.finditer(content))
+    if not matches:
+        return content
+    match = generator.choice(matches)
+    return content[: match.start()] + replacement(match.group()) + content[match.end() :]
+
+
+def _stretch(content: bytes, generator: random.Random) -> tuple[int, int]:
+    first = generator.randrange(len(content) + 1)
+    return first, min(len(content), first + generator.choice((1, 3, 10, 100, 1000)))
