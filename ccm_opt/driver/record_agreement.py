@@ -70,7 +70,7 @@ def checks_of_record(
         wanted = [CurvePose(curve) for curve in keyframe_curves(problem.arm, record.keyframes)]
         found.append(check_nearest_curves(record.curves, wanted, settings))
     else:
-        found.append(check_followed_curves(problem, record.curves, record.keyframes, settings))
+        found.append(check_followed_curves(problem.arm, record.curves, record.keyframes, settings))
 
     figures = dict(figures_of_motion(problem, trajectory, joints, checks))
     figures["keyframes"] = float(len(record.keyframes))

@@ -38,7 +38,8 @@ def left_unchecked(
 
 
 def _of_mount(arm: Arm) -> str:
-    whole = int((exposed_starts(arm) == 1.0).sum())
+    # Of a link that the mount covers but for rounding no more than its end is held against walls.
+    whole = int((exposed_starts(arm) >= 1.0 - 1e-9).sum())
     if whole == arm.links:
         return "nothing was kept away from walls: the whole arm counts as its mount"
     return f"links 1 to {whole} were not kept away from walls: they belong to the mount" if whole else ""

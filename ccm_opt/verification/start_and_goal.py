@@ -59,7 +59,7 @@ def _start(problem: Problem, trajectory: JointTrajectory, settings: Verification
     on_base = _base_place("start ", start, trajectory, 0, tip_tolerance, settings)
     if isinstance(start, JointPose):
         return [_same_joints("start joints", bends, start.bends, settings.start_tolerance), *on_base]
-    return [*on_curve("start ", problem.arm, bends, start, tip_tolerance, settings), *on_base]
+    return [*_on_curve("start ", problem.arm, bends, start, tip_tolerance, settings), *on_base]
 
 
 def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
@@ -95,7 +95,7 @@ def _goal(arm: Arm, trajectory: JointTrajectory, wanted: _WantedGoal, settings: 
     on_base = _base_place(name, goal, trajectory, wanted.sample, tolerances.position, settings)
     if isinstance(goal, JointPose):
         return [_same_joints(f"{name}joints", bends, goal.bends, tolerances.heading), *on_base]
-    return [*on_curve(name, arm, bends, goal, tolerances.position, settings), *on_base]
+    return [*_on_curve(name, arm, bends, goal, tolerances.position, settings), *on_base]
 
 
 def _base_place(
@@ -144,7 +144,7 @@ def _same_joints(name: str, bends: FloatArray, wanted: FloatArray, tolerance: fl
     return Check(name, worst, tolerance, "rad", f"joint {j + 1}", passed=worst <= tolerance + _ROUNDING)
 
 
-def on_curve(
+def _on_curve(
     name: str, arm: Arm, bends: FloatArray, pose: CurvePose, tip_tolerance: float, settings: VerificationSettings
 ) -> list[Check]:
     """Check that an arm lies on its curve, whichever mapping laid it there.

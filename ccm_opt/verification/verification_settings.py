@@ -47,6 +47,8 @@ class VerificationSettings:
             twice the sixth of a uniform cubic B-spline; 0.23 was seen beside clamped ends.
         curve_match: difference of a reported curve from that of its keyframe, as a share of the greatest curvature,
             that is rounding. Derived: a least-squares fit of some twenty numbers keeps some ten digits.
+        followed_curve: difference of a link's heading from that of a curve that was planned first [rad]. Taste: the
+            paper's planner samples headings, and was seen to miss 0.02 in segments that it has nearly shrunk away.
         simulated_angle: difference between a written simulation and another run of it that is rounding [rad, m]. Taste:
             machines and back ends were seen to differ by 1e-13.
         simulated_torque: the same for torques, as a share of the greatest.
@@ -90,6 +92,7 @@ class VerificationSettings:
     half_turn_rounding: float = 1e-9
     keyframe_share: float = 1.0 / 3.0
     curve_match: float = 1e-6
+    followed_curve: float = 0.05
     simulated_angle: float = 1e-6
     simulated_torque: float = 1e-6
     figure_share: float = 1e-6
