@@ -50,14 +50,20 @@ class FileIssue:
         return f"{place}{self.key}: {self.message}" if self.key else f"{place}{self.message}"
 
 
+MOST_LISTED = 100
+"""Defects of one file that are listed."""
+
+
 class ProblemFileError(ProblemError):
-    """All defects of one problem file, reported together."""
+    """All defects of one problem file: the first hundred in the order of its lines, and the number of the rest."""
 
     def __init__(self, path: str, issues: Sequence[FileIssue]) -> None:
         self.path = path
-        self.issues = tuple(sorted(issues))
-        lines = "\n".join(f"  {issue}" for issue in self.issues)
-        super().__init__(f"{path} has {len(self.issues)} problem(s):\n{lines}")
+        self.issues = tuple(sorted(issues)[:MOST_LISTED])
+        lines = [f"  {issue}" for issue in self.issues]
+        if len(issues) > len(lines):
+            lines.append(f"  and {len(issues) - len(lines)} more")
+        super().__init__(f"{path} has {len(issues)} problem(s):\n" + "\n".join(lines))
 
 
 @dataclass(frozen=True)

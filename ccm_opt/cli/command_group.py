@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 from ccm_opt.cli.cancelling import report_cancelled
 from ccm_opt.cli.output import Output, printing
+from ccm_opt.cli.outside_files import outside_files
 
 
 class CommandGroup(TyperGroup):
@@ -30,6 +31,10 @@ _QUIET = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but e
 _VERBOSE = Annotated[bool, typer.Option("--verbose", "-v", help="Tell every stage, and every check.")]
 _PRINTING = {"as_json": _AS_JSON, "quiet": _QUIET, "verbose": _VERBOSE}
 """Options of every command, which say how it prints."""
+_ALLOW_OUTSIDE = Annotated[
+    bool, typer.Option("--allow-outside", help="Read drawings that lie outside the folder of the problem file.")
+]
+"""Option of the commands that read problem files."""
 
 
 def command(
@@ -48,8 +53,8 @@ def command(
 
     def decorated(function: Callable[..., int]) -> Callable[..., int]:
         @wraps(function)
-        def run(*, as_json: bool, quiet: bool, verbose: bool, **options: Any) -> None:
-            with printing(Output(name, as_json, quiet, verbose)) as out:
+        def run(*, as_json: bool, quiet: bool, verbose: bool, allow_outside: bool = False, **options: Any) -> None:
+            with printing(Output(name, as_json, quiet, verbose)) as out, outside_files(allowed=allow_outside):
                 if verbose:
                     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
                 code = function(**options)
@@ -58,9 +63,11 @@ def command(
             raise typer.Exit(code)
 
         own = list(inspect.signature(function, eval_str=True).parameters.values())
+        reads_problems = any(each.name == "changes" for each in own)
+        options_of_all = _PRINTING | ({"allow_outside": _ALLOW_OUTSIDE} if reads_problems else {})
         shared = [
             inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
-            for key, kind in _PRINTING.items()
+            for key, kind in options_of_all.items()
         ]
         # Typer reads both to learn of the options.
         run.__signature__ = inspect.Signature([*own, *shared])  # type: ignore[attr-defined]

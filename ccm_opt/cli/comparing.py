@@ -77,7 +77,7 @@ def compare_methods(options: CompareOptions) -> int:
 
 def _compare(options: CompareOptions) -> int:
     if str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))  # planners beside the user, as with python -m
+        sys.path.append(str(Path.cwd()))  # planners beside the user, as with python -m
     cases = chosen_cases(options)
     methods = check_methods((*(options.methods or DEFAULT), *options.planners))
     workers: Workers = DaskWorkers(options.dask) if options.dask else LocalWorkers(options.workers)

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from ccm_opt.cli.drawing_notes import tell_of_drawing
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
+from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.files.problem_file.problem_data import problem_data
@@ -30,7 +31,7 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
     Returns:
         The exit code.
     """
-    return run_all(files, lambda file: _describe(load_problem(file, changes=changes)))
+    return run_all(files, lambda file: _describe(load_problem(file, changes=changes, allow_outside=outside_allowed())))
 
 
 def _describe(problem: Problem) -> int:

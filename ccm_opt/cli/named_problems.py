@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ccm_opt.cli.drawing_notes import tell_of_drawing
+from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import Problem
@@ -28,7 +29,7 @@ class NamedProblems:
         Raises:
             ProblemError: the file is wrong, or names its problem as an earlier file does.
         """
-        problem = load_problem(file, changes=self.changes)
+        problem = load_problem(file, changes=self.changes, allow_outside=outside_allowed())
         first = self.taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")

@@ -59,10 +59,11 @@ def _module(reference: str, place: str) -> ModuleType:
 
 
 def _from_path(name: str) -> ModuleType:
-    # The command line does not put the working directory on the path, as ``python -m`` would.
+    # The command line does not put the working directory on the path, as ``python -m`` would. It comes last, so that a
+    # file there never stands in for a module of Python or of this package.
     here = str(Path.cwd())
     if here not in sys.path:
-        sys.path.insert(0, here)
+        sys.path.append(here)
     return import_module(name)
 
 

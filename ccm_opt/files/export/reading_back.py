@@ -62,6 +62,8 @@ FEED_SHAPES: Shapes = {
 """Further arrays of an arm with a feed axis."""
 ROOM_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
 """Further arrays where the room of the motion was measured."""
+MOST_BYTES_OF_ARRAYS = 2**29
+"""Arrays that take more are not unpacked: a minute of motion of the longest arm takes less."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +213,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         np.column_stack((bends_from_revolutes(joints.velocities), base[1])),
         np.column_stack((bends_from_revolutes(joints.accelerations), base[2])),
         arm.coordinates,
-        tuple(int(k) for k in numbers["stops"]),
+        _stops(numbers["stops"], len(numbers["time"]), path),
     )
     feeds = _columns(numbers, of_base, "keyframe_feeds", "keyframes")
     motion = SavedMotion(
@@ -225,6 +227,13 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     )
     _check_positions(motion, numbers["joint_positions"], arm, path)
     return motion
+
+
+def _stops(numbers: FloatArray, samples: int, path: Path) -> tuple[int, ...]:
+    """Stops as numbers of samples."""
+    if np.any((numbers < 0) | (numbers >= samples) | (numbers != np.floor(numbers))):
+        raise ProblemError(f"{path}: the array 'stops' holds something that is no number of one of {samples} samples")
+    return tuple(int(k) for k in numbers)
 
 
 def _columns(numbers: Mapping[str, FloatArray], names: Iterable[str], wanted: str, rows_of: str = "time") -> FloatArray:
@@ -263,10 +272,25 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
     try:
         if not zipfile.is_zipfile(path):
             raise ProblemError(f"{path}: not readable as arrays: it is not an .npz archive")
+        _check_members(path)
         with np.load(path, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
     except (OSError, ValueError, EOFError, KeyError, MemoryError, zipfile.BadZipFile, zlib.error) as error:
         raise ProblemError(f"{path}: not readable as arrays: {error}") from error
+
+
+def _check_members(path: Path) -> None:
+    """Refuse, unread, an archive with anything but the arrays of the format, or with more than a plan can hold."""
+    known = {f"{name}.npy" for name in (*SHAPES, *FEED_SHAPES, *ROOM_SHAPES)}
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+    names = [member.filename for member in members]
+    strange = next((name for name in names if name not in known or names.count(name) > 1), None)
+    if strange is not None:
+        raise ProblemError(f"{path}: holds '{strange[:60]}', which is none of the arrays of a plan, or is there twice")
+    size = sum(member.file_size for member in members)
+    if size > MOST_BYTES_OF_ARRAYS:
+        raise ProblemError(f"{path}: its arrays take {size} bytes unpacked, at most {MOST_BYTES_OF_ARRAYS} are read")
 
 
 def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, links: int, shapes: Shapes) -> None:

@@ -10,8 +10,8 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from ccm_opt.errors import FileIssue
-from ccm_opt.files.problem_file.keypath import KeyPath, dotted, lookup, without_key
+from ccm_opt.errors import MOST_LISTED, FileIssue
+from ccm_opt.files.problem_file.keypath import KeyPath, dotted, lookup, without_keys
 from ccm_opt.files.problem_file.lines import line_of_key
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -56,9 +56,7 @@ class Issues:
         if len(unknown) < len(details):
             return None
         # Only keys are wrong, the values are usable: the checks between tables can go on without those keys.
-        for key in unknown:
-            table = without_key(table, key)
-        return model.model_validate(table, context={"scale": scale})
+        return model.model_validate(without_keys(table, unknown), context={"scale": scale})
 
     def _note(
         self, details: Sequence[ErrorDetails], table: Mapping[str, object], path: KeyPath, model: type[BaseModel]
@@ -70,8 +68,10 @@ class Issues:
                 key = _real_path(detail["loc"], table)
                 name = str(key[-1])
                 known = _known_keys(model, key[:-1])
-                guess = closest(name, known)
-                self.add((*path, *key), unknown_key(name, guess, known))
+                # Likeness takes long, and of so many defects nobody reads all.
+                listed = len(self.found) < MOST_LISTED
+                guess = closest(name, known) if listed else None
+                self.add((*path, *key), unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'")
                 renamed.add((*key[:-1], guess or ""))
         for detail in details:
             key = _real_path(detail["loc"], table)

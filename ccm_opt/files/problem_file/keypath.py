@@ -1,6 +1,6 @@
 """Key paths: where a value stands in a problem file, ``("workspace", "obstacles", 2, "polygon")``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 KeyPath: TypeAlias = tuple[str | int, ...]
@@ -29,28 +29,34 @@ def lookup(data: object, path: KeyPath) -> object:
     return data
 
 
-def without_key(data: Mapping[str, object], path: KeyPath) -> dict[str, object]:
-    """A copy of ``data`` in which the key at the end of ``path`` is gone; the rest is shared."""
-    copy = dict(data)
-    head, *rest_of_path = path
-    rest = tuple(rest_of_path)
-    if not isinstance(head, str):
-        raise TypeError(f"a table has no element {head!r}; only keys of tables can be taken out")
-    if not rest:
-        copy.pop(head, None)
-    elif isinstance(child := copy.get(head), Mapping):
-        copy[head] = without_key(child, rest)
-    elif isinstance(child, list):
-        copy[head] = _without_key_of_entry(child, rest)
+def without_keys(data: Mapping[str, object], paths: Iterable[KeyPath]) -> dict[str, object]:
+    """A copy of ``data`` in which the keys at the ends of paths are gone; what has none of them is shared."""
+    gone: set[str | int] = set()
+    deeper: dict[str | int, list[KeyPath]] = {}
+    for head, *rest in paths:
+        if rest:
+            deeper.setdefault(head, []).append(tuple(rest))
+        else:
+            gone.add(head)
+    copy = {key: value for key, value in data.items() if key not in gone}
+    for head, rests in deeper.items():
+        child = copy.get(str(head))
+        if isinstance(child, Mapping):
+            copy[str(head)] = without_keys(child, rests)
+        elif isinstance(child, list):
+            copy[str(head)] = _without_keys_of_entries(child, rests)
     return copy
 
 
-def _without_key_of_entry(entries: list[object], path: KeyPath) -> list[object]:
-    """A copy of an array of tables in which the key at the end of ``path`` is gone; the rest is shared."""
-    index, *rest = path
+def _without_keys_of_entries(entries: list[object], paths: Iterable[KeyPath]) -> list[object]:
+    """A copy of an array of tables in which the keys at the ends of paths are gone; the rest is shared."""
+    by_entry: dict[int, list[KeyPath]] = {}
+    for index, *rest in paths:
+        if isinstance(index, int) and rest:
+            by_entry.setdefault(index, []).append(tuple(rest))
     copy = list(entries)
-    if isinstance(index, int) and rest:
+    for index, rests in by_entry.items():
         entry = copy[index]
         if isinstance(entry, Mapping):
-            copy[index] = without_key(entry, tuple(rest))
+            copy[index] = without_keys(entry, rests)
     return copy

@@ -11,6 +11,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from ccm_opt.errors import FileIssue, ProblemFileError
 from ccm_opt.files.problem_file.changed_keys import with_keys_set
+from ccm_opt.files.problem_file.input_bounds import BOUNDS, content_defect, size_defect, text_defect
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.lines import locate_keys
 from ccm_opt.files.problem_file.table_reading import check_data
@@ -21,12 +22,13 @@ STANDARD_INPUT = "-"
 """Stands for standard input in the place of a file."""
 
 
-def load_problem(path: str | Path, *, changes: Sequence[str] = ()) -> Problem:
+def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside: bool = False) -> Problem:
     """Read a problem from a TOML file.
 
     Args:
         path: the file, or ``-`` for standard input; paths in that begin in the working folder.
         changes: keys that are set to other values than the file's, each ``key.path=value``, see ``with_keys_set``.
+        allow_outside: whether ``workspace.file`` may lie outside the problem's folder.
 
     Returns:
         The problem, in SI units and radians.
@@ -40,23 +42,26 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = ()) -> Problem:
     expect_that(lambda: texts, changes, "a list of texts for changes=", 'write changes=["arm.radius=0.02"]')
     if str(path) == STANDARD_INPUT:
         path_name = "standard input"
-        text = _decoded(sys.stdin.buffer.read(), path_name)
+        text = _decoded(sys.stdin.buffer.read(BOUNDS.most_bytes + 1), path_name)
     else:
         path_name = str(path)
         text = _read_text(Path(path))
     if changes:
         _parse_toml(text, path_name)
         text = with_keys_set(text, changes)
-    return parse_problem(text, path_name, Path(path).parent)
+    return parse_problem(text, path_name, Path(path).parent, allow_outside=allow_outside)
 
 
-def parse_problem(text: str, path_name: str = "problem", folder: Path | None = None) -> Problem:
+def parse_problem(
+    text: str, path_name: str = "problem", folder: Path | None = None, *, allow_outside: bool = False
+) -> Problem:
     """Read a problem from TOML text.
 
     Args:
         text: the text of a problem file.
         path_name: what messages call it.
         folder: where the path of ``workspace.file`` begins; None refuses that key.
+        allow_outside: as for ``load_problem``.
 
     Returns:
         The problem, in SI units and radians.
@@ -66,7 +71,7 @@ def parse_problem(text: str, path_name: str = "problem", folder: Path | None = N
     """
     data = _parse_toml(text, path_name)
     issues = Issues()
-    problem = check_data(data, issues, text, folder)
+    problem = check_data(data, issues, text, folder, allow_outside=allow_outside)
     if problem is None:
         raise ProblemFileError(path_name, issues.located(locate_keys(text)))
     return problem
@@ -96,7 +101,9 @@ def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem")
 def _read_text(path: Path) -> str:
     """The text of a file, or one clear sentence why there is none."""
     try:
-        raw = path.read_bytes()
+        # No more than is allowed is read, so that a device without an end does not fill the memory.
+        with path.open("rb") as file:
+            raw = file.read(BOUNDS.most_bytes + 1)
     except FileNotFoundError:
         raise _refused(path, "there is no such file; check the path") from None
     except IsADirectoryError:
@@ -109,6 +116,8 @@ def _read_text(path: Path) -> str:
 
 def _decoded(raw: bytes, path: str) -> str:
     """The text of a file's bytes, or one clear sentence why there is none."""
+    if defect := size_defect(len(raw)):
+        raise _refused(path, defect)
     try:
         text = raw.decode("utf-8-sig")  # editors on Windows put a byte order mark in front
     except UnicodeDecodeError as error:
@@ -120,14 +129,19 @@ def _decoded(raw: bytes, path: str) -> str:
 
 
 def _parse_toml(text: str, path_name: str) -> dict[str, object]:
+    if defect := text_defect(text):
+        raise _refused(path_name, defect)
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _refused(path_name, f"not valid TOML: {error}", _error_line(str(error), text)) from None
     except RecursionError:
         raise _refused(path_name, "not usable TOML: brackets are nested too deeply") from None
     except ValueError as error:  # whole numbers of thousands of digits
         raise _refused(path_name, f"not usable TOML: {str(error).split(';')[0]}") from None
+    if defect := content_defect(data):
+        raise _refused(path_name, defect)
+    return data
 
 
 def _to_toml(data: Mapping[str, object], path_name: str) -> str:

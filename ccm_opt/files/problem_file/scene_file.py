@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def with_scene(
-    data: Mapping[str, object], folder: Path | None, issues: Issues
+    data: Mapping[str, object], folder: Path | None, issues: Issues, *, allow_outside: bool = False
 ) -> tuple[Mapping[str, object], ImportedDrawing | None]:
     """Replace ``workspace.file`` by the obstacles of that file, after those of the table.
 
@@ -31,6 +31,7 @@ def with_scene(
         data: the parsed problem file.
         folder: paths are relative to it; None when the problem was not read from a file.
         issues: receives what is wrong with the drawing, or with the keys that place it.
+        allow_outside: whether the drawing may lie outside that folder.
 
     Returns:
         The data without the keys of the drawing, the same data when there are none; and what became of the drawing,
@@ -47,7 +48,8 @@ def with_scene(
     drawing = None
     if scene is not None and isinstance(listed, list):
         metres = METRES.get(str(data.get("units", "m")), 1.0)
-        imported = _imported(scene, folder, metres, listed, issues)
+        place = _place_of(scene, folder, issues, allow_outside=allow_outside)
+        imported = None if place is None else _imported(scene, place, metres, listed, issues)
         if imported is not None:
             rest["obstacles"] = [*listed, *(obstacle_table(obstacle) for obstacle in imported.obstacles)]
             xmin, ymin, xmax, ymax = imported.drawing.box
@@ -56,12 +58,8 @@ def with_scene(
     return {**data, "workspace": rest}, drawing
 
 
-def _imported(
-    scene: SceneTable, folder: Path | None, metres: float, listed: list[object], issues: Issues
-) -> "ImportedScene | None":
-    """What the drawing gives; what is wrong is noted."""
-    from ccm_opt.files.scene_import import ImportOptions, import_scene  # noqa: PLC0415 - most problems need no drawing
-
+def _place_of(scene: SceneTable, folder: Path | None, issues: Issues, *, allow_outside: bool) -> Path | None:
+    """Where the drawing lies; None where there is none that may be read, which is noted."""
     if scene.file is None:
         issues.add(("workspace", next(iter(scene.model_fields_set))), "only allowed together with file")
         return None
@@ -71,12 +69,30 @@ def _imported(
     if os.path.isdir(folder / scene.file):  # noqa: PTH112 - pathlib's raises where the user may not look
         issues.add(("workspace", "file"), f"{scene.file!r} is a directory; expected a drawing, for example 'scene.svg'")
         return None
+    place = folder / scene.file
+    # A problem file from somebody else must not read what lies elsewhere, by a link neither.
+    if not allow_outside and not os.path.realpath(place).startswith(os.path.join(os.path.realpath(folder), "")):  # noqa: PTH118
+        issues.add(
+            ("workspace", "file"),
+            f"{scene.file!r} is outside the folder of the problem file; copy it there, or allow it by --allow-outside "
+            "(in Python allow_outside=True)",
+        )
+        return None
+    return place
+
+
+def _imported(
+    scene: SceneTable, place: Path, metres: float, listed: list[object], issues: Issues
+) -> "ImportedScene | None":
+    """What the drawing gives; what is wrong is noted."""
+    from ccm_opt.files.scene_import import ImportOptions, import_scene  # noqa: PLC0415 - most problems need no drawing
+
     tolerance = scene.curve_tolerance
     if tolerance is None:
         tolerance = ImportOptions.curve_tolerance / metres  # the default is in metres
     options = ImportOptions(scene.scale, (scene.offset[0], scene.offset[1]), tolerance, scene.wall_thickness)
     try:
-        return import_scene(folder / scene.file, options, _names(listed))
+        return import_scene(place, options, _names(listed))
     except ProblemError as error:
         issues.add(("workspace", "file"), str(error))
         return None

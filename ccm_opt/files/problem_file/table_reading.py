@@ -60,7 +60,14 @@ class _Draft:
     verification: VerificationTable | None
 
 
-def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: Path | None = None) -> Problem | None:
+def check_data(
+    data: Mapping[str, object],
+    issues: Issues,
+    source: str,
+    folder: Path | None = None,
+    *,
+    allow_outside: bool = False,
+) -> Problem | None:
     """Check parsed data and build the problem.
 
     Args:
@@ -68,11 +75,12 @@ def check_data(data: Mapping[str, object], issues: Issues, source: str, folder: 
         issues: receives every defect found.
         source: the text of the file, kept in the problem; obstacles from a drawing are written out in it.
         folder: of the problem file, where the path to a drawing begins; None when there is no file.
+        allow_outside: whether the drawing may lie outside that folder.
 
     Returns:
         The problem, or None when there are issues.
     """
-    whole, drawing = with_scene(data, folder, issues)
+    whole, drawing = with_scene(data, folder, issues, allow_outside=allow_outside)
     check_alternatives(whole, issues)
     draft = _validate(whole, issues)
     _check_between(draft, str(whole.get("units", "m")), issues)

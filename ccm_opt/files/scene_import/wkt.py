@@ -76,7 +76,10 @@ def _geometry(text: str) -> shapely.Geometry:
         with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused later, by name
             return shapely.from_wkt(text)
     except (GEOSException, NotImplementedError, ValueError, TypeError) as error:
-        shown = text if len(text) <= 60 else f"{text[:57]}..."
+        # No more of the text than the word that it begins with: it may be somebody's secret, and no drawing at all.
+        shown = (
+            text.split("(", maxsplit=1)[0].split(maxsplit=1)[0][:20] if text.split("(", maxsplit=1)[0].split() else "("
+        )
         reason = str(error).replace("ParseException: ", "")
         raise ProblemError(
             f"'{shown}' cannot be read as well-known text: {reason}; expected for example POLYGON ((0 0, …))"
