@@ -43,12 +43,11 @@ def size_defect(size: int, bounds: InputBounds = BOUNDS) -> str:
 
 def text_defect(text: str, bounds: InputBounds = BOUNDS) -> str:
     """A sentence about keys of so many parts that parsing them would take long; empty for others."""
-    longest = max((word.count(".") for word in _WORDS.split(text)), default=0)
-    return (
-        f"a key has {longest + 1} parts; at most {bounds.longest_key} can be read"
-        if longest >= bounds.longest_key
-        else ""
-    )
+    # Several points side by side are in no key, but in prose and in comments.
+    longest = max((word.count(".") for word in _WORDS.split(text) if ".." not in word), default=0)
+    if longest < bounds.longest_key:
+        return ""
+    return f"a key has {longest + 1} parts; at most {bounds.longest_key} can be read"
 
 
 def content_defect(data: Mapping[str, object], bounds: InputBounds = BOUNDS) -> str:
