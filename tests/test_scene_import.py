@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
@@ -166,6 +166,7 @@ def test_the_polygon_of_a_curve_contains_it_and_leaves_it_by_no_more_than_the_to
     path = tmp_path_factory.mktemp("svg") / "egg.svg"
     path.write_text(svg(body))
     (egg,) = import_scene(path, ImportOptions(scale=2.0, curve_tolerance=tolerance))
+    assume(not isinstance(egg.core, shapely.Point))  # a circle stays one, without a polygon
     t = np.linspace(0.0, 2.0 * np.pi, 2000)
     x, y = axes[0] * np.cos(t), axes[1] * np.sin(t)
     true = 2.0 * np.column_stack((a * x + c * y + 1.0, -(b * x + d * y + 2.0)))
