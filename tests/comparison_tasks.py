@@ -1,6 +1,7 @@
 """Tasks that tests of the comparison run in other processes; they are found there by the name of this module."""
 
 import os
+import signal
 import time
 from pathlib import Path
 
@@ -76,3 +77,58 @@ class BrokenPlanner:
 
 
 NOT_A_PLANNER = 3
+
+
+class HangingPlanner:
+    """A planner that comes back never."""
+
+    def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
+        """Sleep for ever."""
+        while True:
+            time.sleep(1.0)
+
+
+class GreedyPlanner:
+    """A planner that eats all memory."""
+
+    def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
+        """Fill pages for ever."""
+        eaten = []
+        while True:
+            eaten.append(np.ones(4 << 20))
+
+
+class DyingPlanner:
+    """A planner that takes its process with it."""
+
+    def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
+        """End the process as a fault of memory does."""
+        os.kill(os.getpid(), signal.SIGSEGV)
+        raise AssertionError("still here")
+
+
+class LeavingPlanner:
+    """A planner that calls for the end of the program."""
+
+    def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
+        """Leave."""
+        raise SystemExit(3)
+
+
+class RubbishPlanner:
+    """A planner that returns what is no path."""
+
+    def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
+        """Something else, and words where answers are expected."""
+        print("rubbish")  # noqa: T201
+        os.write(1, b"\x80\x04rubbish")
+        return "rubbish"  # type: ignore[return-value]
+
+
+class NowherePlanner:
+    """A planner that returns a path of no numbers."""
+
+    def plan(self, problem: Problem) -> JointPath:
+        """A path to nowhere."""
+        control = np.full((4, problem.arm.links), np.nan)
+        return JointPath(BSpline(np.repeat([0.0, 1.0], 4), control, 3), control, (), "nowhere")

@@ -1,10 +1,12 @@
 """Executors: every task comes back exactly once, whatever happens to the workers."""
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import time
+import tracemalloc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +14,9 @@ from pathlib import Path
 import pytest
 
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.cluster import DaskWorkers
 from ccm_opt.ground.executor_settings import ExecutorSettings
-from ccm_opt.ground.executors import DaskWorkers, LocalWorkers, completed
+from ccm_opt.ground.executors import LocalWorkers, completed
 
 from .comparison_tasks import deadly, die_once, double, fail_on_odd, nap, slow_double
 
@@ -74,25 +77,37 @@ def no_scheduler() -> str:
 
 @contextmanager
 def dask_cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A real scheduler and workers, each in a process of its own; the address and the workers."""
+    """A real scheduler and workers, each in a process of its own; the address, and the processes in that order.
+
+    Processes that are added to the list are ended with the others.
+    """
     place = folder / "scheduler.json"
-    begin = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--port", "0"]
-    work = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny", "--nthreads", "1"]
-    at = ["--scheduler-file", str(place)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"}
-    options = {"env": environment, "cwd": folder, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    processes = [subprocess.Popen([*begin, "--host", "127.0.0.1", *at], **options)]  # type: ignore[call-overload]
+    processes = [dask_process(folder, "scheduler", "--port", "0", "--host", "127.0.0.1")]
     try:
-        processes += [
-            subprocess.Popen([*work, "--local-directory", str(folder), *at], **options)  # type: ignore[call-overload]
-            for _ in range(workers)
-        ]
-        yield address_in(place), processes[1:]
+        processes += [dask_worker(folder) for _ in range(workers)]
+        yield address_in(place), processes
     finally:
         for process in processes:
             process.kill()
         for process in processes:
             process.wait()
+
+
+def dask_process(folder: Path, kind: str, *options: str) -> "subprocess.Popen[bytes]":
+    """A process of a cluster that meets the others by a file."""
+    command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--no-dashboard", *options]
+    return subprocess.Popen(
+        [*command, "--scheduler-file", str(folder / "scheduler.json")],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"},
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def dask_worker(folder: Path) -> "subprocess.Popen[bytes]":
+    """A worker with one thread, which ends when its scheduler does."""
+    return dask_process(folder, "worker", "--no-nanny", "--nthreads", "1", "--local-directory", str(folder))
 
 
 def address_in(place: Path, patience: float = 30.0) -> str:
@@ -111,7 +126,8 @@ def address_in(place: Path, patience: float = 30.0) -> str:
 def test_a_cluster_loses_and_doubles_nothing_when_a_worker_is_killed(tmp_path: Path) -> None:
     """A real scheduler with two workers, of which one is killed midway: every task comes back once, with its result."""
     pytest.importorskip("distributed")
-    with dask_cluster(tmp_path, 2) as (address, workers):
+    with dask_cluster(tmp_path, 2) as (address, processes):
+        workers = processes[1:]
         wait_for_workers(address, 2)
         found: list[tuple[int, object]] = []
         seen: set[int] = set()
@@ -129,6 +145,78 @@ def test_a_cluster_loses_and_doubles_nothing_when_a_worker_is_killed(tmp_path: P
         assert seen == {process.pid for process in workers}
         assert workers[1].pid in after
         assert sorted(found) == [(k, 2 * k) for k in range(120)]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_is_lost_and_comes_back_loses_and_doubles_nothing(tmp_path: Path) -> None:
+    """Scheduler and workers are killed and started anew at the same address: every task comes back once."""
+    pytest.importorskip("distributed")
+    with dask_cluster(tmp_path, 1) as (address, processes):
+        wait_for_workers(address, 1)
+        patient = ExecutorSettings(cluster_timeout=60.0, return_timeout=120.0)
+        found: list[tuple[int, object]] = []
+        for task, result in completed(DaskWorkers(address, patient), slow_double, range(60)):
+            assert not isinstance(result, BaseException)
+            found.append((task, result[0]))
+            if len(found) == 20:
+                kill_all(processes)
+                port = address.rpartition(":")[2]
+                processes += [dask_process(tmp_path, "scheduler", "--port", port, "--host", "127.0.0.1")]
+                processes += [dask_worker(tmp_path)]
+        assert sorted(found) == [(k, 2 * k) for k in range(60)]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_does_not_come_back_ends_the_work_with_a_reason(tmp_path: Path) -> None:
+    """What came back before is given back; then one sentence says that the cluster was lost and for how long."""
+    pytest.importorskip("distributed")
+    with dask_cluster(tmp_path, 1) as (address, processes):
+        wait_for_workers(address, 1)
+        settings = ExecutorSettings(cluster_timeout=1.0, return_timeout=2.0)
+        found: list[int] = []
+
+        def until_the_end() -> None:
+            for task, _ in completed(DaskWorkers(address, settings), slow_double, range(60)):
+                found.append(task)
+                if len(found) == 20:
+                    kill_all(processes)
+
+        with pytest.raises(ProblemError, match=r"the cluster was lost, and is not back after 2 s: no Dask scheduler"):
+            until_the_end()
+        assert len(found) == len(set(found)) >= 20
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_client_of_a_cluster_keeps_nothing_of_what_is_over(tmp_path: Path) -> None:
+    """A thousand further tasks leave hardly anything in the client's memory: not a tenth of what they were."""
+    pytest.importorskip("distributed")
+    with dask_cluster(tmp_path, 1) as (address, _):
+        wait_for_workers(address, 1)
+        tracemalloc.start()
+        try:
+            before = 0
+            for count, _ in enumerate(completed(DaskWorkers(address), double, range(1500)), start=1):
+                if count == 400:
+                    before = kept_memory()
+                if count == 1400:
+                    # Each task has some kilobytes of messages on its way.
+                    assert kept_memory() - before < 400e3
+        finally:
+            tracemalloc.stop()
+
+
+def kept_memory() -> int:
+    """Memory in use after a collection [B]."""
+    gc.collect()
+    return tracemalloc.get_traced_memory()[0]
+
+
+def kill_all(processes: "list[subprocess.Popen[bytes]]") -> None:
+    """Kill all processes of a cluster, as a fault of its machine does."""
+    for process in processes:
+        process.kill()
+    for process in processes:
+        process.wait()
 
 
 def wait_for_workers(address: str, count: int) -> None:

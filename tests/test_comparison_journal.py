@@ -10,9 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.cli.comparing import compare_methods
 from ccm_opt.comparison.journal import json_line, open_journal
 from ccm_opt.comparison.runs import Run
 from ccm_opt.errors import ProblemError
+
+from .test_comparison import small_cases, wanted
 
 
 def run(key: str = "a", **changes: object) -> Run:
@@ -109,3 +112,41 @@ def test_a_place_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     """A folder in the place of the file gives one clear sentence."""
     with pytest.raises(ProblemError, match="cannot write"), open_journal(tmp_path):
         pass
+
+
+def test_a_full_disk_leaves_a_whole_journal(tmp_path: Path) -> None:
+    """A line for which there is no room is taken out again, and said; with room the same run is written, once."""
+    resource = pytest.importorskip("resource")
+    path = tmp_path / "journal.jsonl"
+    first, second = (Run(key, "a", "nlp", "solved", figures={"cpu_s": 1.0}) for key in ("1", "2"))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with open_journal(path) as journal:
+        journal.append(first)
+        whole = path.read_bytes()
+        # The system takes ten bytes more of any file of this process, and then refuses, as a full disk does.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole) + 10, hard))
+        try:
+            for _ in range(2):
+                with pytest.raises(ProblemError, match="all 1 runs before this one are in it"):
+                    journal.append(second)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert path.read_bytes() == whole
+        journal.append(second)
+    with open_journal(path) as journal:
+        assert sorted(journal.runs) == ["1", "2"]
+    assert len(path.read_text().splitlines()) == 2
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+def test_a_comparison_on_a_full_disk_ends_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The command ends with exit code 2 and one clear sentence, without a traceback."""
+    small_cases(tmp_path, 1)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "journal.jsonl").symlink_to("/dev/full")
+    assert compare_methods(wanted(tmp_path)) == 2
+    err = " ".join(capsys.readouterr().err.split())
+    assert "No space left on device" in err
+    assert "goes on from there once there is room" in err
+    assert "Traceback" not in err

@@ -24,7 +24,8 @@ from ccm_opt.comparison.problem_files import FOLDER, write_problems
 from ccm_opt.comparison.running import Comparison, compare, outdated
 from ccm_opt.comparison.runs import QUANTITIES, Run
 from ccm_opt.comparison.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
-from ccm_opt.ground.executors import DaskWorkers, LocalWorkers, Workers
+from ccm_opt.ground.cluster import DaskWorkers
+from ccm_opt.ground.executors import LocalWorkers, Workers
 
 
 @dataclass(frozen=True)

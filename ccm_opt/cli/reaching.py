@@ -18,7 +18,8 @@ from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.files.export.folder import REACH_RECORD, check_target
 from ccm_opt.files.export.reach_folder import reach_json, write_reach
-from ccm_opt.ground.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
+from ccm_opt.ground.cluster import DaskWorkers
+from ccm_opt.ground.executors import LocalWorkers, ThisProcess, Workers
 from ccm_opt.solution import ReachMap
 
 

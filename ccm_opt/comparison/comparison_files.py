@@ -6,6 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -40,6 +41,8 @@ def write_comparison(comparison: Comparison, folder: Path, pictures: Mapping[str
         try:
             put_file(folder / name, content)
         except OSError as error:
+            with suppress(OSError):
+                beside.unlink()
             raise ProblemError(f"cannot write {folder / name}: {error.strerror or error}") from error
 
 

@@ -9,7 +9,7 @@ import json
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ccm_opt.comparison.runs import Run
@@ -47,14 +47,24 @@ class Journal:
         if self.has(run.key):
             return
         line = json_line(run)
+        before = os.fstat(self._descriptor).st_size
         try:
             written = os.write(self._descriptor, line)
         except OSError as error:
-            raise ProblemError(f"cannot write {self._path}: {error.strerror or error}") from error
+            raise self._full(error.strerror or str(error)) from error
         # A line written in part must not be completed by a second call: another line could come between.
         if written != len(line):
-            raise ProblemError(f"cannot write {self._path}: only {written} of {len(line)} bytes; is the device full?")
+            # What is torn is cut off; where even that fails, the next who opens the journal does it.
+            with suppress(OSError):
+                os.ftruncate(self._descriptor, before)
+            raise self._full(f"only {written} of {len(line)} bytes; is the device full?")
         self.runs[run.key] = run
+
+    def _full(self, reason: str) -> ProblemError:
+        return ProblemError(
+            f"cannot write {self._path}: {reason}; all {len(self.runs)} runs before this one are in it, and the same "
+            "command goes on from there once there is room"
+        )
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from itertools import combinations
 
 from ccm_opt.comparison.journal import Journal
 from ccm_opt.comparison.method_code import code_of
-from ccm_opt.comparison.runs import Run, Task, execute, failed_run
+from ccm_opt.comparison.runs import Run, Task, failed_run
 from ccm_opt.comparison.statistics import (
     ConfidenceInterval,
     FigurePair,
@@ -18,6 +18,7 @@ from ccm_opt.comparison.statistics import (
     success_interval,
 )
 from ccm_opt.comparison.suites import Case
+from ccm_opt.comparison.supervision import run_apart
 from ccm_opt.ground.executors import Workers, completed
 
 
@@ -118,7 +119,7 @@ def compare(
     # A comparison that was interrupted goes on where it stopped.
     missing = [task for row in rows for task in row if not journal.has(task.key)]
     if missing:
-        for task, result in completed(workers, execute, missing):
+        for task, result in completed(workers, run_apart, missing):
             run = result if isinstance(result, Run) else failed_run(task, result)
             journal.append(run)
             if progress is not None:

@@ -16,6 +16,7 @@ from ccm_opt.comparison.method_code import code_of
 from ccm_opt.comparison.methods import method_named
 from ccm_opt.comparison.suites import Case
 from ccm_opt.errors import NoPlanFound, ProblemError, TimeLimitReached, VerificationError
+from ccm_opt.ground.expected import in_words
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
@@ -139,9 +140,12 @@ class ClockedPlanner:
         """Plan as the planner does."""
         begin = time.process_time()
         try:
-            return self._planner.plan(problem)
+            path: object = self._planner.plan(problem)
         finally:
             self.seconds += time.process_time() - begin
+        if not isinstance(path, JointPath):
+            raise TypeError(f"the planner returned {in_words(path)}; expected a JointPath")
+        return path
 
 
 def execute(task: Task) -> Run:
@@ -158,7 +162,7 @@ def execute(task: Task) -> Run:
             problem = method.prepared(task.case.problem(), task.time_limit)
             planner = ClockedPlanner(method.planner(problem))
             run = _solved(task, problem, planner)
-        except Exception as error:  # noqa: BLE001 - a defect of a method must not end the comparison
+        except BaseException as error:  # noqa: BLE001 - whatever a planner raises must not end the comparison
             run = failed_run(task, error)
 
         figures = dict(run.figures)

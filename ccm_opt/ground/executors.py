@@ -6,20 +6,26 @@ Only a few tasks are handed over at a time, so that ten thousand take no more me
 worker, every task comes back exactly once: with its result or with the error that it ended with.
 """
 
+import logging
 import multiprocessing
 import signal
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass
-from importlib import import_module
-from queue import SimpleQueue
-from typing import Any, Protocol, TypeVar
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from queue import Empty, SimpleQueue
+from typing import Any, Generic, Protocol, TypeVar
 
 from ccm_opt.errors import ProblemError
+from ccm_opt.ground.cluster import ClusterExecutor
 from ccm_opt.ground.executor_settings import EXECUTORS, ExecutorSettings
 
+logger = logging.getLogger(__name__)
+
+CLUSTER_IS_GONE = frozenset(("ClosedClientError", "CommClosedError"))
+"""Names of Dask's errors, which is not loaded here, when nothing can be handed over any more."""
 TASK = TypeVar("TASK")
 RESULT = TypeVar("RESULT")
 
@@ -86,45 +92,8 @@ class LocalWorkers:
             executor.shutdown(wait=True, cancel_futures=True)
 
 
-@dataclass(frozen=True)
-class DaskWorkers:
-    """A Dask cluster; its workers must have this package, and the planners that are compared, in the same versions.
-
-    Attributes:
-        address: of the scheduler, for example ``tcp://host:8786``.
-        settings: tasks at a time, and how long to wait for an answer.
-    """
-
-    address: str
-    settings: ExecutorSettings = EXECUTORS
-
-    @contextmanager
-    def open(self) -> Iterator[tuple[Executor, int]]:
-        """An executor of the cluster; the scheduler repeats what a lost worker was at.
-
-        Raises:
-            ProblemError: when Dask is not installed or the cluster cannot be reached.
-        """
-        try:
-            distributed: Any = import_module("distributed")  # an extra, and slow to load
-        except ImportError as error:
-            raise ProblemError("--dask needs the extra 'cluster': pip install ccm-opt[cluster]") from error
-
-        timeout = self.settings.cluster_timeout
-        try:
-            client = distributed.Client(self.address, timeout=timeout, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
-            raise ProblemError(f"no Dask scheduler answers at {self.address}: {error}") from error
-
-        with client:
-            try:
-                client.wait_for_workers(1, timeout=timeout)
-            except TimeoutError as error:
-                raise ProblemError(f"the Dask cluster at {self.address} has no workers; start some") from error
-            # Not pure: Dask must not take two runs of the same task for one.
-            executor = client.get_executor(pure=False)
-            threads = sum(client.nthreads().values())
-            yield executor, max(self.settings.least_on_cluster, self.settings.tasks_per_thread * threads)
+class _LostError(Exception):
+    """The cluster is gone, or has given up the work."""
 
 
 def completed(
@@ -140,36 +109,94 @@ def completed(
         function: of a task; it and the tasks are pickled.
         tasks: taken one by one as there is room.
 
+    A cluster that is lost is waited for. What it was at is handed over again when it is back: a task may be run twice
+    then, but it is given back once.
+
     Raises:
-        ProblemError: when a cluster is not there, or leaves.
+        ProblemError: when a cluster is not there, or does not come back.
     """
-    # Both outlive a broken executor: the tasks not handed over yet, and those that may have broken it.
-    source = iter(tasks)
-    suspects = deque[TASK]()
+    supply = _Supply(iter(tasks))
+    losses = 0
     finished = False
     while not finished:
-        with workers.open() as (executor, width):
-            finished = yield from _until_broken(executor, width, function, source, suspects)
+        with _opened(workers, returning=losses > 0) as (executor, width):
+            results = _until_broken(executor, width, function, supply)
+            try:
+                while True:
+                    found = next(results)
+                    losses = 0
+                    yield found
+            except StopIteration as end:
+                finished = bool(end.value)
+            except _LostError as error:
+                losses += 1
+                if losses > EXECUTORS.most_losses:
+                    raise ProblemError("the cluster gives up whatever it is handed; run again to continue") from error
+                logger.warning("the cluster is gone, or has given up the work; it is waited for")
+
+
+@dataclass
+class _Supply(Generic[TASK]):
+    """Tasks to be handed over; it outlives the executors.
+
+    Attributes:
+        source: those that were handed to none yet.
+        again: those that a lost cluster was at.
+        suspects: those that may have broken their executor; they are handed over one at a time.
+    """
+
+    source: Iterator[TASK]
+    again: deque[TASK] = field(default_factory=deque)
+    suspects: deque[TASK] = field(default_factory=deque)
+
+    def take(self) -> TASK | None:
+        """The next task, suspects first, so that the next failure names its task; None when there are no more."""
+        for waiting in (self.suspects, self.again):
+            if waiting:
+                return waiting.popleft()
+        return next(self.source, None)
+
+
+@contextmanager
+def _opened(workers: Workers, *, returning: bool) -> Iterator[tuple[Executor, int]]:
+    """The executor of some workers; those that were lost are waited for.
+
+    Raises:
+        ProblemError: they are not there, or do not come back.
+    """
+    patience = getattr(workers, "patience", 0.0) if returning else 0.0
+    until = time.monotonic() + patience
+    with ExitStack() as stack:
+        while True:
+            try:
+                opened = stack.enter_context(workers.open())
+                break
+            except ProblemError as error:
+                if time.monotonic() < until:
+                    time.sleep(min(1.0, max(0.0, until - time.monotonic())))
+                    continue
+                if not returning:
+                    raise
+                raise ProblemError(f"the cluster was lost, and is not back after {patience:.3g} s: {error}") from error
+        yield opened
 
 
 def _until_broken(
-    executor: Executor,
-    width: int,
-    function: Callable[[TASK], RESULT],
-    source: Iterator[TASK],
-    suspects: deque[TASK],
+    executor: Executor, width: int, function: Callable[[TASK], RESULT], supply: _Supply[TASK]
 ) -> Generator[tuple[TASK, RESULT | BaseException], None, bool]:
     """Yield results; return whether all tasks are done, or else the executor is broken.
 
-    When it breaks, the tasks that it had become ``suspects``: the next executor runs them one at a time.
+    When it breaks, the tasks that it had become suspects: the next executor runs them one at a time.
+
+    Raises:
+        _LostError: the cluster is gone; what it was at is to be handed over again.
     """
     pending: dict[Future[RESULT], TASK] = {}
     done: SimpleQueue[Future[RESULT]] = SimpleQueue()
     while True:
-        alone = bool(suspects)
+        alone = bool(supply.suspects)
         while len(pending) < (1 if alone else width):
-            # Suspects first, and one at a time, so that the next failure names its task.
-            task = suspects.popleft() if suspects else next(source, None)
+            task = supply.take()
             if task is None:
                 break
             future = _submitted(executor, function, task)
@@ -178,34 +205,55 @@ def _until_broken(
         if not pending:
             return True
 
-        future = done.get()
-        task = pending.pop(future)
-        error = _error_of(future)
+        over = _next_done(done, executor)
+        if over is None or over.cancelled():
+            # What has come back in spite of all is kept; all else is to be handed over again.
+            yield from _saved(pending, done)
+            supply.again.extend(pending.values())
+            raise _LostError
+        task = pending.pop(over)
+        error = over.exception()
         broken = isinstance(error, BrokenExecutor)
         if broken and not alone:
-            suspects.append(task)
-            suspects.extend(pending.values())
+            supply.suspects.append(task)
+            supply.suspects.extend(pending.values())
             return False
-        yield task, error if error is not None else future.result()
+        yield task, error if error is not None else over.result()
         if broken:  # it was alone, so this task is the one that killed its process
             return False
 
 
+def _next_done(done: "SimpleQueue[Future[RESULT]]", executor: Executor) -> "Future[RESULT] | None":
+    """The next future that is over; None when its cluster is gone, for Dask leaves some of its futures open then."""
+    while True:
+        with suppress(Empty):
+            return done.get(timeout=EXECUTORS.look_every)
+        if isinstance(executor, ClusterExecutor) and executor.gone:
+            return None
+
+
+def _saved(
+    pending: dict["Future[RESULT]", TASK], done: "SimpleQueue[Future[RESULT]]"
+) -> Iterator[tuple[TASK, RESULT | BaseException]]:
+    """Results that had come back before a cluster was lost; they are taken out of what is pending."""
+    with suppress(Empty):
+        while True:
+            future = done.get_nowait()
+            if not future.cancelled() and future.exception() is None:
+                yield pending.pop(future), future.result()
+
+
 def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TASK) -> "Future[RESULT]":
-    """The future of a task; when the executor is broken already, one that says so."""
+    """The future of a task; when it cannot be handed over, one that says why."""
     try:
         return executor.submit(function, task)
-    except BrokenExecutor as error:
+    except Exception as error:  # noqa: BLE001 - a task that cannot be pickled has itself to blame
         future: Future[RESULT] = Future()
-        future.set_exception(error)
+        if type(error).__name__ in CLUSTER_IS_GONE:
+            future.cancel()
+        else:
+            future.set_exception(error)
         return future
-
-
-def _error_of(future: "Future[RESULT]") -> BaseException | None:
-    try:
-        return future.exception()
-    except CancelledError as error:
-        raise ProblemError("the cluster has given up the work, or is gone; run again to continue") from error
 
 
 def _leave_interrupts() -> None:

@@ -1,0 +1,153 @@
+"""Runs made in a process of their own, which is ended when a planner hangs or eats the memory.
+
+Whatever a planner does, a run comes back as a record: a process that dies, is killed for its time or for its memory is
+the result of that run alone, and the next run has a new process. A process that behaves is kept, with its libraries
+loaded.
+"""
+
+import atexit
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import IO, cast
+
+from ccm_opt.comparison.runs import Outcome, Run, Task, failed_run
+from ccm_opt.comparison.supervision_settings import DEFAULT_SUPERVISION, SupervisionSettings
+
+_ALONE = threading.Lock()
+"""CPU time is measured by run, so a worker makes one at a time, however many threads it has."""
+
+
+class RunProcess:
+    """A process that makes runs, one after the other."""
+
+    def __init__(self) -> None:
+        # Planners are found where this process finds them.
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "ccm_opt.comparison.run_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+        )
+        self._answers: SimpleQueue[Run | None] = SimpleQueue()
+        # A thread waits for answers, as pipes cannot be waited for with a time limit on every system.
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it can make a run."""
+        return self._process.poll() is None
+
+    def run(self, task: Task, limit: float, settings: SupervisionSettings) -> Run:
+        """Make a run; when it does not end within a wall time [s] or takes too much memory it is ended."""
+        begin = time.monotonic()
+        try:
+            pickle.dump(task, self._tasks)
+            self._tasks.flush()
+        except OSError:
+            self._answers.put(None)  # it died before it had read the task
+        answer = self._watched(begin + limit, limit, settings)
+        if isinstance(answer, Run):
+            return answer
+        self.end(settings)
+        outcome, reason = answer
+        ended = failed_run(task, RuntimeError())
+        return replace(ended, outcome=outcome, reason=reason, wall=time.monotonic() - begin)
+
+    def end(self, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> None:
+        """End the process, whatever it is at."""
+        self._process.kill()
+        # What could not be sent does not matter any more.
+        with suppress(OSError):
+            self._tasks.close()
+        self._process.wait(settings.last_words)
+
+    @property
+    def _tasks(self) -> IO[bytes]:
+        return cast("IO[bytes]", self._process.stdin)
+
+    def _listen(self) -> None:
+        """Pass answers on until the process ends, or says what makes no sense."""
+        with cast("IO[bytes]", self._process.stdout) as answers:
+            while True:
+                try:
+                    answer = pickle.load(answers)  # noqa: S301 - from our own process
+                except Exception:  # noqa: BLE001 - whatever a planner wrote there
+                    self._answers.put(None)
+                    return
+                self._answers.put(answer)
+
+    def _watched(self, until: float, limit: float, settings: SupervisionSettings) -> Run | tuple[Outcome, str]:
+        """The answer, or how the run ended without one."""
+        while True:
+            with suppress(Empty):
+                answer = self._answers.get(timeout=settings.look_every)
+                if isinstance(answer, Run):
+                    return answer
+                return "crashed", f"the planner ended its process: {self._how_it_ended(settings)}"
+            if time.monotonic() > until:
+                return "timed out", f"the run did not end within {limit:.4g} s of wall time, and was ended"
+            memory = _resident_memory(self._process.pid)
+            if memory > settings.most_memory:
+                gigabytes = settings.most_memory / 2**30
+                return "crashed", f"the run took more than {gigabytes:.3g} GiB of memory, and was ended"
+
+    def _how_it_ended(self, settings: SupervisionSettings) -> str:
+        try:
+            code = self._process.wait(settings.last_words)
+        except subprocess.TimeoutExpired:
+            return "its answers make no sense"
+        return f"exit code {code}" if code >= 0 else f"signal {signal.Signals(-code).name}"
+
+
+def run_apart(task: Task, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> Run:
+    """Make a run in a process of its own; whatever happens there is the result."""
+    with _ALONE:
+        try:
+            limit = wall_limit(task, settings)
+        except Exception as error:  # noqa: BLE001 - a problem that cannot be made is the run's result
+            return failed_run(task, error)
+        return _process().run(task, limit, settings)
+
+
+def wall_limit(task: Task, settings: SupervisionSettings) -> float:
+    """Wall time after which a run is ended [s]."""
+    limit = task.time_limit if task.time_limit is not None else task.case.problem().planner.time_limit
+    return settings.time_factor * limit + settings.spare_time
+
+
+_kept: list[RunProcess] = []
+
+
+def _process() -> RunProcess:
+    """The process of the runs before, or a new one where that is gone."""
+    if _kept and not _kept[0].alive:
+        _kept.pop().end()
+    if not _kept:
+        _kept.append(RunProcess())
+    return _kept[0]
+
+
+@atexit.register
+def _end_kept() -> None:
+    while _kept:
+        _kept.pop().end()
+
+
+def _resident_memory(process: int) -> int:
+    """Memory of a process [B]; 0 where the system does not tell."""
+    try:
+        pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
+    except (OSError, IndexError):
+        return 0
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")

@@ -1,0 +1,102 @@
+"""Dask clusters as workers: found, left, and asked whether they are still there."""
+
+import logging
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, TypeVar
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.ground.executor_settings import EXECUTORS, ExecutorSettings
+
+MESSAGES_KEPT = "distributed.admin.low-level-log-length"
+"""Key of Dask's configuration."""
+RESULT = TypeVar("RESULT")
+
+
+@dataclass(frozen=True)
+class DaskWorkers:
+    """A Dask cluster; its workers must have this package, and the planners that are compared, in the same versions.
+
+    Attributes:
+        address: of the scheduler, for example ``tcp://host:8786``.
+        settings: tasks at a time, and how long to wait for an answer.
+    """
+
+    address: str
+    settings: ExecutorSettings = EXECUTORS
+
+    @contextmanager
+    def open(self) -> Iterator[tuple[Executor, int]]:
+        """An executor of the cluster; the scheduler repeats what a lost worker was at.
+
+        Raises:
+            ProblemError: when Dask is not installed or the cluster cannot be reached.
+        """
+        try:
+            distributed: Any = import_module("distributed")  # an extra, and slow to load
+        except ImportError as error:
+            raise ProblemError("--dask needs the extra 'cluster': pip install ccm-opt[cluster]") from error
+
+        timeout = self.settings.cluster_timeout
+        with _unheard("distributed", "distributed.client", "tornado.application"):
+            try:
+                # Dask keeps its last messages for those who look for defects in it: a thousand, with all tasks in them.
+                with import_module("dask").config.set({MESSAGES_KEPT: self.settings.messages_kept}):
+                    client = distributed.Client(self.address, timeout=timeout, set_as_default=False)
+            except (OSError, ValueError, TypeError, TimeoutError) as error:  # TypeError: no certificates are set up
+                raise ProblemError(f"no Dask scheduler answers at {self.address}: {error}") from error
+            try:
+                yield self._executor_of(client)
+            finally:
+                # A scheduler that is gone does not answer any more.
+                with suppress(OSError, TimeoutError, CancelledError):
+                    client.close(timeout=self.settings.farewell)
+
+    def _executor_of(self, client: Any) -> tuple[Executor, int]:
+        try:
+            client.wait_for_workers(1, timeout=self.settings.cluster_timeout)
+        except (OSError, TimeoutError) as error:
+            raise ProblemError(f"the Dask cluster at {self.address} has no workers; start some") from error
+        threads = sum(client.nthreads().values())
+        return ClusterExecutor(client), max(self.settings.least_on_cluster, self.settings.tasks_per_thread * threads)
+
+    @property
+    def patience(self) -> float:
+        """Time for which to wait for a cluster that was lost [s]."""
+        return self.settings.return_timeout
+
+
+@contextmanager
+def _unheard(*loggers: str) -> Iterator[None]:
+    """Leave what Dask has to say of a cluster that comes and goes to us: its tracebacks would bury our sentence."""
+    found = [logging.getLogger(name) for name in loggers]
+    levels = [logger.level for logger in found]
+    for logger in found:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(found, levels, strict=True):
+            logger.setLevel(level)
+
+
+class ClusterExecutor(Executor):
+    """Dask's executor, of which one can ask whether its cluster is still there."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+        # Not pure: Dask must not take two runs of the same task for one.
+        self._executor = client.get_executor(pure=False)
+
+    def submit(self, fn: Callable[..., RESULT], /, *args: Any, **kwargs: Any) -> "Future[RESULT]":
+        """Hand a task to the cluster."""
+        future: Future[RESULT] = self._executor.submit(fn, *args, **kwargs)
+        return future
+
+    @property
+    def gone(self) -> bool:
+        """Whether the scheduler has been lost, be it for a moment: Dask forgets what it was at."""
+        return bool(self._client.status != "running")

@@ -1,0 +1,101 @@
+"""The page on clusters: its script runs, and the cluster that it describes lets nobody in without a certificate."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.ground.cluster import DaskWorkers
+from ccm_opt.ground.executor_settings import ExecutorSettings
+from ccm_opt.ground.executors import completed
+from tests.comparison_tasks import double
+from tests.test_comparison_executors import address_in
+
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs" / "how-to-cluster.md"
+
+
+def test_the_script_of_the_page_runs(tmp_path: Path) -> None:
+    """The script compares two planners on a cluster of its own and says how many problems each solves."""
+    pytest.importorskip("distributed")
+    (script,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "on_a_cluster.py").write_text(script, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "on_a_cluster.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^nlp: 4 of 4, \d+% to 100%$", done.stdout, re.MULTILINE)
+    assert re.search(r"^hill-climbing: \d of 4, ", done.stdout, re.MULTILINE)
+    assert len((tmp_path / "runs" / "on-a-cluster" / "journal.jsonl").read_text().splitlines()) == 8
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="makes its certificates with openssl")
+def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The options and variables that the page names make a cluster that asks for certificates."""
+    pytest.importorskip("distributed")
+    import dask
+
+    own_authority(tmp_path)
+    tls = ["--tls-ca-file", "ca.pem", "--tls-cert", "one.pem", "--tls-key", "one-key.pem"]
+    scheduler = started(tmp_path, "scheduler", "--protocol", "tls", "--host", "127.0.0.1", "--port", "0", *tls)
+    worker = None
+    try:
+        address = address_in(tmp_path / "scheduler.json")
+        assert address.startswith("tls://")
+        worker = started(tmp_path, "worker", "--nthreads", "1", "--no-nanny", *tls)
+        with pytest.raises(ProblemError, match="no Dask scheduler answers"):
+            list(completed(DaskWorkers(address, ExecutorSettings(cluster_timeout=3.0)), double, [1]))
+        monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CA_FILE", str(tmp_path / "ca.pem"))
+        monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT", str(tmp_path / "one.pem"))
+        monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY", str(tmp_path / "one-key.pem"))
+        monkeypatch.setenv("DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION", "true")
+        # Dask reads the variables when it is loaded.
+        with dask.config.set(dask.config.collect_env()):
+            found = dict(completed(DaskWorkers(address, ExecutorSettings(cluster_timeout=60.0)), double, [1, 2]))
+        assert found == {1: 2, 2: 4}
+    finally:
+        for process in (scheduler, worker):
+            if process is not None:
+                process.kill()
+                process.wait()
+
+
+def started(folder: Path, kind: str, *options: str) -> "subprocess.Popen[bytes]":
+    """A process of the cluster."""
+    command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--no-dashboard", *options]
+    return subprocess.Popen(
+        [*command, "--scheduler-file", str(folder / "scheduler.json")],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"},
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def own_authority(folder: Path) -> None:
+    """An authority's certificate, and one that it signed, as PEM files."""
+    new_key = ["-newkey", "rsa:2048", "-nodes", "-days", "2"]
+    openssl(folder, "req", "-x509", *new_key, "-subj", "/CN=authority", "-keyout", "ca-key.pem", "-out", "ca.pem")
+    openssl(folder, "req", *new_key[:3], "-subj", "/CN=one", "-keyout", "one-key.pem", "-out", "one.csr")
+    signing = ["-CA", "ca.pem", "-CAkey", "ca-key.pem", "-CAcreateserial", "-days", "2"]
+    openssl(folder, "x509", "-req", "-in", "one.csr", *signing, "-out", "one.pem")
+
+
+def openssl(folder: Path, *options: str) -> None:
+    """One command of openssl."""
+    command = shutil.which("openssl")
+    assert command is not None
+    subprocess.run([command, *options], cwd=folder, check=True, capture_output=True)
