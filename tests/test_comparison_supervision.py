@@ -19,10 +19,11 @@ from ccm_opt.ground.executors import LocalWorkers
 from .test_comparison import STRAIGHT, small_cases
 
 ROOT = Path(__file__).parent.parent
-IMPATIENT = SupervisionSettings(time_factor=1.0, spare_time=1.5, most_memory=700 << 20)
+IMPATIENT = SupervisionSettings(time_factor=1.0, spare_time=1.5)
+SPARING = SupervisionSettings(most_memory=700 << 20)
 
 
-def run_of(tmp_path: Path, planner: str, settings: SupervisionSettings = IMPATIENT) -> Run:
+def run_of(tmp_path: Path, planner: str, settings: SupervisionSettings) -> Run:
     """What comes of a planner of the tests on a small problem."""
     case = small_cases(tmp_path, 1)[0]
     return run_apart(Task(case, f"tests.comparison_tasks:{planner}", time_limit=1.0), settings)
@@ -43,11 +44,9 @@ def test_what_a_planner_does_is_the_result_of_its_run(tmp_path: Path, planner: s
     """Hanging, eating memory, dying, leaving, rubbish and errors are each told; the next run is made as ever."""
     # The first run of a process loads libraries, which takes its time on a busy machine.
     assert run_of(tmp_path, "StraightPlanner", SupervisionSettings()).solved
-    begin = time.monotonic()
-    run = run_of(tmp_path, planner)
+    run = run_of(tmp_path, planner, IMPATIENT if outcome == "timed out" else SPARING)
     assert run.outcome == outcome, run.reason
     assert words in run.reason
-    assert time.monotonic() - begin < 30.0
     assert run_of(tmp_path, "StraightPlanner", SupervisionSettings()).solved
 
 

@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -63,7 +64,7 @@ def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(
         monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY", str(tmp_path / "one-key.pem"))
         monkeypatch.setenv("DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION", "true")
         # Dask reads the variables when it is loaded.
-        with dask.config.set(dask.config.collect_env()):
+        with dask.config.set(dict(named(dask.config.collect_env()))):
             found = dict(completed(DaskWorkers(address, ExecutorSettings(cluster_timeout=60.0)), double, [1, 2]))
         assert found == {1: 2, 2: 4}
     finally:
@@ -71,6 +72,16 @@ def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(
             if process is not None:
                 process.kill()
                 process.wait()
+
+
+def named(settings: dict[str, object], before: str = "") -> Iterator[tuple[str, object]]:
+    """Settings of Dask by their full names."""
+    for key, value in settings.items():
+        name = f"{before}.{key}" if before else key
+        if isinstance(value, dict):
+            yield from named(value, name)
+        else:
+            yield name, value
 
 
 def started(folder: Path, kind: str, *options: str) -> "subprocess.Popen[bytes]":

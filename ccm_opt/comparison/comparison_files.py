@@ -6,7 +6,6 @@ import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -41,8 +40,6 @@ def write_comparison(comparison: Comparison, folder: Path, pictures: Mapping[str
         try:
             put_file(folder / name, content)
         except OSError as error:
-            with suppress(OSError):
-                beside.unlink()
             raise ProblemError(f"cannot write {folder / name}: {error.strerror or error}") from error
 
 

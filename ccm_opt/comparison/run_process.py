@@ -4,18 +4,14 @@ It reads pickled tasks from its standard input and answers each with the pickled
 goes to standard error, so that it cannot be taken for an answer.
 """
 
-import ctypes
 import os
 import pickle
+import select
 import signal
 import sys
-from contextlib import suppress
-from pathlib import Path
 
-PARENT_DIES = 1
-"""PR_SET_PDEATHSIG of Linux."""
-FIRST_TO_GO = "1000"
-"""Greatest score of Linux's out-of-memory killer: a run that eats the memory goes before whoever watches it."""
+if sys.platform == "linux":
+    import fcntl
 
 
 def main() -> None:
@@ -39,9 +35,19 @@ def _belong_to_the_parent() -> None:
     """Leave Ctrl-C to the parent and end with it, whatever the planner is at; where the system can do that."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(PARENT_DIES, signal.SIGKILL)
-        with suppress(OSError):
-            Path("/proc/self/oom_score_adj").write_text(FIRST_TO_GO, encoding="ascii")
+        _end_with(int(sys.argv[1]))
+
+
+def _end_with(pipe: int) -> None:
+    """End when the other end of a pipe is closed, which the system does for a parent that dies, however it does.
+
+    The system sends a signal then, whose default is to end the process; no thread of Python has to have its turn. (That
+    it can send one when the parent dies is of no use: it is sent when the parent's thread ends.)
+    """
+    fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+    if select.select([pipe], [], [], 0.0)[0]:  # it was closed before
+        sys.exit()
 
 
 if __name__ == "__main__":

@@ -32,13 +32,18 @@ class RunProcess:
     def __init__(self) -> None:
         # Planners are found where this process finds them.
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "ccm_opt.comparison.run_process"],
+        # Nothing is ever written to this pipe: the run ends when its other end is closed, see ``run_process``.
+        theirs, ours = os.pipe()
+        self._life = os.fdopen(ours, "wb")
+        self._process = subprocess.Popen(  # noqa: S603 - this interpreter
+            [sys.executable, "-m", "ccm_opt.comparison.run_process", str(theirs)],
+            pass_fds=(theirs,) if os.name == "posix" else (),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env=environment,
         )
+        os.close(theirs)
         self._answers: SimpleQueue[Run | None] = SimpleQueue()
         # A thread waits for answers, as pipes cannot be waited for with a time limit on every system.
         threading.Thread(target=self._listen, daemon=True).start()
@@ -71,6 +76,7 @@ class RunProcess:
         with suppress(OSError):
             self._tasks.close()
         self._process.wait(settings.last_words)
+        self._life.close()
 
     @property
     def _tasks(self) -> IO[bytes]:
