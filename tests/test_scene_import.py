@@ -4,6 +4,7 @@ import io
 import json
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Collection
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.errors import ProblemError, ProblemFileError
 from ccm_opt.files.problem_file import load_problem, parse_problem, problem_from_mapping
 from ccm_opt.files.problem_file.problem_data import recorded_data
+from ccm_opt.files.problem_file.written_scene import toml_with_obstacles
 from ccm_opt.files.scene_import import ImportOptions
 from ccm_opt.files.scene_import import import_scene as import_drawing
 from ccm_opt.files.scene_import.chains import Piece, joined_pieces
@@ -262,7 +264,11 @@ def test_a_small_loop_is_repaired_and_a_bow_tie_refused_with_its_place(write: Wr
         ("a.svg", b"<html/>", "expected the outermost element svg, got html"),
         ("a.svg", svg("").encode(), "holds no shape"),
         ("a.svg", svg('<path d="M0,0 L nan,3"/>').encode(), "neither a command nor a number"),
-        ("a.svg", svg('<rect id="far" width="1e400" height="3"/>').encode(), "'far': it has a coordinate that is not"),
+        (
+            "a.svg",
+            svg('<rect id="far" width="1e400" height="3"/>').encode(),
+            "'far': it has a length that is too large",
+        ),
         ("a.svg", svg('<rect id="far" width="1e40" height="3"/>').encode(), "'far' cannot be an obstacle: .*1e.40"),
         ("a.svg", svg('<circle id="huge" r="1e15" transform="skewX(3)"/>').encode(), "'huge': a curve needs"),
         ("a.svg", svg('<path id="dot" d="M1 2L1 2"/>').encode(), r"'dot' .* all its points are \(1, -2\)"),
@@ -504,6 +510,7 @@ def test_readers_are_loaded_only_for_their_own_files() -> None:
     """A problem without a drawing loads neither reader, and a WKT file does not load the one for DXF."""
     code = f"""
 import sys
+import tomllib
 from pathlib import Path
 import ccm_opt
 from ccm_opt.files.problem_file import parse_problem
@@ -514,3 +521,27 @@ import_scene(Path({str(DATA / "scene.wkt")!r}), ImportOptions())
 assert "ezdxf" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+NAMES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=8)
+
+
+@given(
+    obstacles=st.lists(
+        st.fixed_dictionaries(
+            {"name": NAMES},
+            optional={
+                "polygon": st.lists(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2)),
+                "circle": st.fixed_dictionaries({"center": st.just([0, 1.5]), "radius": st.floats(0.0, 1e300)}),
+                "holes": st.just([[[0.0, 1e-300], [1.0, 2.0]]]),
+            },
+        ),
+        max_size=4,
+    )
+)
+def test_written_obstacles_read_as_they_were(obstacles: list[dict[str, object]]) -> None:
+    """The text with the obstacles of a drawing gives, parsed, the data that it was made of."""
+    data = {"schema": 1, "workspace": {"bounds": [0.0, 1.0], "obstacles": obstacles}, "goal": [{"a": 1}, {"a": 2}]}
+    read = tomllib.loads(toml_with_obstacles(data))
+    read["workspace"].setdefault("obstacles", [])
+    assert read == data

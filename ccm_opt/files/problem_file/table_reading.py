@@ -5,7 +5,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeVar
 
-import tomlkit
 from pydantic import BaseModel
 
 from ccm_opt.errors import ProblemError
@@ -37,6 +36,7 @@ from ccm_opt.files.problem_file.schema import (
     VerificationTable,
     WorkspaceTable,
 )
+from ccm_opt.files.problem_file.written_scene import toml_with_obstacles
 from ccm_opt.ground.length_units import METRES
 from ccm_opt.problem import ImportedDrawing, Problem
 
@@ -90,7 +90,7 @@ def check_data(
         return None
     # With the obstacles of a drawing written out the problem can be read again without that drawing.
     has_drawing = whole is not data
-    problem = build_problem(tables, tomlkit.dumps(whole) if has_drawing else source)
+    problem = build_problem(tables, toml_with_obstacles(whole) if has_drawing else source)
     return replace(problem, drawing=drawing)
 
 
