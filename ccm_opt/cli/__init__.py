@@ -30,11 +30,29 @@ def main() -> None:
         # All is done, and only Python's own end is left, in which Ctrl-C would be met by nobody.
         ignore_interrupts()
         sys.exit(end.code)
+    except (MemoryError, ImportError, OSError) as error:
+        from ccm_opt.cli.surroundings import out_of_memory  # noqa: PLC0415 - see above
+
+        if not out_of_memory(error):
+            raise
+        _end_short_of_memory("out of memory while the libraries were loaded; solving takes 0.6 to 1 GB")
+
+
+def _end_short_of_memory(message: str) -> None:
+    """Say it in one line, and end at once: Python's own end may need memory, too."""
+    sys.stderr.write(f"error: {message}\n")
+    sys.stderr.flush()
+    os._exit(1)
 
 
 def _run() -> None:
     import gc  # noqa: PLC0415 - see above
 
+    from ccm_opt.cli.surroundings import too_little_memory, use_sound_streams  # noqa: PLC0415 - see above
+
+    use_sound_streams()
+    if short := too_little_memory():
+        _end_short_of_memory(short)
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, "1")
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)

@@ -29,3 +29,20 @@ class DisplaySettings:
 
 DISPLAY = DisplaySettings()
 """What every command uses."""
+
+
+@dataclass(frozen=True)
+class WatchdogSettings:
+    """How long planning may tell nothing before it is ended from outside.
+
+    Attributes:
+        limits: times the time limit. Derived: planning ends after three times as much wall time by itself.
+        grace: further time [s]. Taste: far longer than any stage that no time limit ends has taken.
+    """
+
+    limits: float = 3.0
+    grace: float = 60.0
+
+
+WATCHDOG = WatchdogSettings()
+"""What ``ccm-opt solve`` goes by."""

@@ -2,7 +2,8 @@
 
 ====  =====================================================================
 0     solved, or every check holds
-1     a bug in ccm_opt; its traceback is printed
+1     a bug in ccm_opt, and its traceback is printed; or memory was used
+      up, or stdout could not be written, and that is printed
 2     bad input
 3     no plan, or a plan that the verifier refuses; the reason is printed
 4     a verified plan, written like every other, that the simulated arm did
@@ -28,6 +29,7 @@ from rich.markup import escape
 from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupt_met, interrupts_as_usual
 from ccm_opt.cli.output import output
 from ccm_opt.cli.sentences import folded
+from ccm_opt.cli.surroundings import out_of_memory
 from ccm_opt.errors import NoPlanFound, ProblemError, ProblemFileError, VerificationError
 from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.solution import SimulationVerdict
@@ -164,9 +166,18 @@ def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
         output().note({"status": "cancelled"})
         complain("cancelled")
         return CANCELLED
-    except Exception:  # noqa: BLE001 - the other files are still tried; the traceback is shown
-        with suppress(OSError):  # the message below is worth trying even where stderr cannot be written
-            traceback.print_exc()
-        output().note({"status": "bug"})
-        complain("this is a bug in ccm-opt; please report it with the lines above")
+    except Exception as error:  # noqa: BLE001 - the other files are still tried
+        return _broken_off(error, name)
+
+
+def _broken_off(error: Exception, name: str) -> int:
+    """What no stage has foreseen: memory is used up, or it is a bug, and its traceback is shown."""
+    if out_of_memory(error):
+        output().note({"status": "out of memory"})
+        complain(f"{name}: out of memory; solving takes 0.6 to 1 GB of address space, and more for many links")
         return BUG
+    with suppress(OSError):  # the message below is worth trying even where stderr cannot be written
+        traceback.print_exc()
+    output().note({"status": "bug"})
+    complain("this is a bug in ccm-opt; please report it with the lines above")
+    return BUG

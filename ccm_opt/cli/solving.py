@@ -15,6 +15,7 @@ from ccm_opt.cli.pareto_table import print_pareto
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.cli.tables import print_solution
 from ccm_opt.cli.term_references import NO_TERMS, TermReferences
+from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.files.export.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.files.export.pareto_folder import pareto_files
 from ccm_opt.problem import Problem
@@ -74,8 +75,9 @@ def _solve(problem: Problem, options: SolveOptions) -> int:
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
         arguments = options.terms.loaded()
-        with failures_recorded(problem, options.out, clock, pictures=options.pictures):
-            solution = solve(problem, progress=clock, explain=options.explain, **arguments)
+        recorded = failures_recorded(problem, options.out, clock, pictures=options.pictures)
+        with recorded, ended_when_silent(problem, clock) as progress:
+            solution = solve(problem, progress=progress, explain=options.explain, **arguments)
         clock.begin("writing")
         files = solution_files(solution)
         with kept_without_pictures(target, files):
@@ -96,10 +98,11 @@ def _solve_several(problem: Problem, options: SolveOptions) -> int:
         from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - loads casadi and toppra
 
         arguments = options.terms.loaded()
-        with failures_recorded(problem, options.out, clock, pictures=options.pictures):
+        recorded = failures_recorded(problem, options.out, clock, pictures=options.pictures)
+        with recorded, ended_when_silent(problem, clock) as progress:
             found = pareto(
                 problem,
-                progress=clock,
+                progress=progress,
                 explain=options.explain,
                 **arguments,
             )

@@ -1,6 +1,7 @@
 """The files of the output folder, what each is called, and which places they may be written to."""
 
 import os
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -103,6 +104,13 @@ def check_target(target: Path, record: str = RECORD) -> None:
     Raises:
         ProblemError: when something else is in the place, or nothing can be written there.
     """
+    try:
+        os.fsencode(target)
+    except UnicodeEncodeError:
+        raise ProblemError(
+            f"cannot write a folder of the name {target.name!a}: file names here are in "
+            f"{sys.getfilesystemencoding()}; set PYTHONUTF8=1, or give the problem another name"
+        ) from None
     if target.is_symlink() or (target.exists() and not target.is_dir()):
         raise ProblemError(f"cannot write {target}: something that is not a folder has that name; choose another --out")
     if target.is_dir() and any(target.iterdir()) and not (target / record).is_file():

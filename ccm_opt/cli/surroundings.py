@@ -1,0 +1,73 @@
+"""What a command finds about it: streams that are closed or know few letters, and little memory."""
+
+import os
+import sys
+from contextlib import suppress
+
+LEAST_ADDRESS_SPACE = 300_000_000
+"""Address space below which libraries cannot even be loaded [bytes]; some of them would try without end. Measured:
+by ``ulimit -v``, loading ends in errors below this."""
+
+
+def use_sound_streams() -> None:
+    """Give every standard stream something to write to, and let it write what it has no letter for as an escape.
+
+    A stream that is closed is a number that the next file gets, which then receives whatever is printed.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            _fill_up_to(number)
+    for name, number, mode in (("stdin", 0, "r"), ("stdout", 1, "w"), ("stderr", 2, "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.dup(number), mode, encoding="utf-8"))
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            with suppress(OSError, ValueError):
+                reconfigure(errors="backslashreplace")
+
+
+def _fill_up_to(number: int) -> None:
+    """Open nothing until a number is taken; the lower ones are."""
+    with suppress(OSError):
+        opened = os.open(os.devnull, os.O_RDWR)
+        if opened != number:
+            os.dup2(opened, number)
+            os.close(opened)
+
+
+def too_little_memory() -> str:
+    """Why nothing can be loaded, in a line; empty where it can."""
+    try:
+        import resource  # noqa: PLC0415 - not on every system
+    except ImportError:
+        return ""
+    allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if allowed in {-1, resource.RLIM_INFINITY} or allowed >= LEAST_ADDRESS_SPACE:
+        return ""
+    return (
+        f"out of memory: {allowed / 1e6:.0f} MB of address space are allowed (ulimit -v), and loading the libraries "
+        f"alone takes {LEAST_ADDRESS_SPACE / 1e6:.0f} MB; solving takes 0.6 to 1 GB"
+    )
+
+
+def out_of_memory(error: BaseException | None) -> bool:
+    """Whether an error, or what it came from, says that memory is used up, in any of the ways in which that is said."""
+    seen = 0
+    while error is not None and seen < _DEEPEST:
+        if isinstance(error, MemoryError) or any(words in str(error) for words in _SAID):
+            return True
+        error = error.__cause__ or error.__context__
+        seen += 1
+    return False
+
+
+_SAID = (
+    *("failed to map segment", "cannot allocate memory", "Cannot allocate memory", "std::bad_alloc"),
+    *("can't start new thread", "bad allocation", "Unable to allocate", "out of memory"),
+)
+"""How libraries say it."""
+_DEEPEST = 50
+"""Errors that came from each other are followed no further."""

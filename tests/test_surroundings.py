@@ -1,0 +1,142 @@
+"""Closed streams, letters that nobody knows, warnings as errors, little memory: a result or one line, no traceback."""
+
+import os
+import resource
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pytest
+import tomlkit
+
+from .conftest import PROBLEMS
+
+OPEN_SPACE = PROBLEMS / "open-space.toml"
+ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+"""A locale in which files have no names but in ASCII."""
+SILENT = """
+import time
+from ccm_opt.cli.display_settings import WatchdogSettings
+from ccm_opt.cli.watchdog import ended_when_silent
+from ccm_opt.files.problem_file import load_problem
+
+problem = load_problem({file!r})
+with ended_when_silent(problem, lambda news: None, WatchdogSettings(0.0, {grace})) as told:
+    for _ in range({times}):
+        time.sleep(0.2)
+        told("a stage")
+    time.sleep({silence})
+print("done")
+"""
+
+
+def ended(
+    *arguments: str,
+    cwd: Path,
+    environment: Mapping[str, str] | None = None,
+    first: Callable[[], None] | None = None,
+) -> "subprocess.CompletedProcess[str]":
+    """A command that has come to its end."""
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=cwd,
+        env={**os.environ, **(environment or {})},
+        preexec_fn=first,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=300,
+        check=False,
+    )
+
+
+def closing(*numbers: int) -> Callable[[], None]:
+    """Closes standard streams in a child."""
+
+    def close() -> None:
+        for number in numbers:
+            os.close(number)
+
+    return close
+
+
+def allowing(megabytes: int) -> Callable[[], None]:
+    """Allows a child so much address space."""
+    size = megabytes * 1_000_000
+    return lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size))
+
+
+@pytest.fixture
+def foreign(tmp_path: Path) -> Path:
+    """A problem whose name and description are not in ASCII, in a file that is not either."""
+    data = tomllib.loads(OPEN_SPACE.read_text()) | {"name": "räume-雪", "description": "größe 雪"}
+    file = tmp_path / "auftrag-雪.toml"
+    file.write_text(tomlkit.dumps(data), encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("numbers", [(1,), (2,), (1, 2), (0, 1, 2)])
+def test_closed_streams_are_no_failure(tmp_path: Path, numbers: tuple[int, ...]) -> None:
+    """Nobody reads it, and the folder is written all the same, none of its files with what was printed in it."""
+    command = ("-m", "ccm_opt", "solve", str(OPEN_SPACE), "--no-pictures")
+    run = ended(*command, cwd=tmp_path, first=closing(*numbers))
+    assert run.returncode == 0
+    assert "Traceback" not in run.stderr
+    checked = ended("-m", "ccm_opt", "check", "runs/open-space", cwd=tmp_path)
+    assert checked.returncode == 0, checked.stderr
+
+
+def test_a_locale_without_the_letters_of_a_name_is_told(foreign: Path) -> None:
+    """Where no folder can have the name, one line says so and what to do."""
+    run = ended("-m", "ccm_opt", "solve", foreign.name, "--no-pictures", cwd=foreign.parent, environment=ASCII)
+    assert run.returncode == 2
+    assert len(run.stderr.splitlines()) == 1
+    assert "PYTHONUTF8=1" in run.stderr
+    described = ended("-m", "ccm_opt", "describe", foreign.name, cwd=foreign.parent, environment=ASCII)
+    assert described.returncode == 0, described.stderr
+
+
+def test_a_stream_without_the_letters_gets_escapes(foreign: Path) -> None:
+    """The folder has its name, and what is printed of it is readable in ASCII."""
+    ascii_streams = {"PYTHONIOENCODING": "ascii"}
+    command = ("-m", "ccm_opt", "solve", foreign.name, "--no-pictures")
+    run = ended(*command, cwd=foreign.parent, environment=ascii_streams)
+    assert run.returncode == 0, run.stderr
+    assert "r\\xe4ume" in run.stdout
+    assert (foreign.parent / "runs" / "räume-雪" / "solution.npz").is_file()
+
+
+def test_warnings_as_errors_change_nothing(tmp_path: Path) -> None:
+    """No library that is loaded, no code of ours warns."""
+    run = ended("-m", "ccm_opt", "solve", str(OPEN_SPACE), cwd=tmp_path, environment={"PYTHONWARNINGS": "error"})
+    assert run.returncode == 0, run.stderr
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not keep this limit")
+@pytest.mark.parametrize("megabytes", [200, 350, 500])
+def test_little_memory_is_told_in_a_line(tmp_path: Path, megabytes: int) -> None:
+    """A command has a result, or says in one line that memory is too little."""
+    # Coverage and the like take memory of their own; this is about the command.
+    run = ended("-m", "ccm_opt", "describe", str(OPEN_SPACE), cwd=tmp_path, first=allowing(megabytes))
+    assert "Traceback" not in run.stderr
+    assert run.returncode in {0, 1}
+    if run.returncode == 1:
+        assert "out of memory" in run.stderr.splitlines()[-1]
+    if megabytes == 200:
+        assert run.returncode == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process beside it")
+def test_planning_that_falls_silent_is_ended_from_outside(tmp_path: Path) -> None:
+    """What tells of itself goes on for as long as it likes; what does not is killed, and one line says so."""
+    script = SILENT.format(file=str(OPEN_SPACE), grace=1.5, times=12, silence=0.0)
+    run = ended("-c", script, cwd=tmp_path)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "done\n", "")
+    script = SILENT.format(file=str(OPEN_SPACE), grace=0.5, times=0, silence=60.0)
+    run = ended("-c", script, cwd=tmp_path)
+    assert run.returncode == -9
+    assert "error: open-space: nothing was heard of planning for 0.5 s, so it was ended" in run.stderr
+    assert len(run.stderr.splitlines()) == 1
