@@ -1,4 +1,4 @@
-"""A problem with the obstacles of a drawing as TOML text: there may be thousands, and tomlkit takes seconds for them."""
+"""A problem with the obstacles of a drawing as TOML text: there may be thousands, for which tomlkit takes seconds."""
 
 import json
 from collections.abc import Mapping
