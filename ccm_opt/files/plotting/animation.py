@@ -84,7 +84,7 @@ class Film:
         brush.paint(scene, to_pixels(plan.points[0].copy()), style.START, style.START_EDGE, self.settings.start_opacity)
         time = plan.trajectory.time
         faster = time[-1] / self.seconds if self.seconds > 0.0 else 1.0
-        clock = _Clock(scene, faster, self.settings)
+        clock = _Clock(faster, self.settings)
         for k in self.samples:
             frame = scene.copy()
             colours = (style.GOAL_ARM, style.GOAL_ARM_EDGE)
@@ -111,9 +111,21 @@ def _scene(plan: DrawnPlan, settings: FilmSettings) -> tuple[Image.Image, "_Pixe
         canvas.draw()  # type: ignore[no-untyped-call]
         image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
         ends = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
-    # A video cannot have sides of odd length.
-    even = image.crop((0, 0, image.width - image.width % 2, image.height - image.height % 2))
-    return even, _PixelMap(ends[0], ends[1] - ends[0], image.height)
+    # The time stands below the drawing, where it covers nothing; a video cannot have sides of odd length.
+    high = image.height + _strip_height(settings)
+    scene = Image.new("RGB", (image.width - image.width % 2, high - high % 2), "white")
+    scene.paste(image, (0, 0))
+    return scene, _PixelMap(ends[0], ends[1] - ends[0], image.height)
+
+
+def _letter_height(settings: FilmSettings) -> int:
+    """Of the time, in a film of any size [pixel]."""
+    return round(settings.clock_size * settings.longest_side / FILM.longest_side)
+
+
+def _strip_height(settings: FilmSettings) -> int:
+    """Of the strip below the drawing, for the time and the bar [pixel]."""
+    return 2 * _letter_height(settings) + settings.bar_height
 
 
 @dataclass(frozen=True)
@@ -180,34 +192,27 @@ class _ArmBrush:
 
 
 class _Clock:
-    """The time in a corner, and a bar along the lower edge that grows with it.
+    """The time below the drawing, and a bar along the lower edge that grows with it.
 
     Args:
-        scene: into which the frames are drawn.
         faster: by which factor the film is faster than the motion.
         settings: sizes.
     """
 
-    def __init__(self, scene: Image.Image, faster: float, settings: FilmSettings) -> None:
+    def __init__(self, faster: float, settings: FilmSettings) -> None:
         fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
-        size = round(settings.clock_size * max(scene.size) / FILM.longest_side)
+        size = _letter_height(settings)
         self._font = ImageFont.truetype(str(fonts / "DejaVuSans.ttf"), size)
-        self._note = f"  {faster:.3g} times as fast" if faster > 1.02 else ""
+        self._note = f"  {faster:.2g} times as fast" if faster > settings.told_factor else ""
         self._margin = size // 2
+        self._bar = settings.bar_height
 
     def show(self, frame: Image.Image, time: float, share: float) -> None:
         """Write the time, and draw the bar for the share of the motion that is over."""
         draw = ImageDraw.Draw(frame)
-        place = (self._margin, frame.height - 3 * self._margin - 4)
-        draw.text(
-            place,
-            f"{time:.2f} s{self._note}",
-            fill=style.BOUNDARY,
-            font=self._font,
-            stroke_width=2,
-            stroke_fill="white",
-        )
-        draw.rectangle((0, frame.height - 4, round(share * frame.width), frame.height), fill=style.GOAL_ARM)
+        place = (self._margin, frame.height - 3 * self._margin - self._bar)
+        draw.text(place, f"{time:.2f} s{self._note}", fill=style.BOUNDARY, font=self._font)
+        draw.rectangle((0, frame.height - self._bar, round(share * frame.width), frame.height), fill=style.GOAL_ARM)
 
 
 def video_settings(settings: FilmSettings = FILM) -> FilmSettings:

@@ -74,6 +74,8 @@ class FilmSettings:
         body_opacity: of the arm's body, from 0 to 255.
         start_opacity: likewise, of the arm's body at the start, which stays to be seen.
         clock_size: height of the letters of the time [pixel].
+        bar_height: of the bar below the drawing that grows with the time [pixel].
+        told_factor: films that are faster than the motion by more than this factor say so.
         video_side: longest side of a frame of a video [pixel].
         video_frames_a_second: of a video [1/s].
         most_video_frames: of longer motions, which are shown faster than they are.
@@ -90,6 +92,8 @@ class FilmSettings:
     body_opacity: int = 215
     start_opacity: int = 110
     clock_size: int = 14
+    bar_height: int = 4
+    told_factor: float = 1.05
     video_side: int = 960
     video_frames_a_second: int = 50
     most_video_frames: int = 1500

@@ -125,16 +125,21 @@ class Chart {
 
   dot({ x, y, colour, words }) {
     const place = this.dotPlace(x, y, words);
-    const text = svg("text", { x: place.x, y: place.foot, class: "words ink" }, words);
+    const text = svg("text", { x: place.x, y: place.foot, class: "words ink" }, this.fittingWords(words));
     return svg("g", {}, svg("circle", { cx: place.px, cy: place.py, r: 4.5, fill: colour, class: "dot" }), text);
   }
 
   dotPlace(x, y, words) {
     const [px, py] = [this.axes.across(x), this.axes.up(y)];
-    const width = LETTER * words.length;
+    const width = LETTER * this.fittingWords(words).length;
     const beside = px > (this.axes.left + this.axes.right) / 2 ? px - 7 - width : px + 7;
     const left = Math.min(Math.max(beside, this.axes.left + 4), this.axes.right - 2 - width);
     return { px, py, x: left, end: left + width, foot: py + (py < this.axes.bottom - 26 ? 18 : -10) };
+  }
+
+  // Words that are wider than the chart are cut at their first comma.
+  fittingWords(words) {
+    return LETTER * words.length < this.axes.right - this.axes.left - 6 ? words : words.split(", ")[0];
   }
 
   coversDotWords(from, to, foot) {
