@@ -58,7 +58,7 @@ def test_jobs_are_solved(name: str, tmp_path: Path) -> None:
 def test_impossible_jobs_say_why_and_by_how_much(
     name: str, words: tuple[str, ...], short_of: str, enough: str, tmp_path: Path
 ) -> None:
-    """The reason names obstacle or limit; what the docs say helps does, set alone, and a change short of it does not."""
+    """The reason names obstacle or limit; what the docs say helps does so alone, and a change short of it does not."""
     code, record = solved(name, tmp_path, "--no-diagnosis")
     assert code == 3
     assert all(word in reason(record) for word in words)
