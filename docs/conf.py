@@ -22,6 +22,12 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build", "adr/template.md"]
 html_theme = "furo"
 html_title = f"ccm_opt {__version__}"
+html_static_path = ["_static"]
+html_css_files = ["front.css"]
+html_theme_options = {
+    "light_css_variables": {"color-brand-primary": "#1d56b3", "color-brand-content": "#1d56b3"},
+    "dark_css_variables": {"color-brand-primary": "#6ea8fe", "color-brand-content": "#6ea8fe"},
+}
 
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3

@@ -1,13 +1,13 @@
-"""Times of our dynamics beside Pinocchio's and MuJoCo's, all in one run: ``python tests/benchmarks/bench_dynamics.py``.
+"""Times of our dynamics beside Pinocchio's and MuJoCo's, in one run: ``python -m tests.benchmarks.bench_dynamics``.
 
 User CPU of one process, medians of seven rounds. Read the ratios: all rows of a table share the machine's state. Set
-OMP_NUM_THREADS=1. The last table runs the paper's loop of section 5.1 with a picture a frame; it needs matplotlib.
+OMP_NUM_THREADS=1. The table ``frames`` runs the paper's loop of section 5.1 with a picture a frame, by matplotlib.
 """
 # ruff: noqa: T201 - a script of its own that prints its tables
 
+import argparse
 import os
 import resource
-import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -17,8 +17,6 @@ from statistics import median
 import mujoco
 import numpy as np
 import pinocchio as pin
-
-sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from ccm_opt import load_problem, solve
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
@@ -282,19 +280,32 @@ def compare_feed() -> None:
     print(f"  with a feed axis the closed loop of 36 joints takes {times[1] / times[0]:.2f} times as long")
 
 
+def compare_swan() -> None:
+    """The swan's neck: frames of the paper's loop a second."""
+    compare_frames(solve(load_problem(PROBLEM)))
+
+
+TABLES = {
+    "calls": compare_calls,
+    "sines": compare_sines,
+    "simulation": compare_simulation,
+    "feed": compare_feed,
+    "energy": compare_energy,
+    "frames": compare_swan,
+    "lengths": compare_lengths,
+}
+
+
 def main() -> None:
-    """Print all tables; compile into a folder of its own."""
+    """Print the tables that are asked for; compile into a folder of its own."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tables", nargs="*", metavar="table", help=f"{', '.join(TABLES)}; all when left out")
     with tempfile.TemporaryDirectory() as folder:
         os.environ[CACHE_VARIABLE] = folder
         # A compiler that is named makes the libraries anew, so that a cold cache can be measured.
         os.environ[COMPILER_VARIABLE] = find_compiler()
-        compare_calls()
-        compare_sines()
-        compare_simulation()
-        compare_feed()
-        compare_energy()
-        compare_frames(solve(load_problem(PROBLEM)))
-    compare_lengths()
+        for table in parser.parse_args().tables or TABLES:
+            TABLES[table]()
 
 
 if __name__ == "__main__":

@@ -5,12 +5,12 @@ something at poses spread over the motion and close together where δ is limited
 the motion that is off by 1.5 δ along the worst direction does. Problems: those of the package, and random scenes in
 which a plan is found.
 
-    python -m tests.benchmarks.bench_tolerance [random scenes a family, 3 by default] [motions, 1000 by default]
+    python -m tests.benchmarks.bench_tolerance [random scenes a family, 3] [motions, 1000] [files, those of problems/]
 """
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -125,9 +125,9 @@ def worst_touches(solution: Solution, found: SurvivedError, factor: float) -> bo
     return bool(Oracle(solution.problem).touching(off).any()) or Oracle(solution.problem).touches_itself(off)
 
 
-def cases(scenes: int) -> Iterator[tuple[str, Problem]]:
-    """The problems of the package, and random scenes."""
-    for file in sorted(Path("problems").glob("*.toml")):
+def cases(scenes: int, files: Sequence[Path]) -> Iterator[tuple[str, Problem]]:
+    """Problems from files, and random scenes."""
+    for file in files:
         problem = ccm_opt.load_problem(file)
         yield problem.name, problem
     for _, problem in problems(FAMILIES, range(scenes), (8, 24)):
@@ -138,11 +138,12 @@ def main() -> None:
     """Print a line a problem, and sums."""
     scenes = int(sys.argv[1]) if len(sys.argv) > 1 else 3
     motions = int(sys.argv[2]) if len(sys.argv) > 2 else 1000
+    files = [Path(name) for name in sys.argv[3:]] or sorted(Path("problems").glob("*.toml"))
     touched = 0
     small: list[bool] = []
     large: list[bool] = []
     print(f"{'problem':22} {'δ [deg]':>9} {'CPU [s]':>8} {'touch':>6} {'1.1 δ':>6} {'1.5 δ':>6}  limited by")  # noqa: T201
-    for name, problem in cases(scenes):
+    for name, problem in cases(scenes, files):
         try:
             solution = ccm_opt.solve(problem, explain=False)
         except CcmError:

@@ -62,9 +62,10 @@ def main() -> None:
     """Print one line for each case."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeat", type=int, default=5, help="solves of each kind")
+    parser.add_argument("--rows", type=int, default=None, help="of the table, from its first; all when left out")
     options = parser.parse_args()
     table = Table("problem and terms", "without [s]", "with [s]", "ratio", "worst residual")
-    for case in cases():
+    for case in cases()[: options.rows]:
         spent(case, own=False)
         plain, own = zip(*((spent(case, own=False), spent(case, own=True)) for _ in range(options.repeat)), strict=True)
         without, having = (float(np.median([cpu for cpu, _ in runs])) for runs in (plain, own))

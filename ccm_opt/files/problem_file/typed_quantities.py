@@ -1,6 +1,7 @@
 """Units of a problem file: typed quantities, each of which validation turns into SI units and radians.
 
-Lengths are multiplied by the metres in the file's unit, which the validation context carries as ``scale``.
+Lengths are multiplied by the metres in the file's unit, which the validation context carries as ``scale``. What a value
+has to look like is said in the description of its type, for the pages.
 """
 
 import math
@@ -123,28 +124,46 @@ def _non_negative_each(value: object) -> float | list[float]:
     return _non_negative(value)
 
 
-Length: TypeAlias = Annotated[float, AfterValidator(_to_metres)]
-PositiveLength: TypeAlias = Annotated[float, Field(gt=0.0), AfterValidator(_to_metres)]
-NonNegativeLength: TypeAlias = Annotated[float, Field(ge=0.0), AfterValidator(_to_metres)]
-Curvature: TypeAlias = Annotated[float, AfterValidator(_to_inverse_metres)]
-Degrees: TypeAlias = Annotated[float, AfterValidator(math.radians)]
-PositiveDegrees: TypeAlias = Annotated[float, Field(gt=0.0), AfterValidator(math.radians)]
-BendLimitDegrees: TypeAlias = Annotated[float, Field(gt=0.0, le=180.0), AfterValidator(math.radians)]
+Length: TypeAlias = Annotated[float, Field(description="length"), AfterValidator(_to_metres)]
+PositiveLength: TypeAlias = Annotated[float, Field(gt=0.0, description="length above 0"), AfterValidator(_to_metres)]
+NonNegativeLength: TypeAlias = Annotated[
+    float, Field(ge=0.0, description="length, 0 or more"), AfterValidator(_to_metres)
+]
+Curvature: TypeAlias = Annotated[float, Field(description="1/length"), AfterValidator(_to_inverse_metres)]
+Degrees: TypeAlias = Annotated[float, Field(description="degrees"), AfterValidator(math.radians)]
+PositiveDegrees: TypeAlias = Annotated[
+    float, Field(gt=0.0, description="degrees, above 0"), AfterValidator(math.radians)
+]
+BendLimitDegrees: TypeAlias = Annotated[
+    float, Field(gt=0.0, le=180.0, description="degrees, above 0 and at most 180"), AfterValidator(math.radians)
+]
 Positive: TypeAlias = Annotated[float, Field(gt=0.0)]
-Point: TypeAlias = Annotated[list[Length], exactly(2)]
-Vector: TypeAlias = Annotated[list[float], exactly(3)]
+Point: TypeAlias = Annotated[list[Length], Field(description="`[x, y]`"), exactly(2)]
+Vector: TypeAlias = Annotated[list[float], Field(description="`[x, y, z]`"), exactly(3)]
 
 _Pair: TypeAlias = Annotated[list[float], exactly(2)]
 Ring: TypeAlias = Annotated[
-    list[_Pair], Field(min_length=3), AfterValidator(_simple_ring), AfterValidator(_points_to_metres)
+    list[_Pair],
+    Field(min_length=3, description="`[[x, y], …]`, three or more"),
+    AfterValidator(_simple_ring),
+    AfterValidator(_points_to_metres),
 ]
 Polyline: TypeAlias = Annotated[
-    list[_Pair], Field(min_length=2), AfterValidator(_two_places), AfterValidator(_points_to_metres)
+    list[_Pair],
+    Field(min_length=2, description="`[[x, y], …]`, two or more"),
+    AfterValidator(_two_places),
+    AfterValidator(_points_to_metres),
 ]
-Box: TypeAlias = Annotated[list[Length], exactly(4), AfterValidator(_ordered_box)]
+Box: TypeAlias = Annotated[list[Length], Field(description="four lengths"), exactly(4), AfterValidator(_ordered_box)]
 
-PositiveEach: TypeAlias = Annotated[float | list[float], BeforeValidator(_positive_each)]
+PositiveEach: TypeAlias = Annotated[
+    float | list[float], Field(description="number above 0, or a list of such"), BeforeValidator(_positive_each)
+]
 """One positive number for all, or a list with one each."""
-NonNegativeEach: TypeAlias = Annotated[float | list[float], BeforeValidator(_non_negative_each)]
+NonNegativeEach: TypeAlias = Annotated[
+    float | list[float],
+    Field(description="number, 0 or more, or a list of such"),
+    BeforeValidator(_non_negative_each),
+]
 """The same with zero allowed."""
 NonNegative: TypeAlias = Annotated[float, Field(ge=0.0)]

@@ -1,0 +1,132 @@
+"""The page of all commands and options, made from the parsers of ``ccm-opt``."""
+
+import inspect
+from dataclasses import dataclass
+from enum import EnumType
+from pathlib import Path
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin
+
+from typer.models import ArgumentInfo, CommandInfo, OptionInfo
+
+from ccm_opt.cli.commands import app
+
+HEAD = """\
+# Commands and options
+
+<!-- This page is made by `python docs/write_references.py` from the parsers of the commands. -->
+
+`ccm-opt COMMAND --help` says the same in a terminal. How results are printed, for people and for programs, is told in
+[The command line](command-line.md); exit codes stand in [its table](command-line.md#exit-codes).
+"""
+SHARED = ("as_json", "quiet", "verbose")
+"""Options of every command, which stand at the end of the page."""
+SHORTER = {
+    "problems/*.toml --out runs": "problems/open*.toml --out runs",
+    "compare --suite open-space --count 10": "compare problems/open-space.toml --no-pictures",
+    "mine.toml --method nlp --method hill-climbing --workers 4": "problems/open-space.toml --no-pictures",
+    "--step 0.05": "--step 0.4 --headings 2 --no-pictures",
+    "--payload 0.2": "--payload 0.001",
+    "draw runs/* --figure mp4": "draw runs/swan-neck --figure curves",
+}
+"""What the tests run in place of examples that would take long."""
+PIPE = "\\|"
+"""A bar inside a table."""
+SERVES = "a server, which runs until it is stopped; `tests/test_view.py` starts it"
+
+
+def command_page() -> str:
+    """The whole page."""
+    commands = [command for command in app.registered_commands if not command.hidden]
+    return "\n".join([HEAD, *map(_section, commands), _shared_section(commands[0])])
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """An argument or an option of a command, as its function declares it.
+
+    Attributes:
+        key: name of the function's parameter.
+        kind: of one value.
+        declared: what the command line is told of it.
+        default: of the function's parameter.
+    """
+
+    key: str
+    kind: Any
+    declared: ArgumentInfo | OptionInfo
+    default: object
+
+    @property
+    def words(self) -> str:
+        """As it is written on a command line."""
+        if isinstance(self.declared, ArgumentInfo):
+            return f"`{self.declared.metavar or self.key.upper()}`"
+        # In an annotation Typer takes the first name of an option for its default.
+        declared = [name for name in (self.declared.default, *(self.declared.param_decls or ())) if name is not ...]
+        names = ", ".join(f"`{name}`" for name in declared or [f"--{self.key.replace('_', '-')}"])
+        values = get_args(self.kind) if get_origin(self.kind) is Literal else self._members()
+        if values:
+            return " ".join([names, " \\| ".join(f"`{value}`" for value in values)])
+        kinds = {bool: "", int: " INTEGER", float: " NUMBER", str: " TEXT", Path: " PATH"}
+        return names + (f" {self.declared.metavar}" if self.declared.metavar else kinds[self.kind])
+
+    def _members(self) -> list[str]:
+        return [member.value for member in self.kind] if isinstance(self.kind, EnumType) else []
+
+    @property
+    def default_words(self) -> str:
+        """What holds without it."""
+        if isinstance(self.declared.show_default, str):
+            return self.declared.show_default
+        if self.default is inspect.Parameter.empty:
+            return "required"
+        return "" if self.default in {None, False} else f"`{self.default}`"
+
+    @property
+    def row(self) -> str:
+        """Its row of a table."""
+        return f"| {self.words} | {(self.declared.help or '').replace('|', PIPE)} | {self.default_words} |"
+
+
+def parameters(command: CommandInfo) -> list[Parameter]:
+    """The arguments and options of a command, in their order."""
+    signature = inspect.signature(command.callback or app)
+    found = []
+    for key, parameter in signature.parameters.items():
+        kind, declared = get_args(parameter.annotation)[:2]
+        found.append(Parameter(key, _one_of(kind), declared, parameter.default))
+    return found
+
+
+def _one_of(kind: Any) -> Any:
+    """The kind of one value: without None, and of a list that of its entries."""
+    kinds = [each for each in get_args(kind) if each is not NoneType]
+    return kind if not kinds or get_origin(kind) is Literal else _one_of(kinds[0])
+
+
+def _section(command: CommandInfo) -> str:
+    own = [parameter for parameter in parameters(command) if parameter.key not in SHARED]
+    arguments = [parameter.words.strip("`") for parameter in own if isinstance(parameter.declared, ArgumentInfo)]
+    usage = " ".join(["ccm-opt", str(command.name), *arguments, "[OPTIONS]"])
+    table = ["| argument or option | meaning | default |", "|---|---|---|", *(parameter.row for parameter in own), ""]
+    summary = inspect.getdoc(command.callback)
+    return "\n".join([f"## `{command.name}`\n", f"{summary}\n", f"```text\n{usage}\n```\n", *table, _examples(command)])
+
+
+def _examples(command: CommandInfo) -> str:
+    lines = [line.strip() for line in (command.epilog or "").splitlines()]
+    examples = [line for line in lines if line and line != "Examples:"]
+    replaced = [(old, new) for old, new in SHORTER.items() if any(old in line for line in examples)]
+    block = ["```sh", *examples, "```\n"]
+    if command.name == "view":
+        block = [f"<!-- not run: {SERVES} -->", *block]
+    elif replaced:
+        block = ["<!-- run with: " + "\n".join(f"{old} => {new}" for old, new in replaced) + " -->", *block]
+    return "\n".join(block)
+
+
+def _shared_section(command: CommandInfo) -> str:
+    shared = [parameter for parameter in parameters(command) if parameter.key in SHARED]
+    rows = [f"| {parameter.words} | {parameter.declared.help} |" for parameter in shared]
+    return "\n".join(["## Options of every command\n", "| option | meaning |", "|---|---|", *rows, ""])

@@ -1,0 +1,1 @@
+"""A shell in which ``ccm-opt`` and ``python`` begin with the package loaded, for pages of commands."""

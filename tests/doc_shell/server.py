@@ -1,0 +1,158 @@
+"""A process with the package loaded, which forks for every command that a client hands over.
+
+Loading takes a second and a half, most commands less than that. What runs is the command line's own ``main``, in a
+process of its own, with the client's files, folder and environment.
+"""
+
+import argparse
+import array
+import gc
+import json
+import multiprocessing.process
+import os
+import resource
+import runpy
+import signal
+import socket
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+LOADED = (
+    "ccm_opt.cli.solving",
+    "ccm_opt.cli.checking",
+    "ccm_opt.cli.comparing",
+    "ccm_opt.cli.drawing",
+    "ccm_opt.cli.exporting",
+    "ccm_opt.cli.simulating",
+    "ccm_opt.cli.tolerating",
+    "ccm_opt.diagnosis.explain",
+    "ccm_opt.files.plotting.plan",
+    "ccm_opt.planners.curve",
+    "ccm_opt.hill_climbing.schemas",
+    "casadi",
+    "matplotlib.figure",
+    "matplotlib.backends.backend_agg",
+    "scipy.interpolate",
+    "scipy.spatial",
+)
+"""What commands load; nothing here begins a thread."""
+READ_ONLY_VARIABLE = "ONLY_READ"
+"""Set where a script shall read its options and stop."""
+LONGEST = 100
+"""CPU time after which a command is ended [s], for nobody may be there any longer that waits for it."""
+
+
+class Order:
+    """A command that was handed over, and the way back to the client."""
+
+    def __init__(self, client: socket.socket) -> None:
+        self.client = client
+        room = socket.CMSG_SPACE(3 * array.array("i").itemsize)
+        message, ancillary, _, _ = client.recvmsg(1 << 20, room)
+        descriptors = array.array("i")
+        for _, _, data in ancillary:
+            descriptors.frombytes(data)
+        self.descriptors = list(descriptors)
+        order = json.loads(message)
+        self.words: list[str] = order["words"]
+        self.folder: str = order["folder"]
+        self.environment: dict[str, str] = order["environment"]
+
+    def take_over(self) -> None:
+        """Become the client as far as files, folder and environment go."""
+        for number, descriptor in enumerate(self.descriptors):
+            os.dup2(descriptor, number)
+            os.close(descriptor)
+        self.client.close()
+        os.chdir(self.folder)
+        # Where processes that it starts look for its main file, if that was given by a relative path.
+        multiprocessing.process.ORIGINAL_DIR = self.folder  # type: ignore[attr-defined]
+        os.environ.clear()
+        os.environ.update(self.environment)
+        sys.path[:0] = [entry for entry in self.environment.get("PYTHONPATH", "").split(os.pathsep) if entry]
+
+
+def serve(address: str) -> Order:
+    """Wait for commands; returns in the process that has to run one."""
+    listener = socket.socket(socket.AF_UNIX)
+    listener.bind(address)
+    listener.listen()
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    while True:
+        client, _ = listener.accept()
+        if os.fork() == 0:
+            break
+        client.close()
+    listener.close()
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    order = Order(client)
+    worker = os.fork()
+    if worker:
+        client.sendall(f"{worker}\n".encode())
+        _, status = os.waitpid(worker, 0)
+        client.sendall(f"{os.waitstatus_to_exitcode(status)}\n".encode())
+        os._exit(0)
+    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST))
+    order.take_over()
+    return order
+
+
+def run(words: Sequence[str]) -> None:
+    """Run ``ccm-opt …`` or ``python …``."""
+    program, *arguments = words
+    if os.environ.get(READ_ONLY_VARIABLE):
+        stop_when_read()
+    if program == "ccm-opt":
+        sys.argv = ["ccm-opt", *arguments]
+        import_module("ccm_opt.cli").main()
+    elif arguments[:1] == ["-m"]:
+        sys.argv = arguments[1:]
+        sys.path.insert(0, str(Path.cwd()))
+        runpy.run_module(arguments[1], run_name="__main__", alter_sys=True)
+    else:
+        sys.argv = arguments
+        sys.path.insert(0, str(Path(arguments[0]).resolve().parent))
+        runpy.run_path(arguments[0], run_name="__main__")
+
+
+def stop_when_read() -> None:
+    """End scripts as soon as they have read their options, which ends them with exit code 2 if these are wrong."""
+    read = argparse.ArgumentParser.parse_args
+
+    def parse_args(parser: argparse.ArgumentParser, *given: Any, **named: Any) -> None:
+        read(parser, *given, **named)
+        raise SystemExit(0)
+
+    argparse.ArgumentParser.parse_args = parse_args  # type: ignore[assignment, method-assign]
+
+
+def exit_code_of(words: Sequence[str]) -> int:
+    """Run a command, and say how it ended."""
+    try:
+        run(words)
+    except SystemExit as end:
+        if isinstance(end.code, str):
+            sys.stderr.write(f"{end.code}\n")
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    except BaseException:  # noqa: BLE001 - whatever it is, it is shown as Python shows it
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    for name in LOADED:
+        import_module(name)
+    # What is loaded is for all of them: to look through it for garbage, or to take it apart in the end, takes longer
+    # than most commands.
+    gc.freeze()
+    code = exit_code_of(serve(sys.argv[1]).words)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
