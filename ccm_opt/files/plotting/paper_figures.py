@@ -43,7 +43,7 @@ def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png", settings: PaperF
         raise ProblemError("the plan has no curves behind its keyframes; draw other figures")
     goal = plan.problem.goal if isinstance(plan.problem.goal, TipGoal) else None
     title = f"{plan.problem.name}: {len(plan.curves)} keyframes"
-    panel = SchemaPanel(title, plan.curves, goal, plan.problem.workspace)
+    panel = SchemaPanel(title, plan.curves, goal, plan.problem.workspace, unit=plan.problem.length_unit)
     return figure_file(lambda: schemas_figure([panel], shown=settings.curves, side=settings.curves_side), kind)
 
 

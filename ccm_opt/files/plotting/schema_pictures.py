@@ -10,12 +10,14 @@ from matplotlib.figure import Figure
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.axis_units import label_axis
 from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.files.plotting.workspace_drawing import draw_obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_units import LengthUnit
 from ccm_opt.problem import TipGoal
 
 _SIDE = 2.5
@@ -34,6 +36,7 @@ class SchemaPanel:
         goal: drawn as an arrow, or None.
         workspace: the room, or None in open space.
         subgoal: drawn as a hollow arrow, or None.
+        unit: of lengths on its axes.
     """
 
     title: str
@@ -41,6 +44,7 @@ class SchemaPanel:
     goal: TipGoal | None
     workspace: Workspace | None = None
     subgoal: TipGoal | None = None
+    unit: LengthUnit = "m"
 
 
 def schemas_png(
@@ -97,8 +101,8 @@ def _draw_configurations(axes: Axes, panel: SchemaPanel, shown: int) -> None:
     for goal, face in ((panel.goal, style.GOAL_MARK), (panel.subgoal, "none")):
         if goal is not None:
             _draw_arrow(axes, goal, 0.16 * panel.configurations[0].length, face)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+    label_axis(axes.xaxis, "x", panel.unit)
+    label_axis(axes.yaxis, "y", panel.unit)
 
 
 def _draw_arrow(axes: Axes, goal: TipGoal, reach: float, face: str) -> None:
@@ -118,7 +122,7 @@ def _draw_curvature(axes: Axes, panel: SchemaPanel, shown: int) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, -1.0), max(high, 1.0))
     axes.axhline(0.0, color=style.WALL_EDGE, linewidth=0.6)
-    axes.set_xlabel("arc length [m]")
+    label_axis(axes.xaxis, "arc length", panel.unit)
     axes.set_ylabel("curvature [1/m]")
 
 
