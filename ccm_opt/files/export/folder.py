@@ -85,12 +85,13 @@ def solution_texts(solution: Solution) -> dict[str, str]:
     }
 
 
-def model_texts(problem: Problem) -> dict[str, str]:
+def model_texts(problem: Problem, *, obstacles: bool = True, bends_only: bool = False) -> dict[str, str]:
     """Descriptions of a problem's arm and obstacles for other programs, by file name."""
-    scene = solid_scene(problem.workspace, problem.arm)
+    scene = solid_scene(problem.workspace, problem.arm) if obstacles else None
+    gravity = problem.simulation.gravity
     return {
-        "arm.urdf": urdf_text(problem.arm, problem.name, problem.limits, scene),
-        "arm.mjcf.xml": mjcf_text(problem.arm, problem.name, problem.simulation.gravity, scene),
+        "arm.urdf": urdf_text(problem.arm, problem.name, problem.limits, scene, bends_only=bends_only),
+        "arm.mjcf.xml": mjcf_text(problem.arm, problem.name, gravity, scene, bends_only=bends_only),
     }
 
 

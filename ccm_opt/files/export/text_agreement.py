@@ -4,13 +4,14 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from ccm_opt.files.export.folder import model_texts
-from ccm_opt.files.export.trajectory_text import trajectory_columns
+from ccm_opt.files.export.trajectory_text import bending_joints, trajectory_columns
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
@@ -43,23 +44,45 @@ def checks_of_texts(folder: Path, problem: Problem, trajectory: JointTrajectory,
         trajectory: the motion in the folder's arrays.
         joints: the same for all drives.
     """
-    names, tables = trajectory_columns(trajectory, joints)
-    defects: dict[str, Callable[[str], Iterator[str]]] = {
-        "trajectory.csv": lambda text: _table_defects(text, trajectory.time, names, tables),
-        "trajectory.yaml": lambda text: _message_defects(text, trajectory.time, names, tables),
+    readers = {
+        "trajectory.csv": partial(_table_defects, time=trajectory.time),
+        "trajectory.yaml": partial(_message_defects, time=trajectory.time),
     }
-    for name, wanted in model_texts(problem).items():
-        defects[name] = lambda text, wanted=wanted: _model_defects(text, wanted)  # type: ignore[misc]
-    return [_check(folder / name, find) for name, find in defects.items() if (folder / name).exists()]
+    found = []
+    for name in NAMES:
+        if not (folder / name).exists():
+            continue
+        variants: Iterator[Callable[[str], Iterator[str]]]
+        if name in readers:
+            of_joints = (trajectory_columns(trajectory, some) for some in (joints, bending_joints(joints)))
+            variants = (partial(readers[name], names=names, tables=tables) for names, tables in of_joints)
+        else:
+            variants = (partial(_model_defects, wanted=text) for text in _descriptions(problem, name))
+        found.append(_check(folder / name, variants))
+    return found
 
 
-def _check(path: Path, find: Callable[[str], Iterator[str]]) -> Check:
+def _descriptions(problem: Problem, name: str) -> Iterator[str]:
+    """A description as ``solve`` writes it, and as ``ccm-opt export`` may have written it in its place."""
+    for bends_only in (False, True):
+        for obstacles in (True, False):
+            yield model_texts(problem, obstacles=obstacles, bends_only=bends_only)[name]
+
+
+def _check(path: Path, variants: Iterator[Callable[[str], Iterator[str]]]) -> Check:
+    """Whether a file is as one of several variants; what is said of it is how it differs from the first."""
+    said = ""
     try:
         text = path.read_text(encoding="utf-8")
-        defect = next(find(text), "")
+        for find in variants:
+            defect = next(find(text), "")
+            said = said or defect
+            if not defect:
+                said = ""
+                break
     except (OSError, ValueError) as error:
-        defect = f"it is not readable: {error}"
-    return Check(NAMES[path.name], float(bool(defect)), 0.0, "defects", defect, passed=not defect)
+        said = f"it is not readable: {error}"
+    return Check(NAMES[path.name], float(bool(said)), 0.0, "defects", said, passed=not said)
 
 
 def _table_defects(

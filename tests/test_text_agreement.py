@@ -1,0 +1,48 @@
+"""Text files of a folder may have been written anew by an export, and still say what the arrays say."""
+
+from pathlib import Path
+
+import pytest
+
+from ccm_opt.cli.checking import check_folders
+from ccm_opt.cli.outcome import NO_PLAN, SOLVED
+from ccm_opt.files.export.folder import model_texts
+from ccm_opt.files.export.trajectory_text import trajectory_texts
+
+from .corruption.plans import Folder, write_plans
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Folder:
+    """A plan as it was written."""
+    return write_plans(tmp_path_factory.mktemp("plans"), ("fed",))["fed"]
+
+
+def test_what_export_writes_in_place_of_a_file_is_accepted(written: Folder, tmp_path: Path) -> None:
+    """Bends alone, and descriptions without obstacles, say less and nothing else."""
+    folder = written.copy()
+    solution = folder.solution
+    texts = trajectory_texts(solution.trajectory, solution.joints, bends_only=True)
+    folder.texts |= dict(zip(("trajectory.csv", "trajectory.yaml"), texts, strict=True))
+    folder.texts |= model_texts(solution.problem, obstacles=False, bends_only=True)
+    folder.write(tmp_path / "bends")
+    assert check_folders([tmp_path / "bends"]) == SOLVED
+
+
+@pytest.mark.parametrize("text", ["", "nonsense", "\x00", "<robot/>", "time\n1\n2", "joint_names: []\npoints:"])
+def test_what_is_nothing_of_the_kind_is_refused(written: Folder, tmp_path: Path, text: str) -> None:
+    """With a reason, and never with a traceback."""
+    for name in sorted(written.texts):
+        folder = written.copy()
+        folder.texts[name] = text
+        folder.write(tmp_path / name)
+        assert check_folders([tmp_path / name]) == NO_PLAN
+
+
+def test_declarations_are_not_expanded(written: Folder, tmp_path: Path) -> None:
+    """A description with entities is refused unread."""
+    folder = written.copy()
+    bomb = '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><robot name="&b;"/>'
+    folder.texts["arm.urdf"] = bomb
+    folder.write(tmp_path / "bomb")
+    assert check_folders([tmp_path / "bomb"]) == NO_PLAN
