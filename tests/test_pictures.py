@@ -20,7 +20,6 @@ from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest
 from ccm_opt.files.plotting import video
 from ccm_opt.files.plotting.action_window import action_window
 from ccm_opt.files.plotting.animation import Film, motion_gif
-from ccm_opt.files.plotting.axis_units import length_unit
 from ccm_opt.files.plotting.drawn_plan import DrawnPlan
 from ccm_opt.files.plotting.label_places import LabelPlaces
 from ccm_opt.files.plotting.picture_settings import FILM
@@ -76,8 +75,6 @@ def test_the_picture_is_fitted_to_the_action(plan: DrawnPlan) -> None:
 def test_axes_are_in_the_unit_of_the_file() -> None:
     """A file in millimetres has millimetres at its axes, at round numbers; without a file the problem's unit counts."""
     problem = parse_problem(SMALL_PROBLEM.replace('name = "small"', 'name = "small"\nunits = "in"'))
-    assert length_unit(problem) == ("in", 0.0254)
-    assert length_unit(replace(problem, length_unit="m")) == ("m", 1.0)
     points = problem.arm.joint_positions(np.zeros((3, 4)))
     trajectory = _still(problem.arm.links)
     figure = plan_figure(DrawnPlan(problem, trajectory, points))
@@ -86,6 +83,8 @@ def test_axes_are_in_the_unit_of_the_file() -> None:
     ticks = np.array(axes.get_xticks()) / 0.0254
     steps = np.diff(ticks)
     np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
+    (in_metres,) = plan_figure(DrawnPlan(replace(problem, length_unit="m"), trajectory, points)).axes
+    assert in_metres.get_xlabel() == "x [m]"
     np.testing.assert_allclose(ticks, np.round(ticks, 3), atol=1e-9)
 
 
