@@ -15,8 +15,8 @@ class ExportSettings:
             off by unless the problem says otherwise, since engines know no walls without thickness.
         round_sides: sides of cylinders and half spheres in films.
         film_rate: keyframes of films a second [1/s]; between them players interpolate.
-        compression: of arrays, from 1, fast, to 9, small. Measured on the plan of the swan's neck, 1.37 MB without: 615 kB
-            in 14 ms at 1, 612 kB in 24 ms at 6.
+        compression: of arrays, from 1, fast, to 9, small. Measured on the plan of the swan's neck, 1.37 MB without:
+            615 kB in 14 ms at 1, 612 kB in 24 ms at 6.
     """
 
     depth: float = 4.0
