@@ -41,8 +41,14 @@ def _method(comparison: Comparison, name: str) -> ComparedMethod:
 
 
 def _run(run: Run) -> ComparedRun:
-    figures = {key: value for key, value in run.figures.items() if math.isfinite(value)}
+    figures = {key: _without_dust(key, value) for key, value in run.figures.items() if math.isfinite(value)}
     return ComparedRun(run.problem, run.method, run.outcome, run.solved, run.reason, figures, run.tactic)
+
+
+def _without_dust(key: str, value: float) -> float:
+    """A figure to what counts as a difference at all: axes are not to show billionths of a millimetre."""
+    tie = next((item.tie for item in QUANTITIES if item.key == key), 0.0)
+    return tie * round(value / tie) if tie > 0.0 else value
 
 
 def _pair(pair: Pair) -> ComparedPair:
