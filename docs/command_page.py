@@ -23,8 +23,6 @@ SHARED = ("as_json", "quiet", "verbose")
 """Options of every command, which stand at the end of the page."""
 SHORTER = {
     "problems/*.toml --out runs": "problems/open*.toml --out runs",
-    "compare --suite open-space --count 10": "compare problems/open-space.toml --no-pictures",
-    "mine.toml --method nlp --method hill-climbing --workers 4": "problems/open-space.toml --no-pictures",
     "--step 0.05": "--step 0.4 --headings 2 --no-pictures",
     "--payload 0.2": "--payload 0.001",
     "draw runs/* --figure mp4": "draw runs/swan-neck --figure curves",
@@ -121,6 +119,8 @@ def _examples(command: CommandInfo) -> str:
     block = ["```sh", *examples, "```\n"]
     if command.name == "view":
         block = [f"<!-- not run: {SERVES} -->", *block]
+    elif command.name == "compare":
+        block = ["<!-- only read: compares for a minute -->", *block]
     elif replaced:
         block = ["<!-- run with: " + "\n".join(f"{old} => {new}" for old, new in replaced) + " -->", *block]
     return "\n".join(block)

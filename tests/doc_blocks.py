@@ -7,8 +7,8 @@ A block is run as it stands unless a comment right above it says otherwise::
     <!-- not run: needs a cluster -->
 
 The first puts something else in the place of what would take long, one replacement a line; all else is run as it
-stands. With the second, scripts read their options and stop, so that wrong ones are seen. The third leaves the block
-out. Both say why.
+stands. With the second, scripts and commands read their options and stop, so that wrong ones are seen. The third leaves
+the block out. Both say why.
 
 ``sh`` blocks are run by bash; of ``console`` blocks the lines that begin with ``$`` are, and what they print has to
 match the other lines, in which ``…`` stands for anything; ``python`` blocks are run by Python; ``toml`` blocks are read

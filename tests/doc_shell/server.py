@@ -41,7 +41,7 @@ LOADED = (
 )
 """What commands load; nothing here begins a thread."""
 READ_ONLY_VARIABLE = "ONLY_READ"
-"""Set where a script shall read its options and stop."""
+"""Set where a script or command shall read its options and stop."""
 LONGEST = 100
 """CPU time after which a command is ended [s], for nobody may be there any longer that waits for it."""
 
@@ -106,9 +106,14 @@ def serve(address: str) -> Order:
 def run(words: Sequence[str]) -> None:
     """Run ``ccm-opt …`` or ``python …``."""
     program, *arguments = words
-    if os.environ.get(READ_ONLY_VARIABLE):
+    only_read = bool(os.environ.get(READ_ONLY_VARIABLE))
+    if only_read:
         stop_when_read()
-    if program == "ccm-opt":
+    if program == "ccm-opt" and only_read:
+        commands = import_module("ccm_opt.cli.commands")
+        group = import_module("typer").main.get_command(commands.app)
+        group.commands[arguments[0]].make_context(arguments[0], arguments[1:])
+    elif program == "ccm-opt":
         sys.argv = ["ccm-opt", *arguments]
         import_module("ccm_opt.cli").main()
     elif arguments[:1] == ["-m"]:
