@@ -162,12 +162,13 @@ def test_the_page_follows_its_plan(viewer: ViewerApp) -> None:
     while viewer.player.time == began and time.monotonic() < deadline:
         time.sleep(0.05)
     assert viewer.player.time > began
-    for layer in ("swept region", "route", "regions", "names"):
-        viewer.scene.switch(layer, on=True)
-        viewer.scene.switch(layer, on=False)
-    for meaning in ("gap", "torque"):
-        viewer.scene.colour_by = meaning
-        viewer.scene.pose(0.5)
+    with viewer._lock:  # it plays on meanwhile
+        for layer in ("swept region", "route", "regions", "names"):
+            viewer.scene.switch(layer, on=True)
+            viewer.scene.switch(layer, on=False)
+        for meaning in ("gap", "torque"):
+            viewer.scene.colour_by = meaning
+            viewer.scene.pose(0.5)
     live = viewer.live
     assert live is not None
     goal = live.problem.goal

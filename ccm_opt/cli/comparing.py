@@ -1,5 +1,6 @@
 """``ccm-opt compare``: run methods on the same problems, print what came of it, write tables and pictures."""
 
+import itertools
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -116,10 +117,19 @@ def chosen_cases(options: CompareOptions) -> tuple[Case, ...]:
 
 @contextmanager
 def _display(count: int) -> Iterator[Callable[[Run], None]]:
-    """Count the runs on stderr when that is a terminal."""
+    """Count the runs on stderr: on a terminal by a bar, elsewhere by a line for each."""
     console = Console(stderr=True)
-    if output().quiet or not console.is_terminal:
+    if output().quiet:
         yield lambda _: None
+        return
+    if not console.is_terminal:
+        numbers = itertools.count(1)
+
+        def tell(run: Run) -> None:
+            sys.stderr.write(f"{next(numbers)} of {count} runs: {run.problem}, {run.method}: {run.outcome}\n")
+            sys.stderr.flush()
+
+        yield tell
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:

@@ -119,6 +119,8 @@ class TrialSettings:
     Attributes:
         steps: how far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds. Taste.
         guessed_steps: the same where the bound is only where the problem stands. Taste.
+        advised_steps: how far beyond its bound a change is looked at by the necessary checks alone, where every try
+            failed, as a share of the bound. Taste.
         close: share of its value within which a parameter is bracketed by what failed, or cannot be, and what worked.
             Derived: just more than the first step is of the value after it, so that a try that succeeds there need not
             be repeated.
@@ -137,6 +139,7 @@ class TrialSettings:
 
     steps: tuple[float, ...] = (0.045, 0.1, 0.2, 0.4)
     guessed_steps: tuple[float, ...] = (0.1, 0.25, 0.5)
+    advised_steps: tuple[float, ...] = (0.0, 0.25, 0.6, 1.0)
     close: float = 0.048
     least_time: float = 0.05
     try_share: float = 0.5

@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
 from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
-from ccm_opt.diagnosis.parameters import WholeChange
+from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
@@ -88,13 +89,32 @@ def _diagnosis(
 
 
 def _advice(problem: Problem, findings: tuple[Finding, ...]) -> tuple[str, ...]:
-    """What would be needed at least, as far as is known, when no try of it succeeded."""
+    """What would be needed at least, as far as is known, when no try of it succeeded.
+
+    Nothing is advised of which the necessary checks prove that it is not enough.
+    """
     proved = tuple(finding for finding in findings if finding.proved)
-    lines = []
+    words = []
     for candidate in candidates(problem, proved) if proved else ():
         if isinstance(candidate, WholeChange):
-            lines.append(f"{candidate.words}, though no solve has shown that it is enough")
+            words += [] if _hopeless(candidate.changed(problem)) else [candidate.words]
         elif (bound := candidate.bound or hardest_bound(candidate, proved)) is not None:
-            needed = candidate.relaxation(problem, candidate.rounded(problem, bound), bound)
-            lines.append(f"{needed.words} at least, though no solve has shown that it is enough")
-    return tuple(lines)
+            value = _least_with_hope(problem, candidate, bound)
+            words += [] if value is None else [f"{candidate.relaxation(problem, value, bound).words} at least"]
+    return tuple(f"{each}, though no solve has shown that it is enough" for each in words)
+
+
+def _least_with_hope(
+    problem: Problem, candidate: Parameter, bound: float, settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
+) -> float | None:
+    """The least change, from the bound on, that the necessary checks let pass; None where none of them does."""
+    for step in settings.advised_steps:
+        value = candidate.rounded(problem, bound * (1.0 + step) ** candidate.easier)
+        if not _hopeless(candidate.write(problem, value)):
+            return value
+    return None
+
+
+def _hopeless(changed: Problem) -> bool:
+    """Whether a changed problem is proved to have no plan, for whatever reason."""
+    return any(finding.proved for finding in failed(changed))

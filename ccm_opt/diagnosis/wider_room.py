@@ -11,6 +11,7 @@ from ccm_opt.diagnosis.parameters import WholeChange
 from ccm_opt.errors import Finding
 from ccm_opt.freespace.workspace import BOUNDARY_NAME
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_units import in_unit
 from ccm_opt.problem import Problem
 
 
@@ -32,11 +33,13 @@ def wider_room(
     points = _points(problem)
     low = np.minimum(points.min(axis=0) - need, boundary.bounds[:2])
     high = np.maximum(points.max(axis=0) + need, boundary.bounds[2:])
-    unit = 10.0 ** np.floor(np.log10(problem.arm.length) - 3.0)
-    bounds = (*(np.floor(low / unit) * unit).tolist(), *(np.ceil(high / unit) * unit).tolist())
-    numbers = ", ".join(f"{value:.6g}" for value in bounds)
+    step = 10.0 ** np.floor(np.log10(problem.arm.length) - 3.0)
+    bounds = (*(np.floor(low / step) * step).tolist(), *(np.ceil(high / step) * step).tolist())
+    # In the unit of the file, into which people copy them.
+    unit = problem.length_unit
+    numbers = ", ".join(f"{in_unit(value, unit):.6g}" for value in bounds)
     return WholeChange(
-        f"workspace.bounds = [{numbers}] m",
+        f"workspace.bounds = [{numbers}] {unit}",
         "workspace.bounds",
         numbers,
         lambda p: replace(p, workspace=replace(p.workspace, boundary=shapely.box(*bounds))),

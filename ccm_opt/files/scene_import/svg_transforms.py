@@ -62,7 +62,7 @@ def numbers_in(text: str) -> list[float]:
         raise ProblemError("it has coordinates with something that is no number")
     numbers = [float(number) for number in NUMBER.findall(text)]
     if not all(map(math.isfinite, numbers)):
-        raise ProblemError("it has a coordinate that is not a finite number")
+        raise ProblemError("it has a length that is too large")
     return numbers
 
 
@@ -82,7 +82,7 @@ def length_of(text: str, view: View, across: bool | None) -> float:
         raise ProblemError(f"it has the length '{text[:40]}'; expected a number")
     value = float(match[1])
     if not math.isfinite(value):
-        raise ProblemError("it has a coordinate that is not a finite number")
+        raise ProblemError("it has a length that is too large")
     unit = match[2].lower()
     if unit in _PIXELS:
         return value * _PIXELS[unit]
