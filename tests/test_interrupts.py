@@ -69,3 +69,21 @@ def test_a_solve_that_is_interrupted_says_so_and_leaves_an_earlier_plan(tmp_path
         assert "error: cancelled" in said
         assert (folder / "solution.npz").read_bytes() == b"earlier"
     assert not [name for name in os.listdir(tmp_path / "runs") if name.startswith(".")]  # noqa: PTH208
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there is no timer")
+def test_the_timer_ends_when_ctrl_c_is_met() -> None:
+    """No alarm is left for Python's own end, which forgets its handlers and would be ended by it."""
+    script = """
+import os, signal
+from ccm_opt.cli.cancelling import interrupt_met, interrupts_insist
+interrupts_insist()
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+except KeyboardInterrupt:
+    assert signal.getitimer(signal.ITIMER_REAL)[0] > 0.0
+    interrupt_met()
+assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+"""
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60)
+    assert ended.returncode == 0, ended.stderr

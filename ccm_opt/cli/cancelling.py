@@ -75,8 +75,13 @@ def interrupts_insist() -> None:
 
 
 def interrupt_met() -> None:
-    """Whoever is to answer Ctrl-C has it."""
+    """Whoever is to answer Ctrl-C has it.
+
+    The timer ends here: Python forgets its handlers at its end, and an alarm after that would end the process.
+    """
     _NOTES.met = True
+    if hasattr(signal, "setitimer"):
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:

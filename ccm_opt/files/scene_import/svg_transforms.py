@@ -62,7 +62,7 @@ def numbers_in(text: str) -> list[float]:
         raise ProblemError("it has coordinates with something that is no number")
     numbers = [float(number) for number in NUMBER.findall(text)]
     if not all(map(math.isfinite, numbers)):
-        raise ProblemError("it has a length that is too large")
+        raise ProblemError("it has a coordinate that is not a finite number")
     return numbers
 
 
