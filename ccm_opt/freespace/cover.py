@@ -237,7 +237,6 @@ def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArra
 
 
 def _thickness(overlap: FloatArray) -> float:
-    """Twice the area over the perimeter of a polygon (m, 2) [m]: for a long one its mean thickness."""
-    if len(overlap) < 3:
-        return 0.0
-    return 2.0 * signed_area(overlap) / float(np.sum(np.linalg.norm(overlap - after_each(overlap), axis=1)))
+    """Twice the area over the perimeter of a polygon (m, 2) [m]: for a long one its mean thickness; of a point 0."""
+    perimeter = float(np.sum(np.linalg.norm(overlap - after_each(overlap), axis=1))) if len(overlap) > 2 else 0.0
+    return 2.0 * signed_area(overlap) / perimeter if perimeter > 0.0 else 0.0
