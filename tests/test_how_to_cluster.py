@@ -15,7 +15,7 @@ from ccm_opt.ground.cluster import DaskWorkers
 from ccm_opt.ground.executor_settings import ExecutorSettings
 from ccm_opt.ground.executors import completed
 from tests.comparison_tasks import double
-from tests.test_comparison_executors import address_in
+from tests.test_comparison_executors import address_in, dask_process
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "how-to-cluster.md"
@@ -51,12 +51,12 @@ def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(
 
     own_authority(tmp_path)
     tls = ["--tls-ca-file", "ca.pem", "--tls-cert", "one.pem", "--tls-key", "one-key.pem"]
-    scheduler = started(tmp_path, "scheduler", "--protocol", "tls", "--host", "127.0.0.1", "--port", "0", *tls)
+    scheduler = dask_process(tmp_path, "scheduler", "--protocol", "tls", "--host", "127.0.0.1", "--port", "0", *tls)
     worker = None
     try:
         address = address_in(tmp_path / "scheduler.json")
         assert address.startswith("tls://")
-        worker = started(tmp_path, "worker", "--nthreads", "1", "--no-nanny", *tls)
+        worker = dask_process(tmp_path, "worker", "--nthreads", "1", "--no-nanny", *tls)
         with pytest.raises(ProblemError, match="no Dask scheduler answers"):
             list(completed(DaskWorkers(address, ExecutorSettings(cluster_timeout=3.0)), double, [1]))
         monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CA_FILE", str(tmp_path / "ca.pem"))
@@ -82,18 +82,6 @@ def named(settings: dict[str, object], before: str = "") -> Iterator[tuple[str, 
             yield from named(value, name)
         else:
             yield name, value
-
-
-def started(folder: Path, kind: str, *options: str) -> "subprocess.Popen[bytes]":
-    """A process of the cluster."""
-    command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--no-dashboard", *options]
-    return subprocess.Popen(
-        [*command, "--scheduler-file", str(folder / "scheduler.json")],
-        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONWARNINGS": "ignore"},
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
 
 
 def own_authority(folder: Path) -> None:
