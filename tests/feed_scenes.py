@@ -7,7 +7,8 @@ import shapely
 
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.planners.following.leader import LeaderPath
 from ccm_opt.problem import Goal, JointPose, Limits, PlannerOptions, Problem
 

@@ -28,7 +28,7 @@ from ccm_opt.errors import Diagnosis, Finding, MotionNotFound, ProblemError, Ret
 from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
-from ccm_opt.jointed.arm import Feed
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.solution import JointPath
 

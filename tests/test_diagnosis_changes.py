@@ -18,7 +18,7 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import unit_vector
-from ccm_opt.jointed.arm import Feed
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 

@@ -25,8 +25,9 @@ from ccm_opt.ground import compiled_source
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
 from ccm_opt.ground.library_cache import CACHE_VARIABLE
-from ccm_opt.jointed.arm import Arm, Axes, Feed
+from ccm_opt.jointed.arm import Arm, Axes
 from ccm_opt.jointed.jacobian import tip_jacobian
+from ccm_opt.jointed.link_chain import Feed
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 
 GRAVITY = np.array([1.0, 2.0, -9.81])

@@ -13,8 +13,9 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_sta
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.urdf import UNLIMITED_EFFORT, urdf_text
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Axes, Feed
+from ccm_opt.jointed.arm import Arm, Axes
 from ccm_opt.jointed.frames import joint_names, joint_positions_3d, revolute_angles
+from ccm_opt.jointed.link_chain import Feed
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck
 
 GRAVITY = np.array([0.5, 0.0, -9.81])

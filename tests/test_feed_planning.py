@@ -16,7 +16,7 @@ from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.arm import Feed
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.motion.clamped_spline import clamped_spline
 from ccm_opt.planners.feed.feed_planner import FeedPlanner
 from ccm_opt.planners.feed.path_time import path_time

@@ -15,7 +15,7 @@ from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0
 from ccm_opt.hill_climbing.steps import SchemaStopped, run
-from ccm_opt.jointed.arm import Feed
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.planners.baseline.baseline_settings import BaselineSettings
 from ccm_opt.planners.baseline.follower import Follower
 from ccm_opt.planners.baseline.hill_climbing_planner import HillClimbingPlanner, first_plan, obstacle_ahead

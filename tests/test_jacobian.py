@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.jointed.arm import Arm, Axes, Feed
+from ccm_opt.jointed.arm import Arm, Axes
 from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d, revolute_angles
 from ccm_opt.jointed.inverse_kinematics import ball_angles
 from ccm_opt.jointed.jacobian import point_jacobians, tip_jacobian
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.pose_report import pose_issues
 from tests.dynamics_arms import swan_neck
 

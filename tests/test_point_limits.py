@@ -20,7 +20,8 @@ from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.files.problem_file.problem_data import problem_data
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.point_on_arm import PointOnArm
 from ccm_opt.problem import JointPose, Limits, PointLimit, Problem
 from ccm_opt.retiming import joined, retime_paul

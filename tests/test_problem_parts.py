@@ -16,7 +16,7 @@ from ccm_opt.errors import ProblemFileError
 from ccm_opt.files.problem_file import parse_problem, problem_from_mapping
 from ccm_opt.files.problem_file.problem_data import problem_data
 from ccm_opt.ground.length_units import METRES, LengthUnit
-from ccm_opt.jointed.arm import Feed
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import SimulationOptions, VerificationOptions
 
 from .conftest import PROBLEMS

@@ -18,8 +18,9 @@ from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.jointed.link_chain import Feed
 from tests.dynamics_arms import loose_limits, swan_neck
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

@@ -21,8 +21,9 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
 from ccm_opt.ground.library_cache import CACHE_VARIABLE
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import frame_transforms, joint_positions_3d
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import ControllerName, Disturbances, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 from tests.dynamics_arms import carried, loose_limits, smooth_trajectory, swan_neck

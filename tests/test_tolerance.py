@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.tolerance.chain_support import chain_support, worst_errors

@@ -8,36 +8,18 @@ import numpy as np
 
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arguments import Arguments
-from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.coordinates import FEED, Coordinates, planar_coordinates
-from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
 from ccm_opt.jointed.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
+from ccm_opt.jointed.link_chain import Feed, LinkChain
 
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
-HELD_TOLERANCE = ROUNDING
-"""A joint as near as this to the hole counts as having passed it [m]."""
 
 
 @dataclass(frozen=True)
-class Feed:
-    """A linear axis along the base heading that carries the base through a guide tube; distances from ``Arm.base`` [m].
-
-    Attributes:
-        low: least position of the base on the axis.
-        high: greatest position.
-        hole: where the guide tube ends; joints that have not passed it are held straight.
-    """
-
-    low: float
-    high: float
-    hole: float
-
-
-@dataclass(frozen=True)
-class Arm:
+class Arm(LinkChain):
     """A planar view of the arm plus what its dynamics need; angles in radians, lengths in metres.
 
     A configuration q is a row of the arm's ``coordinates``: the bends of the joints, then the positions of the axes
@@ -165,16 +147,6 @@ class Arm:
         )
 
     @property
-    def length(self) -> float:
-        """Total length L = links · l [m]."""
-        return self.links * self.link_length
-
-    @property
-    def base_axes(self) -> tuple[Feed, ...]:
-        """The axes that carry the base, in the order of their coordinates; none when it is fixed."""
-        return () if self.feed is None else (self.feed,)
-
-    @property
     def coordinates(self) -> Coordinates:
         """What the columns of a configuration are, c of them."""
         return planar_coordinates(self.links, tuple(FEED for _ in self.base_axes))
@@ -195,75 +167,6 @@ class Arm:
     def upper_limits(self) -> FloatArray:
         """Greatest value of every coordinate, shape (c,) [rad, m]."""
         return np.concatenate((self.bend_limits, [axis.high for axis in self.base_axes]))
-
-    @property
-    def first_self_pair(self) -> int:
-        """Least difference j − i of the indices of links whose axes must keep two radii apart.
-
-        Links are neighbours round a bend unless ``(|i − j| − 1) l ≥ max(2 l, π r)``.
-        """
-        reach = max(2.0 * self.link_length, np.pi * self.radius)
-        return int(np.ceil(reach / self.link_length - 1e-9)) + 1
-
-    @property
-    def base_range(self) -> tuple[float, float]:
-        """How far the base is carried along its heading at least and at most [m]; 0 and 0 when it is fixed."""
-        return sum(axis.low for axis in self.base_axes), sum(axis.high for axis in self.base_axes)
-
-    @property
-    def distant_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs (i, j), i < j, of links so far apart along the arm that they can meet, each of shape (p,)."""
-        first, second = np.triu_indices(self.links, self.first_self_pair)
-        return first, second
-
-    @property
-    def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links that must keep two radii apart, the distant ones; none when links may meet."""
-        if self.self_collision:
-            return self.distant_pairs
-        none = np.zeros(0, dtype=np.intp)
-        return none, none
-
-    def link_margins(
-        self,
-        first: IntArray,
-        second: IntArray,
-        margin: float,
-        settings: LinkMarginSettings = DEFAULT_LINK_MARGINS,
-    ) -> FloatArray:
-        """Gap that planning keeps between the surfaces of distant links, shape (p,) [m].
-
-        Links that are not far apart along the arm cannot keep the whole margin round a tight bend: they keep a share of
-        what the links between them leave at full stretch.
-
-        Args:
-            first: links nearer to the base, shape (p,).
-            second: the others, shape (p,).
-            margin: that planning keeps from walls [m].
-            settings: the share that is kept.
-        """
-        between = (second - first - 1) * self.link_length - 2.0 * self.radius
-        return np.clip(settings.share * between, 0.0, margin)
-
-    def room_for_errors(self, links: IntArray) -> FloatArray:
-        """Room that planning leaves beyond contact for errors of joints, where some links lie between, shape (p,) [m].
-
-        An error at one joint after the other, the first one first, moves a point on a circle about that joint, whose
-        radius is at most the length of arm between: l for the last joint, 2 l for the one before, and so on.
-
-        Args:
-            links: number of links from the first joint to the end of the link that moves, that link included, shape
-                (p,): all up to it against a wall, those that turn against each other for two links.
-        """
-        return np.asarray(0.5 * self.stray * self.link_length**2 * links * (links + 1))
-
-    @property
-    def mount_end(self) -> tuple[int, float]:
-        """Link on which the mount ends, and where on it as a share in [0, 1]; share 1 of the last is the whole arm."""
-        length = self.mount_length / self.link_length
-        # The small number keeps a mount of whole links from ending on the link before by rounding.
-        link = min(int(length + 1e-9), self.links - 1)
-        return link, min(max(length - link, 0.0), 1.0)
 
     def headings(self, bends: FloatArray) -> FloatArray:
         """Link headings φ from joint bends, shape (..., links) [rad]."""
@@ -324,21 +227,6 @@ class Arm:
     def feed_direction(self) -> FloatArray:
         """Unit vector of the base heading, along which a feed axis runs, shape (2,)."""
         return unit_vector(self.base_heading)
-
-    def held(self, feed: FloatArray | float) -> BoolArray:
-        """Which joints a guide tube of the base still holds straight, shape (..., links), boolean; none without one.
-
-        Args:
-            feed: position of the base on its feed axis, shape (...) [m].
-        """
-        along = np.asarray(feed)[..., None] + self.link_length * np.arange(self.links)
-        held: BoolArray = along < self.hole - HELD_TOLERANCE
-        return held
-
-    @property
-    def hole(self) -> float:
-        """Distance from ``base`` at which the last guide tube of the base ends [m]; −∞ when there is none."""
-        return max((axis.hole for axis in self.base_axes), default=-np.inf)
 
 
 def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:

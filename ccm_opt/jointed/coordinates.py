@@ -28,6 +28,7 @@ class Coordinates:
         drives: number of the drive that moves each coordinate. The revolutes are counted first, ball by ball, and the
             axes that carry the base after them.
         revolutes: number of revolutes.
+        bends_a_joint: how many coordinates in a row bend the same joint: 1 in the plane, 2 in space.
     """
 
     names: tuple[str, ...]
@@ -35,6 +36,7 @@ class Coordinates:
     joints: int
     drives: tuple[int, ...]
     revolutes: int
+    bends_a_joint: int = 1
 
     def __len__(self) -> int:
         return len(self.names)
@@ -77,13 +79,17 @@ class Coordinates:
     def travel(self, change: FloatArray, link_length: float) -> FloatArray:
         """Bound on how far any point of the arm moves when its coordinates change, shape (...) [m].
 
-        A link that turns moves what is beyond it by at most its length times its turn, the sum of the bends up to it.
+        A link that turns moves what is beyond it by at most its length times its turn. In the plane that is the sum of
+        the bends up to it; in space bends are about different axes, and what turns back need not be undone.
 
         Args:
             change: of the coordinates, shape (..., c) [rad, m].
             link_length: l [m].
         """
-        turned = np.abs(np.cumsum(change[..., self.bends], axis=-1)).sum(axis=-1)
+        bends = change[..., self.bends]
+        if self.bends_a_joint > 1:
+            bends = np.linalg.norm(bends.reshape(*bends.shape[:-1], -1, self.bends_a_joint), axis=-1)
+        turned = np.abs(np.cumsum(bends, axis=-1)).sum(axis=-1)
         return np.asarray(link_length * turned + np.abs(change[..., self.base]).sum(axis=-1))
 
 
@@ -102,4 +108,27 @@ def planar_coordinates(links: int, axes: tuple[str, ...] = ()) -> Coordinates:
         joints=links,
         drives=(*range(1, revolutes, 3), *range(revolutes, revolutes + len(axes))),
         revolutes=revolutes,
+    )
+
+
+@lru_cache(maxsize=64)
+def space_coordinates(links: int, axes: tuple[str, ...] = ()) -> Coordinates:
+    """The coordinates of an arm that bends in space: two bends a joint, then the axes that carry its base.
+
+    Args:
+        links: number of links; the bends a and b of ball i are its first and second revolute, 3 i and 3 i + 1 in the
+            order of ``joint_names``, and its third stays at zero.
+        axes: names of the axes that carry the base along its direction.
+    """
+    revolutes = 3 * links
+    return Coordinates(
+        names=(*(f"joint {number} {bend}" for number in range(1, links + 1) for bend in "ab"), *axes),
+        units=("rad",) * (2 * links) + ("m",) * len(axes),
+        joints=2 * links,
+        drives=(
+            *(3 * ball + bend for ball in range(links) for bend in (0, 1)),
+            *range(revolutes, revolutes + len(axes)),
+        ),
+        revolutes=revolutes,
+        bends_a_joint=2,
     )

@@ -9,8 +9,9 @@ from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arguments import is_number
 from ccm_opt.ground.expected import in_words
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import Limits
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions, Weights
 from ccm_opt.problem.poses import CurvePose, JointPose, Stop, TipGoal, Tolerances
 

@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.newton_euler import base_forces

@@ -37,9 +37,10 @@ from ccm_opt.ground.c_compiler import COMPILER_VARIABLE, compile_library, find_c
 from ccm_opt.ground.compiled_source import open_with_symbols
 from ccm_opt.ground.library_cache import CACHE_VARIABLE
 from ccm_opt.ground.machine_code import best_level
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_positions_3d, revolute_angles
 from ccm_opt.jointed.inverse_kinematics import ball_angles
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import SimulationOptions
 from ccm_opt.solution import Solution
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck

@@ -14,7 +14,7 @@ from ccm_opt.files.export.folder import write_solution
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.arm import Feed
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification import verify

@@ -9,8 +9,9 @@ import shapely
 
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names, revolute_angles
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification import verify

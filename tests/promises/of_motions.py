@@ -9,7 +9,8 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
 from tests.arms import plain_arm

@@ -28,8 +28,9 @@ from ccm_opt.files.problem_file.schema import (
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import (
     CurvePose,
     Disturbances,

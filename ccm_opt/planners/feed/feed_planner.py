@@ -10,7 +10,7 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError,
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.length_words import metres, millimetres
 from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.arm import Feed
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.motion.limits.limit import Limit
 from ccm_opt.motion.limits.user_limit import UserLimit
 from ccm_opt.planners.feed.direct import drawn_back_a_little, straight_to_goal

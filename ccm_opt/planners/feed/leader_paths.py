@@ -21,7 +21,8 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.length_words import metres
 from ccm_opt.ground.polyline import path_length
 from ccm_opt.ground.rounding import SHORTEST
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.nlp.configuration_task import ConfigurationTask
 from ccm_opt.nlp.find_configuration import find_configuration
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.rounding import SHORTEST
-from ccm_opt.jointed.arm import Feed
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.motion.ends import tip_goal
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.feed.members_on_way import members_on_way

@@ -6,7 +6,8 @@ from functools import cached_property
 from ccm_opt.collision.bad_pose import refuse_bad_pose
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.jointed.arm import Arm, Feed
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.planners.feed.fed_poses import fed_pose, refuse_bad_tip
 from ccm_opt.planners.feed.feed_settings import DEFAULT_FEED, FeedPlannerSettings
 from ccm_opt.planners.following.feed_path import FeedMotions

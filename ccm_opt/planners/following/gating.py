@@ -6,7 +6,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.ground.arrays import BoolArray, IntArray
-from ccm_opt.jointed.arm import HELD_TOLERANCE, Arm
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import HELD_TOLERANCE
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.problem import Limits
 

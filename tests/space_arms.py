@@ -1,0 +1,64 @@
+"""Arms in space for tests: equal links on a base, and whatever a test wants otherwise."""
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.jointed.space_arm import SpaceArm
+
+FEED_OF_TESTS = Feed(0.0, 0.5, 0.5)
+"""A feed of half a metre whose guide tube ends where the feed does."""
+
+
+def space_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **changes: object) -> SpaceArm:
+    """An arm at the origin along x with z upwards, without a mount; 0.1 kg a link, joints to 0.8 rad a bend."""
+    values: dict[str, object] = {
+        "links": links,
+        "link_length": link_length,
+        "radius": radius,
+        "base": np.zeros(3),
+        "direction": np.array([1.0, 0.0, 0.0]),
+        "up": np.array([0.0, 0.0, 1.0]),
+        "joint_limit": 0.8,
+        "base_limit": 3.0,
+        "self_collision": True,
+        "mount_length": 0.0,
+        "masses": np.full(links, 0.1),
+        "inertia_axial": np.full(links, 3e-5),
+        "inertia_transverse": np.full(links, 4e-5),
+    }
+    return SpaceArm(**(values | changes))  # type: ignore[arg-type]
+
+
+def planar_twin(arm: SpaceArm) -> Arm:
+    """The arm of the plane of direction (x) and left (y) with the same links, where the base is the origin."""
+    return Arm(
+        links=arm.links,
+        link_length=arm.link_length,
+        radius=arm.radius,
+        base=np.zeros(2),
+        base_heading=0.0,
+        joint_limit=arm.joint_limit,
+        base_limit=arm.base_limit,
+        self_collision=arm.self_collision,
+        mount_length=arm.mount_length,
+        masses=arm.masses,
+        inertia_axial=arm.inertia_axial,
+        inertia_transverse=arm.inertia_transverse,
+        feed=arm.feed,
+    )
+
+
+def random_rotation(random: np.random.Generator) -> FloatArray:
+    """A rotation drawn evenly, shape (3, 3)."""
+    q, r = np.linalg.qr(random.normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return np.asarray(q * np.array([1.0, 1.0, np.sign(np.linalg.det(q))]))
+
+
+def turned_arm(random: np.random.Generator, links: int = 6, **changes: object) -> SpaceArm:
+    """An arm with its base somewhere, turned at random."""
+    rotation = random_rotation(random)
+    base = random.normal(0.0, 0.5, 3)
+    return space_arm(links, base=base, direction=rotation[:, 0], up=rotation[:, 2], **changes)

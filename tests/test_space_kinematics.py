@@ -1,0 +1,96 @@
+"""The arm in space: its joints where Pinocchio puts them, planar bends as in the plane, and turned as a whole."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.coordinates import space_coordinates
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
+from tests.space_arms import FEED_OF_TESTS, planar_twin, random_rotation, space_arm, turned_arm
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def random_q(random: np.random.Generator, arm: SpaceArm, *shape: int) -> FloatArray:
+    """Configurations within the limits, shape (*shape, c)."""
+    return random.uniform(arm.lower_limits, arm.upper_limits, (*shape, len(arm.coordinates)))
+
+
+def test_a_layout_in_space_counts_two_bends_a_joint_and_then_the_feed() -> None:
+    """Names, drives, units and limits of an arm with a feed."""
+    arm = space_arm(2, feed=FEED_OF_TESTS)
+    layout = arm.coordinates
+    assert layout.names == ("joint 1 a", "joint 1 b", "joint 2 a", "joint 2 b", "feed")
+    assert layout.drives == (0, 1, 3, 4, 6)
+    assert layout.units == ("rad", "rad", "rad", "rad", "m")
+    assert layout == space_coordinates(2, ("feed",))
+    np.testing.assert_array_equal(arm.upper_limits, [3.0, 3.0, 0.8, 0.8, 0.5])
+    np.testing.assert_array_equal(arm.lower_limits, [-3.0, -3.0, -0.8, -0.8, 0.0])
+
+
+@given(SEEDS, st.integers(2, 9), st.booleans())
+@settings(max_examples=25, deadline=None)
+def test_joints_are_where_pinocchio_puts_them(seed: int, links: int, fed: bool) -> None:
+    """Positions and rotations of every link agree with a model of revolutes built from the definition."""
+    pin = pytest.importorskip("pinocchio")
+    random = np.random.default_rng(seed)
+    arm = turned_arm(random, links, feed=FEED_OF_TESTS if fed else None)
+    q = random_q(random, arm)
+    model = pin.Model()
+    parent = 0
+    placement = pin.SE3(arm.base_rotation, arm.base)
+    if fed:
+        parent = model.addJoint(0, pin.JointModelPX(), placement, "feed")
+        placement = pin.SE3.Identity()
+    for link in range(links):
+        parent = model.addJoint(parent, pin.JointModelRZ(), placement, f"a{link}")
+        parent = model.addJoint(parent, pin.JointModelRY(), pin.SE3.Identity(), f"b{link}")
+        placement = pin.SE3(np.eye(3), np.array([arm.link_length, 0.0, 0.0]))
+    data = model.createData()
+    bends = q[: 2 * links]
+    pin.forwardKinematics(model, data, np.concatenate((q[2 * links :], bends)))
+    frames = [data.oMi[number] for number in range(2 + fed, model.njoints, 2)]
+    tip = frames[-1].act(np.array([arm.link_length, 0.0, 0.0]))
+    points = np.array([*(frame.translation for frame in frames), tip])
+    np.testing.assert_allclose(joint_positions(arm, q), points, atol=1e-12)
+    np.testing.assert_allclose(link_rotations(arm, q), [frame.rotation for frame in frames], atol=1e-12)
+
+
+@given(SEEDS)
+@settings(max_examples=25, deadline=None)
+def test_bends_about_the_vertical_are_the_plane(seed: int) -> None:
+    """With every b at zero the joints are those of the planar arm, in the plane of direction and left."""
+    random = np.random.default_rng(seed)
+    arm = turned_arm(random, 8, feed=FEED_OF_TESTS)
+    q = random_q(random, arm, 3)
+    q[:, 1:16:2] = 0.0
+    flat = planar_twin(arm).joint_positions_at(np.column_stack((q[:, 0:16:2], q[:, 16])))
+    along = arm.base_rotation[:, :2]
+    np.testing.assert_allclose(joint_positions(arm, q), arm.base + flat @ along.T, atol=1e-12)
+
+
+@given(SEEDS)
+@settings(max_examples=25, deadline=None)
+def test_an_arm_turned_as_a_whole_turns_its_joints(seed: int) -> None:
+    """A turn of base, direction and up turns every position and rotation, and nothing else."""
+    random = np.random.default_rng(seed)
+    arm = turned_arm(random, 5, feed=FEED_OF_TESTS)
+    turn = random_rotation(random)
+    other = space_arm(5, base=turn @ arm.base, direction=turn @ arm.direction, up=turn @ arm.up, feed=FEED_OF_TESTS)
+    q = random_q(random, arm, 2, 3)
+    np.testing.assert_allclose(joint_positions(other, q), joint_positions(arm, q) @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(link_rotations(other, q), turn @ link_rotations(arm, q), atol=1e-12)
+
+
+@given(SEEDS)
+@settings(max_examples=25, deadline=None)
+def test_the_bound_on_travel_holds(seed: int) -> None:
+    """No joint moves farther than the layout says that it can when the coordinates change along a straight line."""
+    random = np.random.default_rng(seed)
+    arm = turned_arm(random, 5, feed=FEED_OF_TESTS)
+    first, second = random_q(random, arm, 2)
+    moved = np.linalg.norm(joint_positions(arm, second) - joint_positions(arm, first), axis=1).max()
+    assert moved <= arm.coordinates.travel(second - first, arm.link_length) + 1e-12
