@@ -1,0 +1,65 @@
+"""The workspace of an arm in space: a room, or none, and the bodies in it."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.scene.bodies import BOX_FACES, Body, box_corners
+from ccm_opt.space.scene.surfaces import SurfaceSoup
+
+ROOM_NAME = "room"
+"""What the sides of the room are called."""
+
+
+@dataclass(frozen=True)
+class SpaceObstacle:
+    """One obstacle.
+
+    Attributes:
+        name: the user's name for it, used in every message.
+        body: its shape, where it stands.
+    """
+
+    name: str
+    body: Body
+
+
+@dataclass(frozen=True)
+class SpaceWorkspace:
+    """What the arm moves in.
+
+    Attributes:
+        bounds: lower and upper corner of the room, whose sides are walls, shape (2, 3) [m]; None where there is no
+            room.
+        obstacles: the obstacles, in the order of the file.
+        clearance: least gap kept between the arm's surface and every obstacle [m].
+    """
+
+    bounds: FloatArray | None
+    obstacles: tuple[SpaceObstacle, ...] = ()
+    clearance: float = 0.0
+
+    @cached_property
+    def soup(self) -> SurfaceSoup:
+        """The surfaces of all obstacles in their order, then the sides of the room."""
+        named = [(each.name, each.body.triangles, each.body.rounding) for each in self.obstacles]
+        if self.bounds is not None:
+            named.append((ROOM_NAME, box_corners(self.bounds[0], self.bounds[1])[BOX_FACES], 0.0))
+        return SurfaceSoup.joined(named)
+
+    @cached_property
+    def extent(self) -> FloatArray:
+        """Lower and upper corner of everything, shape (2, 3) [m]; zeros where there is nothing."""
+        soup = self.soup
+        if len(soup) == 0:
+            return np.zeros((2, 3))
+        rounding = soup.rounding[:, None]
+        low = (soup.triangles.min(axis=1) - rounding).min(axis=0)
+        high = (soup.triangles.max(axis=1) + rounding).max(axis=0)
+        return np.stack((low, high))
+
+    def without(self, name: str) -> "SpaceWorkspace":
+        """The same without the obstacles of a name."""
+        return replace(self, obstacles=tuple(each for each in self.obstacles if each.name != name))
