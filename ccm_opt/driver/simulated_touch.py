@@ -41,7 +41,7 @@ def chain_motion(problem: Problem, trajectory: JointTrajectory, simulated: Simul
     # Obstacles are known in the plane alone, which yaws and rolls beyond rounding leave.
     if max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > ROUNDING:
         return None
-    positions = np.column_stack((bends_from_revolutes(angles), simulated.base_positions))
+    positions = np.column_stack((bends_from_revolutes(problem.arm, angles), simulated.base_positions))
     return ChainMotion(problem.arm, trajectory.time, positions)
 
 

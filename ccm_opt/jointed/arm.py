@@ -168,6 +168,18 @@ class Arm(LinkChain):
         """Greatest value of every coordinate, shape (c,) [rad, m]."""
         return np.concatenate((self.bend_limits, [axis.high for axis in self.base_axes]))
 
+    @property
+    def base_rotation(self) -> FloatArray:
+        """Rotation world ← base, shape (3, 3): −base_heading about world +y."""
+        c = np.cos(self.base_heading)
+        s = np.sin(self.base_heading)
+        return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+
+    @property
+    def base_position(self) -> FloatArray:
+        """Position of the first ball in the world, shape (3,) [m]; the plane is x-z."""
+        return np.array([self.base[0], 0.0, self.base[1]])
+
     def headings(self, bends: FloatArray) -> FloatArray:
         """Link headings φ from joint bends, shape (..., links) [rad]."""
         return self.base_heading + np.cumsum(bends, axis=-1)

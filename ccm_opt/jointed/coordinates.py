@@ -29,6 +29,8 @@ class Coordinates:
             axes that carry the base after them.
         revolutes: number of revolutes.
         bends_a_joint: how many coordinates in a row bend the same joint: 1 in the plane, 2 in space.
+        sense: 1 where a bend is the angle of its revolute, -1 where it is minus that, as in the plane: its bends are
+            counter-clockwise in (x, y), which is world x-z, and the revolutes turn about +y.
     """
 
     names: tuple[str, ...]
@@ -37,6 +39,7 @@ class Coordinates:
     drives: tuple[int, ...]
     revolutes: int
     bends_a_joint: int = 1
+    sense: float = -1.0
 
     def __len__(self) -> int:
         return len(self.names)
@@ -131,4 +134,5 @@ def space_coordinates(links: int, axes: tuple[str, ...] = ()) -> Coordinates:
         ),
         revolutes=revolutes,
         bends_a_joint=2,
+        sense=1.0,
     )

@@ -17,7 +17,7 @@ from ccm_opt.jointed.coordinates import Coordinates
 
 @dataclass(frozen=True)
 class PointLimit:
-    """Bounds on how a point of the arm moves in the plane.
+    """Bounds on how a point of the arm moves.
 
     Attributes:
         at: arc length along the arm from its base [m]; None for the tip.
@@ -48,7 +48,7 @@ class Limits:
         feed_force: of the feed axis [N], or None when it is not limited.
         jerk: [rad/s³], or None when jerk is not limited.
         feed_jerk: of the feed axis [m/s³], or None when it is not limited.
-        points: of points of the arm, such as its tip, in the plane.
+        points: of points of the arm, such as its tip.
     """
 
     velocity: FloatArray

@@ -1,5 +1,8 @@
 """Frames of the ball joints in 3-D: three revolutes a ball, standard Denavit–Hartenberg rows (section 5.2, Figure 6).
 
+An arm in space bends each ball by its first two revolutes, and the third rests at zero. Of an arm in the plane only the
+second turns.
+
 The plane (x, y) of the planner is world x–z. Turning counter-clockwise from x towards z is a turn of *minus* the same
 angle about world +y. Base position and base heading stand in the fixed base transform, so that zero angles are the
 straight arm along the base heading. θ2 of every ball is minus its planar bend, for both orders of axes:
@@ -13,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Axes
+from ccm_opt.jointed.arm import Axes
+from ccm_opt.jointed.driven_arm import DrivenArm
 
 REVOLUTE_NAMES: dict[Axes, tuple[str, str, str]] = {"zyx": ("yaw", "bend", "roll"), "zyz": ("yaw", "bend", "spin")}
 _QUARTER = 0.5 * np.pi
@@ -35,36 +39,40 @@ class DhRow(NamedTuple):
     alpha: float
 
 
-def joint_names(arm: Arm) -> tuple[str, ...]:
+def joint_names(arm: DrivenArm) -> tuple[str, ...]:
     """Names of the revolutes from the base outward, length 3 * links, for example ``ball01_bend``."""
     width = max(2, len(str(arm.links)))
     kinds = REVOLUTE_NAMES[arm.axes]
     return tuple(f"ball{ball:0{width}d}_{kind}" for ball in range(1, arm.links + 1) for kind in kinds)
 
 
-def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:
-    """Revolute angles of a planar pose: θ2 = −bend, θ1 = θ3 = 0 (section 5.2).
+def revolute_angles(arm: DrivenArm, bends: FloatArray) -> FloatArray:
+    """Revolute angles of the bends of a pose: in the plane θ2 = −bend (section 5.2), in space θ1 and θ2; others are 0.
 
     The map is linear, so it serves velocities and accelerations too.
 
     Args:
         arm: the arm.
-        bends: planar bends, shape (..., links) [rad].
+        bends: of its joints, in the order of its coordinates, shape (..., links) in the plane and (..., 2 * links) in
+            space [rad].
 
     Returns:
         Angles, shape (..., 3 * links) [rad].
     """
-    angles = np.zeros((*bends.shape[:-1], 3 * arm.links))
-    angles[..., 1::3] = 0.0 - bends  # not -bends: a zero bend gives +0.0
+    coordinates = arm.coordinates
+    angles = np.zeros((*bends.shape[:-1], coordinates.revolutes))
+    # Added to zero, so that a bend of zero gives +0.0 whatever its sense is.
+    angles[..., coordinates.drive_numbers[coordinates.bends]] = 0.0 + coordinates.sense * bends
     return angles
 
 
-def bends_from_revolutes(angles: FloatArray) -> FloatArray:
-    """Planar bends from revolute angles, shape (..., links) [rad]; the out-of-plane angles are left aside."""
-    return 0.0 - angles[..., 1::3]
+def bends_from_revolutes(arm: DrivenArm, angles: FloatArray) -> FloatArray:
+    """Bends of the joints from revolute angles, shape (..., bends) [rad]; the other revolutes are left aside."""
+    coordinates = arm.coordinates
+    return np.asarray(0.0 + coordinates.sense * angles[..., coordinates.drive_numbers[coordinates.bends]])
 
 
-def dh_table(arm: Arm) -> tuple[DhRow, ...]:
+def dh_table(arm: DrivenArm) -> tuple[DhRow, ...]:
     """Standard DH rows of all revolutes, length 3 * links.
 
     Under ``zyx`` the third frame of a ball has its y axis along the link, so the yaw of every later ball needs another
@@ -73,7 +81,7 @@ def dh_table(arm: Arm) -> tuple[DhRow, ...]:
     return tuple(row for ball in range(arm.links) for row in _ball_rows(arm, first=ball == 0))
 
 
-def _ball_rows(arm: Arm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
+def _ball_rows(arm: DrivenArm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
     h = arm.link_length
     if arm.axes == "zyz":
         return DhRow(0.0, 0.0, 0.0, -_QUARTER), DhRow(0.0, 0.0, 0.0, _QUARTER), DhRow(0.0, 0.0, h, 0.0)
@@ -81,19 +89,7 @@ def _ball_rows(arm: Arm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
     return yaw, DhRow(_QUARTER, 0.0, 0.0, _QUARTER), DhRow(-_QUARTER, h, 0.0, _QUARTER)
 
 
-def base_rotation(arm: Arm) -> FloatArray:
-    """Rotation world ← base, shape (3, 3): −base_heading about world +y."""
-    c = np.cos(arm.base_heading)
-    s = np.sin(arm.base_heading)
-    return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
-
-
-def base_position(arm: Arm) -> FloatArray:
-    """Position of the first ball in the world, shape (3,) [m]."""
-    return np.array([arm.base[0], 0.0, arm.base[1]])
-
-
-def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
+def frame_transforms(arm: DrivenArm, angles: FloatArray) -> FloatArray:
     """World transforms of the base frame and of every DH frame.
 
     Args:
@@ -104,8 +100,8 @@ def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
         Homogeneous transforms world ← frame, shape (..., 3 * links + 1, 4, 4).
     """
     transforms = np.zeros((*angles.shape[:-1], 3 * arm.links + 1, 4, 4))
-    transforms[..., 0, :3, :3] = base_rotation(arm)
-    transforms[..., 0, :3, 3] = base_position(arm)
+    transforms[..., 0, :3, :3] = arm.base_rotation
+    transforms[..., 0, :3, 3] = arm.base_position
     transforms[..., 0, 3, 3] = 1.0
     for j, row in enumerate(dh_table(arm)):
         transforms[..., j + 1, :, :] = transforms[..., j, :, :] @ dh_transform(row, angles[..., j])
@@ -126,7 +122,7 @@ def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
     return matrix
 
 
-def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+def joint_positions_3d(arm: DrivenArm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
     """Positions of the balls and the tip in the world, shape (..., links + 1, 3) [m].
 
     Args:
@@ -135,4 +131,4 @@ def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 
         feed: how far the base is carried along its heading, shape (...) [m].
     """
     positions = frame_transforms(arm, angles)[..., ::3, :3, 3]
-    return positions + np.asarray(feed)[..., None, None] * base_rotation(arm)[:, 0]
+    return positions + np.asarray(feed)[..., None, None] * arm.base_rotation[:, 0]

@@ -5,7 +5,6 @@ import numpy as np
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import base_position, base_rotation
 from ccm_opt.jointed.jointed_settings import DEFAULT_MAPPING
 
 
@@ -31,7 +30,7 @@ def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPP
     points = _world_points(arm, positions)
     directions = _link_directions(arm, points, tolerance * arm.link_length)
     angles = np.zeros((*directions.shape[:-2], 3 * arm.links))
-    rotation = np.broadcast_to(base_rotation(arm), (*directions.shape[:-2], 3, 3))  # world <- ball base
+    rotation = np.broadcast_to(arm.base_rotation, (*directions.shape[:-2], 3, 3))  # world <- ball base
     for ball in range(arm.links):
         local = np.einsum("...ij,...i->...j", rotation, directions[..., ball, :])
         yaw, bend = _aim(local)
@@ -77,8 +76,8 @@ def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
 
 def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> FloatArray:
     """Unit directions of the links in the world, shape (..., links, 3); checks base and lengths to a tolerance [m]."""
-    off = points[..., 0, :] - base_position(arm)
-    axis = base_rotation(arm)[:, 0]
+    off = points[..., 0, :] - arm.base_position
+    axis = arm.base_rotation[:, 0]
     # A carried base may be anywhere on its axis: only what is off the axis counts.
     off = off - np.clip(off @ axis, *arm.base_range)[..., None] * axis  # the base may be carried along its heading
     offset = float(np.max(np.abs(off), initial=0.0))

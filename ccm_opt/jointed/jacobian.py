@@ -8,11 +8,11 @@ of frame j − 1.
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import base_rotation, frame_transforms
+from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.jointed.frames import frame_transforms
 
 
-def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
+def point_jacobians(arm: DrivenArm, angles: FloatArray) -> FloatArray:
     """Jacobians of the positions of all balls and of the tip.
 
     Args:
@@ -32,7 +32,7 @@ def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
     return _with_base(arm, np.swapaxes(np.where(beyond[..., None], turns, 0.0), -1, -2), moved=1.0)
 
 
-def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
+def tip_jacobian(arm: DrivenArm, angles: FloatArray) -> FloatArray:
     """Geometric Jacobian of the tip: its velocity [m] over the angular velocity of the last link.
 
     Args:
@@ -48,14 +48,14 @@ def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
     return np.concatenate((_with_base(arm, np.swapaxes(linear, -1, -2), moved=1.0), angular), axis=-2)
 
 
-def _axes_and_points(arm: Arm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _axes_and_points(arm: DrivenArm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Axes of the revolutes, points on them, and balls and tip, all in the world."""
     frames = frame_transforms(arm, angles)
     return frames[..., :-1, :3, 2], frames[..., :-1, :3, 3], frames[..., ::3, :3, 3]
 
 
-def _with_base(arm: Arm, columns: FloatArray, *, moved: float) -> FloatArray:
+def _with_base(arm: DrivenArm, columns: FloatArray, *, moved: float) -> FloatArray:
     """The same columns after those of the axes that carry the base, if any; all run along the base heading."""
-    direction = moved * base_rotation(arm)[:, 0]
+    direction = moved * arm.base_rotation[:, 0]
     first = np.broadcast_to(direction[:, None], (*columns.shape[:-1], len(arm.base_axes)))
     return np.concatenate((first, columns), axis=-1)

@@ -64,8 +64,15 @@ class PointOnArm:
         y = np.sum(turning * cos - inward * sin, axis=1)
         return np.asarray(self._carried(qdd) + np.stack((x, y), axis=1))
 
-    def most_jerk(self, qd: FloatArray) -> FloatArray:
-        """Bound on the third derivative of the position while coordinates are linear in time, shape (N,) [m/s³]."""
+    def most_jerk(self, q: FloatArray, qd: FloatArray, step: FloatArray) -> FloatArray:
+        """Bound on the third derivative of the position while coordinates are linear in time, shape (N,) [m/s³].
+
+        Args:
+            q: coordinates at the start of each step, shape (N, c); headings turn evenly, wherever they begin.
+            qd: their rates over the step, shape (N, c).
+            step: its length, shape (N,) [s].
+        """
+        del q, step
         return np.asarray(np.abs(np.cumsum(qd[:, : self.arm.links], axis=1)) ** 3 @ self.levers)
 
     def _directions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -89,6 +89,11 @@ class SpaceArm(LinkChain):
         return np.column_stack((self.direction, np.cross(self.up, self.direction), self.up))
 
     @property
+    def base_position(self) -> FloatArray:
+        """Position of the first joint in the world, shape (3,) [m]."""
+        return self.base
+
+    @property
     def feed_direction(self) -> FloatArray:
         """Unit vector along which a feed axis runs, shape (3,)."""
         return self.direction

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from functools import partial
 
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits, RetimingName
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.joining import joined, reversed_trajectory
@@ -26,7 +26,7 @@ def timings(
     method: RetimingName = "toppra",
     link_length: float | None = None,
     coordinates: Coordinates | None = None,
-    arm: Arm | None = None,
+    arm: DrivenArm | None = None,
     share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
     paul: PaulSettings = DEFAULT_PAUL,

@@ -14,8 +14,8 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.motion_limits import MotionLimit, limits_along
@@ -37,7 +37,7 @@ def retime_paul(
     window: float = DEFAULT_PAUL.windows[0],
     step: float = DEFAULT_TIMING.sampling.step,
     coordinates: Coordinates | None = None,
-    arm: Arm | None = None,
+    arm: DrivenArm | None = None,
     share: float = 1.0,
     settings: PaulSettings = DEFAULT_PAUL,
 ) -> JointTrajectory:

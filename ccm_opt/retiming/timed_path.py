@@ -5,8 +5,8 @@ from functools import cached_property
 
 from scipy.interpolate import BSpline
 
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.path_limits import PathLimits
@@ -31,7 +31,7 @@ class TimedPath:
     inverse_dynamics: InverseDynamics
     revolutes: Revolutes
     coordinates: Coordinates
-    arm: Arm | None = None
+    arm: DrivenArm | None = None
     share: float = 1.0
 
     @cached_property

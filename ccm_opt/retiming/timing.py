@@ -9,8 +9,8 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits
 from ccm_opt.retiming.efforts import InverseDynamics, Revolutes
 from ccm_opt.retiming.grid import path_grid, refine, span_lengths
@@ -37,7 +37,7 @@ def retime(
     step: float | None = None,
     link_length: float | None = None,
     coordinates: Coordinates | None = None,
-    arm: Arm | None = None,
+    arm: DrivenArm | None = None,
     share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
 ) -> JointTrajectory:

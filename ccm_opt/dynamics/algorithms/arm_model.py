@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Axes
-from ccm_opt.jointed.frames import base_rotation
+from ccm_opt.jointed.arm import Axes
+from ccm_opt.jointed.driven_arm import DrivenArm
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,12 @@ class ArmModel:
     world: FloatArray
 
 
-def arm_structure(arm: Arm) -> Structure:
+def arm_structure(arm: DrivenArm) -> Structure:
     """Structure of an arm."""
     return Structure(arm.links, arm.axes, geared=bool(np.any(np.asarray(arm.rotor_inertia) > 0.0)))
 
 
-def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
+def arm_model(arm: DrivenArm, gravity: FloatArray) -> ArmModel:
     """Dynamic model of an arm: solid links with the arm's masses and inertias, a point mass at the tip.
 
     Args:
@@ -66,7 +66,7 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     drives = np.hstack((_per_ball(arm, arm.rotor_inertia), _per_ball(arm, arm.friction)))
 
     # The recursions start in the base frame, so gravity is turned into it once.
-    local_gravity = base_rotation(arm).T @ np.asarray(gravity, dtype=np.float64)
+    local_gravity = arm.base_rotation.T @ np.asarray(gravity, dtype=np.float64)
     slides = float(len(arm.base_axes))
     world = np.array([*local_gravity, arm.payload, slides])
     return ArmModel(arm_structure(arm), bodies, drives, world)
@@ -77,6 +77,6 @@ def with_rotor_code(model: ArmModel) -> ArmModel:
     return replace(model, structure=replace(model.structure, geared=True))
 
 
-def _per_ball(arm: Arm, value: FloatArray | float) -> FloatArray:
+def _per_ball(arm: DrivenArm, value: FloatArray | float) -> FloatArray:
     """One number, or one for each revolute, as the three of every ball, shape (links, 3)."""
     return np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3)

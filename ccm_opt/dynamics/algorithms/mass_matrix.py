@@ -19,7 +19,8 @@ from ccm_opt.dynamics.algorithms.arm_model import Structure, arm_model
 from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
 from ccm_opt.dynamics.algorithms.sweep import angles_of, inward, model_symbols, outward, per_ball, sines_and_cosines
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm, Axes
+from ccm_opt.jointed.arm import Axes
+from ccm_opt.jointed.driven_arm import DrivenArm
 
 
 class MassMatrix:
@@ -29,7 +30,7 @@ class MassMatrix:
         arm: the arm.
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: DrivenArm) -> None:
         model = arm_model(arm, gravity=np.zeros(3))
         self._factors = build_mass_factors(model.structure)
         self._model = model

@@ -3,7 +3,7 @@
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 
 
 class ForwardDynamics:
@@ -14,7 +14,7 @@ class ForwardDynamics:
         gravity: in the world, shape (3,) [m/s²].
     """
 
-    def __init__(self, arm: Arm, gravity: FloatArray) -> None:
+    def __init__(self, arm: DrivenArm, gravity: FloatArray) -> None:
         self._aba = DynamicsFunction("forward_dynamics", arm_model(arm, gravity))
 
     def __call__(self, angles: FloatArray, velocities: FloatArray, torques: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ import numpy as np
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.dynamics_function import DynamicsFunction
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.solution import JointStates, JointTrajectory
 
@@ -18,7 +18,7 @@ class InverseDynamics:
         gravity: in the world, shape (3,) [m/s²].
     """
 
-    def __init__(self, arm: Arm, gravity: FloatArray) -> None:
+    def __init__(self, arm: DrivenArm, gravity: FloatArray) -> None:
         self._rnea = DynamicsFunction("inverse_dynamics", arm_model(arm, gravity))
 
     def __call__(
@@ -69,7 +69,7 @@ class InverseDynamics:
         return self._rnea.with_feed(angles, velocities, accelerations, feed)
 
 
-def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
+def joint_states(arm: DrivenArm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
     """A planar trajectory as motion and efforts of all drives: the revolutes, and the axes that carry the base."""
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)

@@ -19,19 +19,19 @@ from ccm_opt.dynamics.simulation.plan_needs import needs_of_plan
 from ccm_opt.dynamics.simulation.reference import StepReference, step_reference
 from ccm_opt.dynamics.simulation.run_faults import RunFault, first_far_off, first_saturation, steps_before
 from ccm_opt.dynamics.simulation.run_verdict import RunFaults, verdict_of_run
-from ccm_opt.dynamics.simulation.simulation_checks import check_axes, check_finite
+from ccm_opt.dynamics.simulation.simulation_checks import check_axes, check_finite, falls_in_plane
 from ccm_opt.dynamics.simulation.simulation_record import SimulatedSteps, SimulationRecord
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion
 
 
 def simulate(
-    arm: Arm,
+    arm: DrivenArm,
     trajectory: JointTrajectory,
     joints: JointStates,
     options: SimulationOptions,
@@ -90,7 +90,7 @@ def simulate(
 
 
 def simulated_states(
-    arm: Arm,
+    arm: DrivenArm,
     trajectory: JointTrajectory,
     joints: JointStates,
     options: SimulationOptions,
@@ -128,7 +128,7 @@ def _most_efforts(limits: Limits, coordinates: Coordinates) -> FloatArray:
 
 
 def _prepared(
-    arm: Arm,
+    arm: DrivenArm,
     trajectory: JointTrajectory,
     joints: JointStates,
     options: SimulationOptions,
@@ -136,7 +136,7 @@ def _prepared(
     settings: SimulationSettings,
 ) -> tuple["_Run", FloatArray]:
     """What is run, and the state it starts from; everything that can be refused is refused here."""
-    planar = _is_planar(joints, options)
+    planar = _is_planar(arm, joints, options)
     if planar:
         arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
     plant = disturbed_arm(arm, options.disturbances)
@@ -157,7 +157,7 @@ def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[Floa
     return positions, velocities
 
 
-def closed_loop(plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits) -> ClosedLoop:
+def closed_loop(plant: DrivenArm, arm: DrivenArm, options: SimulationOptions, limits: Limits) -> ClosedLoop:
     """The loop of a plant and of the arm that its controller believes in, compiled when the machine can."""
     plant_model = arm_model(plant, options.gravity)
     believed_model = arm_model(arm, options.gravity)
@@ -169,11 +169,11 @@ def closed_loop(plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits
     return choose_back_end(plant_model.structure).loop(plant_model, believed_model, parameters)
 
 
-def _is_planar(joints: JointStates, options: SimulationOptions) -> bool:
+def _is_planar(arm: DrivenArm, joints: JointStates, options: SimulationOptions) -> bool:
     """Whether reference and gravity leave the arm exactly in its plane."""
     # Yaw and roll, the first and third revolutes of every ball, are at rest at zero throughout.
     still = all(not np.any(values[:, place::3]) for values in (joints.angles, joints.velocities) for place in (0, 2))
-    return still and float(options.gravity[1]) == 0.0
+    return still and falls_in_plane(arm, options.gravity)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 from ccm_opt.dynamics.algorithms.mass_matrix import MassMatrix
 from ccm_opt.dynamics.runtime.control_law import LoopParameters
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits, SimulationOptions
 
 
@@ -44,7 +44,7 @@ class FeedGains:
     derivative: float
 
 
-def gains(arm: Arm, options: SimulationOptions) -> Gains:
+def gains(arm: DrivenArm, options: SimulationOptions) -> Gains:
     """Gains of the chosen law; computed torque is critically damped at ωn = bandwidth: Kp = ωn², Kd = 2 ωn."""
     joints = np.ones(3 * arm.links)
     bandwidth = options.bandwidth
@@ -63,7 +63,7 @@ def gains(arm: Arm, options: SimulationOptions) -> Gains:
     return Gains(proportional * joints, derivative * joints)
 
 
-def inertia_at_most(arm: Arm) -> FloatArray:
+def inertia_at_most(arm: DrivenArm) -> FloatArray:
     """What any joint can have to move when all bends move, shape (3 * links,) [kg m²].
 
     Row sums over the bends of the straight arm's mass matrix. Yaws and rolls have those of their bend: about no axis
@@ -74,13 +74,13 @@ def inertia_at_most(arm: Arm) -> FloatArray:
     return np.repeat(bends, 3)
 
 
-def feed_gains(arm: Arm, options: SimulationOptions) -> FeedGains:
+def feed_gains(arm: DrivenArm, options: SimulationOptions) -> FeedGains:
     """Gains of the feed axis: critically damped at ωn = bandwidth, under PD for the mass of the arm [N/m, N s/m]."""
     mass = 1.0 if options.controller == "computed-torque" else float(np.sum(arm.masses)) + arm.payload
     return FeedGains(mass * options.bandwidth**2, 2.0 * mass * options.bandwidth)
 
 
-def loop_parameters(arm: Arm, options: SimulationOptions, limits: Limits) -> LoopParameters:
+def loop_parameters(arm: DrivenArm, options: SimulationOptions, limits: Limits) -> LoopParameters:
     """The numbers of the closed loop; efforts saturate at their limits when there are any."""
     joints = gains(arm, options)
     feed = feed_gains(arm, options)

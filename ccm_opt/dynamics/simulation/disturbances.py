@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Disturbances
 
 
-def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
+def disturbed_arm(arm: DrivenArm, disturbances: Disturbances) -> DrivenArm:
     """The arm that is simulated: heavier links, more payload, more friction."""
     heavier = 1.0 + disturbances.mass_error
     return replace(

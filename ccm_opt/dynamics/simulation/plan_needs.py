@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.solution import JointStates, JointTrajectory
 
 
@@ -35,7 +35,7 @@ class PlanNeeds:
 
 
 def needs_of_plan(
-    plant: Arm, trajectory: JointTrajectory, joints: JointStates, gravity: FloatArray, limit: FloatArray
+    plant: DrivenArm, trajectory: JointTrajectory, joints: JointStates, gravity: FloatArray, limit: FloatArray
 ) -> PlanNeeds | None:
     """The greatest need of a plan; None where no drive has a limit.
 

@@ -10,11 +10,13 @@ from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, 
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.errors import Diagnosis, ProblemError, SimulationError
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import SimulationOptions
 
 
-def check_options(arm: Arm, options: SimulationOptions, *, settings: SimulationSettings = DEFAULT_SIMULATION) -> None:
+def check_options(
+    arm: DrivenArm, options: SimulationOptions, *, settings: SimulationSettings = DEFAULT_SIMULATION
+) -> None:
     """Refuse what no motion of the arm could be simulated with, before one is planned.
 
     Args:
@@ -26,7 +28,8 @@ def check_options(arm: Arm, options: SimulationOptions, *, settings: SimulationS
         ProblemError: saying which setting is at fault and what would do.
     """
     straight = np.zeros((1, 3 * arm.links))
-    planar = float(options.gravity[1]) == 0.0  # nothing pulls the arm out of its plane
+    # An arm of two bends a joint leaves any plane, and nothing pulls one of a single bend out of its own.
+    planar = arm.coordinates.bends_a_joint == 1 and falls_in_plane(arm, options.gravity)
     plant = disturbed_arm(arm, options.disturbances)
     try:
         # In the plane only bends move, and both orders of axes are the same arm.
@@ -36,8 +39,13 @@ def check_options(arm: Arm, options: SimulationOptions, *, settings: SimulationS
         raise ProblemError(f"the simulation cannot run: {error.diagnosis}") from error
 
 
+def falls_in_plane(arm: DrivenArm, gravity: FloatArray) -> bool:
+    """Whether gravity, in the world, shape (3,), leaves an arm in the plane of the second bends of its joints."""
+    return float(arm.base_rotation[:, 1] @ gravity) == 0.0
+
+
 def check_axes(
-    arm: Arm, angles: FloatArray, *, planar: bool, settings: SimulationSettings = DEFAULT_SIMULATION
+    arm: DrivenArm, angles: FloatArray, *, planar: bool, settings: SimulationSettings = DEFAULT_SIMULATION
 ) -> None:
     """Refuse motions on which the ball joints are singular.
 

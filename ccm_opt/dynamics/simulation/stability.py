@@ -21,7 +21,7 @@ from ccm_opt.dynamics.simulation.controller import feed_gains, gains
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_SIMULATION, SimulationSettings
 from ccm_opt.errors import Diagnosis, SimulationError
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import SimulationOptions
 
 RUNGE_KUTTA_REACH = 2.78
@@ -29,12 +29,12 @@ RUNGE_KUTTA_REACH = 2.78
 
 
 def check_stability(
-    arm: Arm,
+    arm: DrivenArm,
     angles: FloatArray,
     options: SimulationOptions,
     *,
     planar: bool,
-    believed: Arm | None = None,
+    believed: DrivenArm | None = None,
     settings: SimulationSettings = DEFAULT_SIMULATION,
 ) -> None:
     """Refuse gains that the sampled controller cannot hold, and friction that the integrator cannot follow.
@@ -60,7 +60,7 @@ def check_stability(
     _check_friction(arm, poses, options, settings, planar=planar)
 
 
-def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
+def fastest_mode(arm: DrivenArm, poses: FloatArray, *, planar: bool) -> float:
     """Largest eigenvalue of M⁻¹ [1/(kg m²)] at some poses; of its bends alone for a planar motion.
 
     Args:
@@ -71,7 +71,7 @@ def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
     return fastest_rate(arm, poses, np.ones(3 * arm.links), planar=planar)
 
 
-def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bool) -> float:
+def fastest_rate(arm: DrivenArm, poses: FloatArray, damping: FloatArray, *, planar: bool) -> float:
     """Largest eigenvalue of M⁻¹ diag(damping) [1/s] at some poses; arguments as for ``fastest_mode``.
 
     Args:
@@ -108,7 +108,7 @@ def _check_computed_torque(options: SimulationOptions, settings: SimulationSetti
 
 
 def _check_pd(
-    believed: Arm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
+    believed: DrivenArm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
 ) -> None:
     """ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm that is lighter than believed."""
     step = options.step
@@ -144,7 +144,7 @@ def _pd_advice(options: SimulationOptions, ratio: float, bound: float, settings:
 
 
 def _check_feed(
-    arm: Arm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
+    arm: DrivenArm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
 ) -> None:
     """Under PD the feed axis moves less than the whole arm at first; refuse damping that is too much for that."""
     if options.controller == "computed-torque":
@@ -165,7 +165,7 @@ def _check_feed(
 
 
 def _check_friction(
-    arm: Arm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
+    arm: DrivenArm, poses: FloatArray, options: SimulationOptions, settings: SimulationSettings, *, planar: bool
 ) -> None:
     """Friction damps the fastest mode at a rate that the integrator must follow."""
     friction = float(np.max(arm.friction))
@@ -186,7 +186,7 @@ def _check_friction(
     raise SimulationError(Diagnosis(reason, "simulation", advice, {"value": value, "bound": RUNGE_KUTTA_REACH}))
 
 
-def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
+def _lightest_base(arm: DrivenArm, poses: FloatArray, *, planar: bool) -> float:
     """Least mass [kg] that the base moves at once when it is pushed and the joints are free, at some poses.
 
     The Schur complement of the joints in the mass matrix: what is left when they give way.

@@ -18,7 +18,6 @@ from ccm_opt.files.export.scene_mjcf import add_scene
 from ccm_opt.files.export.scene_solids import SolidScene
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import base_position
 
 
 def mjcf_text(
@@ -79,7 +78,7 @@ def _add_body(parent: ET.Element, arm: Arm, ball: int) -> ET.Element:
         body.set("pos", numbers((arm.link_length, 0.0, 0.0)))
         return body
     half = -0.5 * arm.base_heading  # about world +y, which turns x towards -z
-    body.set("pos", numbers(base_position(arm)))
+    body.set("pos", numbers(arm.base_position))
     body.set("quat", numbers((np.cos(half), 0.0, np.sin(half), 0.0)))
     return body
 

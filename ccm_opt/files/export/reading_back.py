@@ -210,8 +210,8 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     trajectory = JointTrajectory(
         numbers["time"],
         np.column_stack((numbers["bend_angles"], base[0])),
-        np.column_stack((bends_from_revolutes(joints.velocities), base[1])),
-        np.column_stack((bends_from_revolutes(joints.accelerations), base[2])),
+        np.column_stack((bends_from_revolutes(arm, joints.velocities), base[1])),
+        np.column_stack((bends_from_revolutes(arm, joints.accelerations), base[2])),
         arm.coordinates,
         _stops(numbers["stops"], len(numbers["time"]), path),
     )

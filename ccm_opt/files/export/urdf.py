@@ -17,7 +17,6 @@ from ccm_opt.files.export.arm_description import (
 from ccm_opt.files.export.scene_solids import SolidScene
 from ccm_opt.files.export.scene_urdf import URDF_MESHES, add_obstacles
 from ccm_opt.jointed.arm import Arm
-from ccm_opt.jointed.frames import base_position
 from ccm_opt.problem import Limits
 
 UNLIMITED_EFFORT = 1e6
@@ -74,7 +73,7 @@ def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
     names = (*("mount" for _ in arm.base_axes), "base")
     ET.SubElement(robot, "link", name=names[0])
     mount = ET.SubElement(robot, "joint", name="base_mount", type="fixed")
-    _place(mount, "world", names[0], base_position(arm), (0.0, -arm.base_heading, 0.0))
+    _place(mount, "world", names[0], arm.base_position, (0.0, -arm.base_heading, 0.0))
     for axis, carrier, carried in zip(arm.base_axes, names[:-1], names[1:], strict=True):
         ET.SubElement(robot, "link", name=carried)
         slide = ET.SubElement(robot, "joint", name=FEED, type="prismatic")

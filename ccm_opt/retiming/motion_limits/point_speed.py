@@ -1,8 +1,9 @@
-"""The limits on how a point of the arm moves in the plane, such as its tip: |ṗ| ≤ v and |p̈| ≤ a.
+"""The limits on how a point of the arm moves, such as its tip: |ṗ| ≤ v and |p̈| ≤ a.
 
 Along the path |ṗ|² = |p'|² ṡ², and p̈ = p' s̈ + p'' ṡ² lies in a disc, which is convex in (s̈, ṡ²). A regular polygon
-around the disc stands for it in the rows, one row for each pair of opposite sides; what little it leaves is
-within the share of the limits that is not used, and samples are judged by the disc itself.
+around the disc stands for it in the rows, one row for each pair of opposite sides; what little it leaves is within the
+share of the limits that is not used, and samples are judged by the disc itself. In space p' and p'' span a plane at
+every place of the path, and the polygon lies in that plane.
 """
 
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.point_on_arm import PointOnArm
+from ccm_opt.jointed.arm_points import MovingPoint, point_of
 from ccm_opt.retiming.motion_limits.motion_limit import MotionLimit, SpeedRows
 from ccm_opt.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences
 from ccm_opt.retiming.timed_path import TimedPath
@@ -29,7 +30,7 @@ class PointSpeed(MotionLimit):
         directions: of the rows, over half a turn.
     """
 
-    def __init__(self, point: PointOnArm, velocity: float, acceleration: float, directions: int) -> None:
+    def __init__(self, point: MovingPoint, velocity: float, acceleration: float, directions: int) -> None:
         self._point = point
         self._velocity = velocity
         self._acceleration = acceleration
@@ -47,7 +48,7 @@ class PointSpeed(MotionLimit):
         for limit in path.limits.points:
             if path.arm is None:
                 raise ProblemError("limits on points of the arm need the arm: hand it to the timing")
-            point = PointOnArm.from_arc_length(path.arm, limit.at)
+            point = point_of(path.arm, limit.at)
             yield cls(point, limit.velocity, limit.acceleration, settings.directions)
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
@@ -65,8 +66,9 @@ class PointSpeed(MotionLimit):
         squares = [np.sum(tangent**2, axis=1)[:, None] / self._velocity**2]
         if np.isfinite(self._acceleration):
             # The polygon is circumscribed: what its corners allow too much is mended by slowing down.
-            gains.append(tangent @ self._normals / self._acceleration)
-            squares.append(bend @ self._normals / self._acceleration)
+            along, across = _in_their_plane(tangent, bend)
+            gains.append(along @ self._normals / self._acceleration)
+            squares.append(across @ self._normals / self._acceleration)
         a = np.concatenate(gains, axis=1)
         return SpeedRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
 
@@ -92,9 +94,23 @@ class PointSpeed(MotionLimit):
         rates = np.diff(samples.place, axis=0) / samples.steps
         before = _length(self._point.velocity(samples.place[:-1], rates))
         after = _length(self._point.velocity(samples.place[1:], rates))
-        sag = 0.125 * samples.steps[:, 0] ** 2 * self._point.most_jerk(rates)
+        sag = 0.125 * samples.steps[:, 0] ** 2 * self._point.most_jerk(samples.place[:-1], rates, samples.steps[:, 0])
         return np.maximum(before, after) + sag
 
 
+def _in_their_plane(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Pairs of vectors, shape (N, 2) or (N, 3), as they lie in a plane that holds both, shape (N, 2) each."""
+    if first.shape[1] == 2:
+        return first, second
+    length = np.linalg.norm(first, axis=1)
+    # Where the first vector is nothing, any plane that holds the second will do.
+    axis = np.where(length[:, None] > 0.0, first, second)
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    along = np.sum(second * axis, axis=1)
+    across = np.linalg.norm(second - along[:, None] * axis, axis=1)
+    return np.column_stack((length, np.zeros_like(length))), np.column_stack((along, across))
+
+
 def _length(vectors: FloatArray) -> FloatArray:
-    return np.asarray(np.hypot(vectors[..., 0], vectors[..., 1]))
+    plane = np.hypot(vectors[..., 0], vectors[..., 1])
+    return np.asarray(plane if vectors.shape[-1] == 2 else np.hypot(plane, vectors[..., 2]))
