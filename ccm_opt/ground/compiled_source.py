@@ -16,7 +16,7 @@ from ccm_opt.ground.machine_code import SUFFIX, best_level, target
 
 logger = logging.getLogger(__name__)
 HEADERS = tuple(sorted(Path(__file__).parent.glob("*.h")))
-"""What every C file of the package may include."""
+"""What every C file of the package may include, beside the headers of its own folder."""
 _one_at_a_time = threading.Lock()  # threads that want the same library wait for the first, and then find it
 
 
@@ -42,7 +42,8 @@ class LibraryRecipe:
 
 def source_recipe(source: Path) -> LibraryRecipe:
     """The recipe of a C file of the package."""
-    files = {path.name: path.read_text(encoding="utf-8") for path in (source, *HEADERS)}
+    headers = (*HEADERS, *sorted(source.parent.glob("*.h")))
+    files = {path.name: path.read_text(encoding="utf-8") for path in (source, *headers)}
     parts = tuple(part for file in files.items() for part in file)
     return LibraryRecipe(source.stem, parts, lambda: files)
 

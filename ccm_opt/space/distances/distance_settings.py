@@ -1,0 +1,24 @@
+"""Settings of distances in space."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class DistanceSettings:
+    """Numbers of the hierarchy of boxes and of its walks.
+
+    Attributes:
+        leaf: triangles in a box that is not cut any more, at most. Measured by ``tests/benchmarks/surfaces.py``: two to
+            eight are within a tenth.
+        most_planes: half-spaces about a segment, at most. Taste: what lies beyond the nearest fourteen rarely binds.
+        behind: depth by which a surface may stand out from behind a plane and still counts as behind it, as a share of
+            the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one a triangle.
+    """
+
+    leaf: int = 4
+    most_planes: int = 14
+    behind: float = 0.07
+
+
+DEFAULT_DISTANCES = DistanceSettings()
+"""The numbers that are used unless others are given."""

@@ -1,0 +1,169 @@
+"""The search of surfaces by numpy, for machines without compiled code: the same answers, some hundred times slower.
+
+All segments walk the levels of the hierarchy together. Whatever lies in a box is no farther than the farthest corner,
+which bounds the search before a triangle is looked at.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.space.distances.segment_triangle import nearest_pairs, outward_normals
+from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
+from ccm_opt.space.distances.surface_boxes import SurfaceBoxes
+
+_CHUNK = 200_000
+"""Pairs that are looked at together, so that memory stays bounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class _FacePairs:
+    """Segments with triangles near them, and where they are nearest."""
+
+    segment: IntArray
+    face: IntArray
+    gap: FloatArray
+    share: FloatArray
+    point: FloatArray
+
+    def taken(self, rows: IntArray) -> "_FacePairs":
+        """Some of the pairs, in this order."""
+        return _FacePairs(self.segment[rows], self.face[rows], self.gap[rows], self.share[rows], self.point[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class NumpySearch:
+    """Satisfies the ``SurfaceSearch`` protocol.
+
+    Attributes:
+        boxes: the hierarchy.
+    """
+
+    boxes: SurfaceBoxes
+
+    def distances(self, segments: FloatArray, reach: float) -> FloatArray:
+        """Least gap of each segment, or the reach; not a number where the segment is none."""
+        gap = np.full(len(segments), reach, dtype=np.float64)
+        found = self._near(segments, reach, nearest_only=True)
+        np.minimum.at(gap, found.segment, found.gap)
+        gap[~np.all(np.isfinite(segments), axis=(1, 2))] = np.nan
+        return gap
+
+    def nearest(self, segments: FloatArray, reach: float) -> Witnesses:
+        """Where each segment is nearest to a surface."""
+        found = self._near(segments, reach, nearest_only=True)
+        rows = np.lexsort((found.gap, found.segment))
+        rows = rows[np.diff(found.segment[rows], prepend=-1) > 0]
+        found = found.taken(rows)
+        witnesses = Witnesses(
+            np.full(len(segments), reach, dtype=np.float64),
+            np.zeros(len(segments)),
+            np.zeros((len(segments), 3)),
+            np.zeros((len(segments), 3)),
+            np.full(len(segments), -1, dtype=np.intp),
+        )
+        k = found.segment
+        witnesses.gap[k] = found.gap
+        witnesses.gap[~np.all(np.isfinite(segments), axis=(1, 2))] = np.nan
+        witnesses.share[k] = found.share
+        witnesses.owner[k] = found.face
+        witnesses.normal[k], witnesses.point[k] = self._sides(segments, found)
+        return witnesses
+
+    def planes(self, segments: FloatArray, reach: float, most: int, behind: float) -> PlaneRows:
+        """Half-spaces about each segment."""
+        found = self._near(segments, reach, nearest_only=False)
+        kept: list[IntArray] = []
+        for segment in range(len(segments)):
+            rows = np.flatnonzero(found.segment == segment)
+            rows = rows[np.argsort(found.gap[rows], kind="stable")]
+            kept.append(self._standing_out(segments, found, rows, most, behind))
+        chosen = found.taken(np.concatenate([np.zeros(0, dtype=np.intp), *kept]))
+        normal, point = self._sides(segments, chosen)
+        return PlaneRows(chosen.segment, chosen.share, normal, point, chosen.gap, chosen.face)
+
+    def _standing_out(
+        self, segments: FloatArray, found: _FacePairs, rows: IntArray, most: int, behind: float
+    ) -> IntArray:
+        """The rows, nearest first, that do not lie behind the plane of an earlier one."""
+        normal, point = self._sides(segments, found.taken(rows))
+        corners = self.boxes.corners[found.face[rows]]
+        rounding = self.boxes.rounding[found.face[rows]]
+        left = np.arange(len(rows))
+        kept: list[int] = []
+        while len(left) and len(kept) < most:
+            first = left[0]
+            kept.append(int(rows[first]))
+            height = (corners[left] @ normal[first]).max(axis=1) + rounding[left]
+            stands_out = height > normal[first] @ point[first] + behind
+            stands_out[0] = False
+            left = left[stands_out]
+        return np.array(kept, dtype=np.intp)
+
+    def _sides(self, segments: FloatArray, found: _FacePairs) -> tuple[FloatArray, FloatArray]:
+        """Normals towards the segments, and the points of the rounded surfaces."""
+        of_pairs = segments[found.segment]
+        normal = outward_normals(of_pairs, self.boxes.corners[found.face], found.share, found.point)
+        return normal, found.point + self.boxes.rounding[found.face][:, None] * normal
+
+    def _near(self, segments: FloatArray, reach: float, *, nearest_only: bool) -> _FacePairs:
+        """All pairs with a gap below the reach, of a segment and a triangle; or all that may be the nearest."""
+        segment, node = self._near_leaves(segments, reach, nearest_only=nearest_only)
+        count = np.maximum(self.boxes.nodes["count"][node], 0).astype(np.intp)
+        within = np.arange(int(count.sum())) - np.repeat(np.cumsum(count) - count, count)
+        face = np.repeat(self.boxes.nodes["first"][node].astype(np.intp), count) + within
+        segment = np.repeat(segment, count)
+        parts = [
+            self._measured(segments, segment[k : k + _CHUNK], face[k : k + _CHUNK], reach)
+            for k in range(0, max(1, len(face)), _CHUNK)
+        ]
+        return _FacePairs(
+            np.concatenate([part.segment for part in parts]),
+            np.concatenate([part.face for part in parts]),
+            np.concatenate([part.gap for part in parts]),
+            np.concatenate([part.share for part in parts]),
+            np.concatenate([part.point for part in parts]),
+        )
+
+    def _measured(self, segments: FloatArray, segment: IntArray, face: IntArray, reach: float) -> _FacePairs:
+        distance, share, point = nearest_pairs(segments[segment], self.boxes.corners[face])
+        gap = distance - self.boxes.rounding[face]
+        return _FacePairs(segment, face, gap, share, point).taken(np.flatnonzero(gap < reach))
+
+    def _near_leaves(self, segments: FloatArray, reach: float, *, nearest_only: bool) -> tuple[IntArray, IntArray]:
+        """Pairs of a segment and a leaf with a bound below the reach."""
+        nodes = self.boxes.nodes
+        middle = segments.mean(axis=1)
+        half = 0.5 * (segments[:, 1] - segments[:, 0])
+        far = np.full(len(segments), reach, dtype=np.float64)
+        segment = np.flatnonzero(np.all(np.isfinite(segments), axis=(1, 2)))
+        node = np.zeros(len(segment), dtype=np.intp)
+        leaves: list[tuple[IntArray, IntArray]] = [(segment[:0], node[:0])]
+        while len(node):
+            box = nodes[node]
+            offset = np.abs(middle[segment] - 0.5 * (box["low"] + box["high"]))
+            size = 0.5 * (box["high"] - box["low"])
+            beyond = np.maximum(offset - size - np.abs(half[segment]), 0.0)
+            bound = np.linalg.norm(beyond, axis=1) - box["rounding"]
+            if nearest_only:
+                # Every box holds a triangle, and no point of it is farther from the segment than this.
+                np.minimum.at(far, segment, np.linalg.norm(offset + size, axis=1))
+            near = bound <= far[segment]
+            leaf = box["count"] != 0
+            leaves.append((segment[near & leaf], node[near & leaf]))
+            inner = near & ~leaf
+            segment = np.repeat(segment[inner], 2)
+            node = (box["first"][inner].astype(np.intp)[:, None] + np.arange(2)).ravel()
+        whole = [np.concatenate([pair[k] for pair in leaves]) for k in range(2)]
+        near = self._still_near(whole[0], whole[1], middle, half, far)
+        return whole[0][near], whole[1][near]
+
+    def _still_near(
+        self, segment: IntArray, node: IntArray, middle: FloatArray, half: FloatArray, far: FloatArray
+    ) -> IntArray:
+        """Places of the pairs that are near enough after all leaves have been seen."""
+        box = self.boxes.nodes[node]
+        offset = np.abs(middle[segment] - 0.5 * (box["low"] + box["high"]))
+        beyond = np.maximum(offset - 0.5 * (box["high"] - box["low"]) - np.abs(half[segment]), 0.0)
+        return np.flatnonzero(np.linalg.norm(beyond, axis=1) - box["rounding"] <= far[segment])

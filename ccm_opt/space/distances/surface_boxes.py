@@ -1,0 +1,102 @@
+"""A hierarchy of boxes about triangles in space, as flat arrays, and how numpy builds it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.ground.arrays import FloatArray, IntArray
+
+NODE = np.dtype(
+    [
+        ("low", np.float64, 3),
+        ("high", np.float64, 3),
+        ("rounding", np.float64),
+        ("first", np.int32),
+        ("count", np.int32),
+    ]
+)
+"""``Node`` of surface_nodes.h."""
+_BITS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceBoxes:
+    """Boxes about boxes about triangles.
+
+    Attributes:
+        nodes: box, largest rounding, and number of triangles of each node, shape (nodes,) of ``NODE``; ``first`` is the
+            first triangle of a leaf, or, of a node without any, the first of its two children, which stand side by
+            side. A leaf that only fills a pair has the number −1.
+        corners: triangles in the order of the leaves, the longest edge from the first corner to the second, shape
+            (m, 3, 3) [m].
+        rounding: radius of what is about every triangle, in the same order, shape (m,) [m].
+        order: number of the triangle in the scene, likewise, shape (m,).
+    """
+
+    nodes: npt.NDArray[np.void]
+    corners: FloatArray
+    rounding: FloatArray
+    order: IntArray
+
+
+def boxes_by_numpy(triangles: FloatArray, rounding: FloatArray, leaf: int) -> SurfaceBoxes:
+    """The hierarchy along a Morton curve (Morton, 1966): neighbours in the order are neighbours in space.
+
+    Args:
+        triangles: corners, shape (m, 3, 3), m > 0 [m].
+        rounding: shape (m,) [m].
+        leaf: triangles of a leaf.
+    """
+    order = np.argsort(_morton(triangles.mean(axis=1)), kind="stable")
+    corners = longest_edge_first(triangles[order])
+    rounding = rounding[order]
+    starts = np.arange(0, len(order), leaf)
+    level = np.zeros(len(starts), dtype=NODE)
+    level["low"] = np.minimum.reduceat(corners.min(axis=1), starts)
+    level["high"] = np.maximum.reduceat(corners.max(axis=1), starts)
+    level["rounding"] = np.maximum.reduceat(rounding, starts)
+    level["first"] = starts
+    level["count"] = np.diff(np.append(starts, len(order)))
+    levels = [level]
+    while len(level) > 1:
+        if len(level) % 2:
+            # A leaf without triangles fills the pair.
+            empty = level[-1:].copy()
+            empty["count"] = -1
+            level = levels[-1] = np.concatenate((level, empty))
+        pairs = level.reshape(-1, 2)
+        level = np.zeros(len(pairs), dtype=NODE)
+        level["low"] = pairs["low"].min(axis=1)
+        level["high"] = pairs["high"].max(axis=1)
+        level["rounding"] = pairs["rounding"].max(axis=1)
+        levels.append(level)
+    return SurfaceBoxes(_joined(levels[::-1]), corners, rounding, order)
+
+
+def _joined(levels: list[npt.NDArray[np.void]]) -> npt.NDArray[np.void]:
+    """Levels from the top one after the other, each node but the leaves told its children."""
+    begins = np.cumsum([0, *(len(level) for level in levels)])
+    for level, below in zip(levels[:-1], begins[1:-1], strict=True):
+        inner = level["count"] == 0
+        level["first"][inner] = (below + 2 * np.arange(len(level)))[inner]
+    return np.concatenate(levels)
+
+
+def longest_edge_first(triangles: FloatArray) -> FloatArray:
+    """The same triangles (m, 3, 3), their corners turned so that the longest edge goes from the first to the second."""
+    edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+    turn = (np.argmax(edges, axis=1)[:, None] + np.arange(3)) % 3
+    return np.ascontiguousarray(np.take_along_axis(triangles, turn[:, :, None], axis=1))
+
+
+def _morton(places: FloatArray) -> IntArray:
+    """Numbers along the Morton curve through the bounding box of places (m, 3), shape (m,)."""
+    low = places.min(axis=0)
+    span = max(float(np.max(places.max(axis=0) - low)), np.finfo(np.float64).tiny)
+    cells = ((places - low) / span * (2**_BITS - 1)).astype(np.int64)
+    number = np.zeros(len(places), dtype=np.int64)
+    for bit in range(_BITS):
+        for axis in range(3):
+            number |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return number

@@ -1,0 +1,22 @@
+"""What searches the surfaces of a scene: compiled C, or numpy."""
+
+from typing import Protocol
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
+
+
+class SurfaceSearch(Protocol):
+    """Searches a hierarchy of boxes; the owner in its answers is a place among the triangles of the leaves."""
+
+    def distances(self, segments: FloatArray, reach: float) -> FloatArray:
+        """Least gap of each segment (k, 2, 3), or the reach where it is more, shape (k,) [m]."""
+        ...
+
+    def nearest(self, segments: FloatArray, reach: float) -> Witnesses:
+        """Where each segment (k, 2, 3) is nearest to a surface."""
+        ...
+
+    def planes(self, segments: FloatArray, reach: float, most: int, behind: float) -> PlaneRows:
+        """At most so many half-spaces about each segment (k, 2, 3)."""
+        ...

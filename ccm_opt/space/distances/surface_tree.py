@@ -1,0 +1,106 @@
+"""The surfaces of a scene, and what is asked of them: distances, witnesses, and half-spaces free of them."""
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.space.distances.compiled_surfaces import boxes_by_c, compiled_search
+from ccm_opt.space.distances.distance_settings import DEFAULT_DISTANCES, DistanceSettings
+from ccm_opt.space.distances.numpy_surfaces import NumpySearch
+from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
+from ccm_opt.space.distances.surface_boxes import boxes_by_numpy
+from ccm_opt.space.distances.surface_search import SurfaceSearch
+from ccm_opt.space.scene.surfaces import SurfaceSoup
+
+logger = logging.getLogger(__name__)
+_MOST_TRIANGLES = 2**30
+"""Nodes are numbered in 32 bits."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceTree:
+    """Triangles with a rounding about them, in a hierarchy of boxes.
+
+    All distances are those of a segment from the triangles less their rounding, and exact within the rounding of
+    numbers. Everything is cut off at a reach, and the smaller that is, the shorter the walk. Only surfaces count: a
+    segment wholly inside a closed mesh has a positive distance from it. Segments that are not finite are at no distance
+    (not a number), so that no comparison takes them for free.
+
+    Attributes:
+        owner: number of each triangle's owner, in the order of the leaves, shape (m,).
+        search: what walks the boxes; None where there are no triangles.
+        settings: numbers of the walks.
+    """
+
+    owner: IntArray
+    search: SurfaceSearch | None
+    settings: DistanceSettings = DEFAULT_DISTANCES
+
+    @classmethod
+    def of(cls, soup: SurfaceSoup, settings: DistanceSettings = DEFAULT_DISTANCES) -> "SurfaceTree":
+        """The tree over the surfaces of a scene, compiled where it can be.
+
+        Raises:
+            MemoryError: there is too little.
+        """
+        if len(soup) == 0:
+            return cls(np.zeros(0, dtype=np.intp), None, settings)
+        if len(soup) >= _MOST_TRIANGLES:
+            raise MemoryError(f"a scene of {len(soup)} triangles: at most {_MOST_TRIANGLES} are taken")
+        boxes = boxes_by_c(soup.triangles, soup.rounding, settings.leaf)
+        search: SurfaceSearch | None = None
+        if boxes is not None:
+            search = compiled_search(boxes)
+        else:
+            boxes = boxes_by_numpy(soup.triangles, soup.rounding, settings.leaf)
+        if search is None:
+            logger.warning("distances in space are taken by numpy, which takes some hundred times as long")
+            search = NumpySearch(boxes)
+        return cls(soup.owner[boxes.order], search, settings)
+
+    def distances(self, segments: FloatArray, reach: float) -> FloatArray:
+        """Least distance of each segment from the surfaces.
+
+        Args:
+            segments: ends, shape (k, 2, 3) [m].
+            reach: distances are cut off here [m].
+
+        Returns:
+            Distances, at most the reach, negative inside a rounding, shape (k,) [m].
+        """
+        if self.search is None:
+            return np.full(len(segments), float(reach))
+        return self.search.distances(np.ascontiguousarray(segments, dtype=np.float64), reach)
+
+    def nearest(self, segments: FloatArray, reach: float) -> Witnesses:
+        """Where each segment is nearest to a surface, as ``distances``; the owner is −1 where nothing is in reach."""
+        if self.search is None:
+            k = len(segments)
+            none = np.full(k, -1, dtype=np.intp)
+            return Witnesses(np.full(k, float(reach)), np.zeros(k), np.zeros((k, 3)), np.zeros((k, 3)), none)
+        found = self.search.nearest(np.ascontiguousarray(segments, dtype=np.float64), reach)
+        return replace(found, owner=np.where(found.owner < 0, -1, self.owner[found.owner]))
+
+    def planes(
+        self, segments: FloatArray, reach: float, most: int | None = None, behind: float | None = None
+    ) -> PlaneRows:
+        """Half-spaces that hold a segment and are free of the surfaces near it: a convex region about each.
+
+        Surfaces are taken in the order of their distance. The plane through a surface's nearest point, at right angles
+        to the shortest way, is kept; all that lies behind a plane that is kept is dropped.
+
+        Args:
+            segments: ends, shape (k, 2, 3) [m].
+            reach: surfaces at this distance are not looked at [m].
+            most: planes a segment, at most; absent: that of the settings.
+            behind: what stands out from a plane by no more than this lies behind it [m]; absent: by the settings.
+        """
+        if self.search is None:
+            none = np.zeros(0, dtype=np.intp)
+            return PlaneRows(none, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), none)
+        most = self.settings.most_planes if most is None else most
+        behind = self.settings.behind * reach if behind is None else behind
+        found = self.search.planes(np.ascontiguousarray(segments, dtype=np.float64), reach, most, behind)
+        return replace(found, owner=self.owner[found.owner])

@@ -1,0 +1,219 @@
+"""Distances in space: C and numpy against a slow oracle and each other, and the laws of planes and witnesses."""
+
+import logging
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.ground import compiled_source
+from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
+from ccm_opt.space.distances.compiled_surfaces import boxes_by_c, compiled_search
+from ccm_opt.space.distances.distance_settings import DEFAULT_DISTANCES
+from ccm_opt.space.distances.numpy_surfaces import NumpySearch
+from ccm_opt.space.distances.segment_triangle import nearest_pairs
+from ccm_opt.space.distances.surface_boxes import SurfaceBoxes, boxes_by_numpy, longest_edge_first
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.scene.surfaces import SurfaceSoup
+
+from .surface_scenes import random_segments, random_triangles, slow_gaps, soup
+
+seeds = st.integers(0, 2**32 - 1)
+reaches = st.sampled_from((0.03, 0.3, 10.0))
+
+
+def trees(scene: SurfaceSoup, leaf: int = 4) -> list[SurfaceTree]:
+    """The scene's trees by each way of building and searching there is on this machine."""
+    built = [boxes_by_c(scene.triangles, scene.rounding, leaf), boxes_by_numpy(scene.triangles, scene.rounding, leaf)]
+    found: list[SurfaceTree] = []
+    for boxes in built:
+        if boxes is not None:
+            searches = (compiled_search(boxes), NumpySearch(boxes))
+            found += [SurfaceTree(scene.owner[boxes.order], search) for search in searches if search is not None]
+    return found
+
+
+@settings(max_examples=60)
+@given(seed=seeds, count=st.integers(1, 12), reach=reaches)
+def test_distances_are_those_of_a_slow_oracle(seed: int, count: int, reach: float) -> None:
+    """Whatever the triangles, also points, segments and slivers, every way gives the least distance."""
+    rng = np.random.default_rng(seed)
+    scene = random_triangles(rng, count)
+    segments = random_segments(rng, 4)
+    expected = slow_gaps(segments, scene, reach)
+    for tree in trees(scene):
+        np.testing.assert_allclose(tree.distances(segments, reach), expected, atol=1e-7)
+
+
+@settings(max_examples=60)
+@given(seed=seeds, count=st.integers(1, 300), reach=reaches, leaf=st.integers(1, 8))
+def test_every_way_gives_the_same_distances(seed: int, count: int, reach: float, leaf: int) -> None:
+    """C and numpy, over either hierarchy, agree to rounding; a tree of one leaf is as good as brute force."""
+    rng = np.random.default_rng(seed)
+    scene = random_triangles(rng, count)
+    segments = random_segments(rng, 20)
+    expected = NumpySearch(boxes_by_numpy(scene.triangles, scene.rounding, count)).distances(segments, reach)
+    for tree in trees(scene, leaf):
+        np.testing.assert_allclose(tree.distances(segments, reach), expected, atol=1e-8)
+        np.testing.assert_allclose(tree.nearest(segments, reach).gap, expected, atol=1e-8)
+
+
+@settings(max_examples=60)
+@given(seed=seeds, count=st.integers(1, 60), reach=reaches)
+def test_witnesses_are_where_the_gap_is(seed: int, count: int, reach: float) -> None:
+    """From the point on the surface the normal leads over the gap to the place on the segment, off the named owner."""
+    rng = np.random.default_rng(seed)
+    scene = random_triangles(rng, count)
+    segments = random_segments(rng, 20)
+    for tree in trees(scene):
+        found = tree.nearest(segments, reach)
+        none = found.owner < 0
+        np.testing.assert_array_equal(none, found.gap >= reach)
+        place = segments[:, 0] + found.share[:, None] * (segments[:, 1] - segments[:, 0])
+        led = found.point + found.gap[:, None] * found.normal
+        np.testing.assert_allclose(led[~none], place[~none], atol=1e-8)
+        np.testing.assert_allclose(np.linalg.norm(found.normal[~none], axis=1), 1.0, atol=1e-12)
+        for segment, owner, gap in zip(segments, found.owner, found.gap, strict=True):
+            if owner >= 0:
+                own = scene.owner == owner
+                alone = soup(scene.triangles[own], scene.rounding[own], scene.owner[own])
+                boxes = boxes_by_numpy(alone.triangles, alone.rounding, 4)
+                assert NumpySearch(boxes).distances(segment[None], reach)[0] == pytest.approx(gap, abs=1e-8)
+
+
+@settings(max_examples=60)
+@given(seed=seeds, count=st.integers(1, 200), behind=st.sampled_from((1e-6, 0.01, 0.1)))
+def test_what_planes_leave_is_free(seed: int, count: int, behind: float) -> None:
+    """With room for all planes, no surface in reach stands out by more than allowed from behind all of them."""
+    rng = np.random.default_rng(seed)
+    scene = random_triangles(rng, count)
+    segments = random_segments(rng, 6)
+    reach = 0.3
+    ordered = longest_edge_first(scene.triangles)
+    for tree in trees(scene):
+        rows = tree.planes(segments, reach, most=count, behind=behind)
+        assert np.all(np.diff(rows.link) >= 0)
+        for k, segment in enumerate(segments):
+            own = rows.link == k
+            assert np.all(np.diff(rows.gap[own]) >= 0.0)
+            normal, point = rows.normal[own], rows.point[own]
+            limit = np.sum(normal * point, axis=1) + behind
+            heights = np.max(scene.triangles @ normal.T, axis=1) + scene.rounding[:, None]
+            hidden = np.any(heights <= limit + 1e-9, axis=1)
+            each = nearest_pairs(np.repeat(segment[None], count, axis=0), ordered)[0] - scene.rounding
+            # What is kept lies behind its own plane, and so counts as hidden.
+            assert np.all(hidden[each < reach - 1e-9])
+            apart = rows.gap[own] > 1e-9
+            sides = np.min((segment[None] - point[:, None]) @ normal[:, :, None], axis=(1, 2))
+            np.testing.assert_allclose(sides[apart], rows.gap[own][apart], atol=1e-7)
+
+
+@settings(max_examples=30)
+@given(seed=seeds, count=st.integers(1, 200), most=st.integers(1, 5))
+def test_fewer_planes_are_the_first_of_more(seed: int, count: int, most: int) -> None:
+    """A smaller number of planes a segment cuts each list short and changes nothing else."""
+    rng = np.random.default_rng(seed)
+    scene = random_triangles(rng, count)
+    segments = random_segments(rng, 6)
+    for tree in trees(scene):
+        few = tree.planes(segments, 0.3, most=most)
+        many = tree.planes(segments, 0.3, most=count)
+        first = np.concatenate([np.flatnonzero(many.link == k)[:most] for k in range(len(segments))])
+        np.testing.assert_array_equal(few.link, many.link[first])
+        np.testing.assert_array_equal(few.gap, many.gap[first])
+        np.testing.assert_array_equal(few.normal, many.normal[first])
+
+
+def test_a_finely_meshed_wall_is_one_plane() -> None:
+    """A flat wall of thousands of triangles gives one half-space a link."""
+    ticks = np.linspace(-1.0, 1.0, 41)
+    x, y = (axis.ravel() for axis in np.meshgrid(ticks[:-1], ticks[:-1], indexing="ij"))
+    cell = ticks[1] - ticks[0]
+    lower = np.stack([np.stack((x + a * cell, y + b * cell, 0.0 * x), axis=1) for a, b in ((0, 0), (1, 0), (1, 1))], 1)
+    upper = np.stack([np.stack((x + a * cell, y + b * cell, 0.0 * x), axis=1) for a, b in ((0, 0), (1, 1), (0, 1))], 1)
+    triangles = np.concatenate((lower, upper))
+    scene = soup(triangles, np.zeros(len(triangles)), np.zeros(len(triangles), dtype=np.intp))
+    for tree in trees(scene):
+        rows = tree.planes(np.array([[[-0.1, 0.033, 0.2], [0.15, 0.04, 0.21]]]), 0.5)
+        np.testing.assert_allclose(rows.normal, [[0.0, 0.0, 1.0]], atol=1e-12)
+        np.testing.assert_allclose(rows.gap, [0.2])
+
+
+def test_without_triangles_nothing_is_near() -> None:
+    """A scene without surfaces has all distances at the reach, no witness and no planes."""
+    tree = SurfaceTree.of(soup(np.zeros((0, 3, 3)), np.zeros(0), np.zeros(0, dtype=np.intp)))
+    segments = random_segments(np.random.default_rng(0), 3)
+    np.testing.assert_array_equal(tree.distances(segments, 0.5), [0.5] * 3)
+    assert np.all(tree.nearest(segments, 0.5).owner == -1)
+    assert len(tree.planes(segments, 0.5).gap) == 0
+
+
+def test_a_segment_that_is_not_finite_is_not_free() -> None:
+    """Where an end is not a number, or infinite, the distance is not a number, whatever is near."""
+    scene = random_triangles(np.random.default_rng(1), 30)
+    segments = random_segments(np.random.default_rng(2), 3)
+    segments[0, 0, 1] = np.nan
+    segments[1, 1, 2] = np.inf
+    for tree in trees(scene):
+        assert np.isnan(tree.distances(segments, 1.0)).tolist() == [True, True, False]
+        assert np.isnan(tree.nearest(segments, 1.0).gap).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("kind", ["points", "one place", "segments"])
+def test_many_degenerate_triangles_are_no_trouble(kind: str) -> None:
+    """Thousands of points, of copies of one point, or of segments make a tree with the right distances."""
+    rng = np.random.default_rng(3)
+    ends = rng.uniform(-1.0, 1.0, (5000, 2, 3))
+    if kind == "one place":
+        ends[:] = ends[0, 0]
+    corners = ends[:, [0, 0, 0] if kind == "points" else [0, 1, 1]]
+    scene = soup(corners, np.zeros(5000), np.zeros(5000, dtype=np.intp))
+    segments = random_segments(rng, 5)
+    expected = trees(scene, 5000)[-1].distances(segments, 10.0)
+    for tree in trees(scene):
+        np.testing.assert_allclose(tree.distances(segments, 10.0), expected, atol=1e-9)
+
+
+@settings(max_examples=30)
+@given(seed=seeds, count=st.integers(1, 200))
+def test_boxes_hold_their_triangles(seed: int, count: int) -> None:
+    """Every triangle stands in one leaf, the boxes above it hold it, and it keeps its corners."""
+    scene = random_triangles(np.random.default_rng(seed), count)
+    for boxes in (boxes_by_c(scene.triangles, scene.rounding, 4), boxes_by_numpy(scene.triangles, scene.rounding, 4)):
+        if boxes is None:
+            continue
+        assert sorted(faces_below(boxes, 0)) == list(range(count))
+        assert sorted(boxes.order.tolist()) == list(range(count))
+        np.testing.assert_array_equal(boxes.rounding, scene.rounding[boxes.order])
+        given_corners = np.sort(scene.triangles[boxes.order], axis=1)
+        np.testing.assert_array_equal(np.sort(boxes.corners, axis=1), given_corners)
+
+
+def faces_below(boxes: SurfaceBoxes, number: int) -> list[int]:
+    """The triangles of a node, which all lie in its box."""
+    node = boxes.nodes[number]
+    if node["count"] < 0:
+        return []
+    first = int(node["first"])
+    faces = list(range(first, first + int(node["count"])))
+    if not faces:
+        faces = [face for child in (first, first + 1) for face in faces_below(boxes, child)]
+    corners = boxes.corners[faces].reshape(-1, 3)
+    assert np.all((corners >= node["low"]) & (corners <= node["high"]))
+    assert np.all(boxes.rounding[faces] <= node["rounding"])
+    return faces
+
+
+def test_without_a_compiler_numpy_measures(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    """Where nothing compiles the distances are the same, and the log says that it takes longer."""
+    scene = random_triangles(np.random.default_rng(4), 100)
+    segments = random_segments(np.random.default_rng(5), 10)
+    expected = SurfaceTree.of(scene, DEFAULT_DISTANCES).distances(segments, 1.0)
+    monkeypatch.setenv(COMPILER_VARIABLE, "")
+    compiled_source.forget_troubles()
+    with caplog.at_level(logging.WARNING):
+        tree = SurfaceTree.of(scene)
+    np.testing.assert_allclose(tree.distances(segments, 1.0), expected, atol=1e-9)
+    assert "numpy" in caplog.messages[-1]
+    compiled_source.forget_troubles()
