@@ -8,7 +8,12 @@ from hypothesis import strategies as st
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.coordinates import space_coordinates
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
+from ccm_opt.jointed.space_kinematics import (
+    joint_positions,
+    link_rotations,
+    positions_of_links,
+    rotations_by_numpy,
+)
 from tests.space_arms import FEED_OF_TESTS, planar_twin, random_rotation, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -94,3 +99,25 @@ def test_the_bound_on_travel_holds(seed: int) -> None:
     first, second = random_q(random, arm, 2)
     moved = np.linalg.norm(joint_positions(arm, second) - joint_positions(arm, first), axis=1).max()
     assert moved <= arm.coordinates.travel(second - first, arm.link_length) + 1e-12
+
+
+@given(SEEDS, st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_compiled_poses_agree_with_numpy(seed: int, fed: bool) -> None:
+    """Of one configuration, of a table of them, and of every other column of a larger array."""
+    random = np.random.default_rng(seed)
+    arm = turned_arm(random, 7, feed=FEED_OF_TESTS if fed else None)
+    q = random_q(random, arm, 4, 6)
+    for part in (q[0, 0], q, q[:, ::2], q[:0]):
+        rotations = rotations_by_numpy(arm, part)
+        np.testing.assert_allclose(link_rotations(arm, part), rotations, atol=1e-13)
+        np.testing.assert_allclose(joint_positions(arm, part), positions_of_links(arm, part, rotations), atol=1e-13)
+
+
+def test_joints_that_have_not_passed_the_hole_are_held_straight() -> None:
+    """Both bends of a joint in the guide tube are zero, those of the others have their limits; the feed its range."""
+    arm = space_arm(3, feed=FEED_OF_TESTS)  # the hole is at 0.5 m, a link has 0.1 m
+    lower, upper = arm.limits_at(np.array([0.3, 0.5]))
+    np.testing.assert_array_equal(upper, [[0.0, 0.0, 0.0, 0.0, 0.8, 0.8, 0.5], [3.0, 3.0, 0.8, 0.8, 0.8, 0.8, 0.5]])
+    np.testing.assert_array_equal(lower[1], -upper[1] + [0, 0, 0, 0, 0, 0, 0.5])
+    np.testing.assert_array_equal(space_arm(3).limits_at(0.0)[1], space_arm(3).upper_limits)

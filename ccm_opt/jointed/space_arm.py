@@ -1,6 +1,7 @@
 """The arm in space: equal links with a joint of two bends, a universal joint, at the base of each."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -83,7 +84,7 @@ class SpaceArm(LinkChain):
         """Greatest value of every coordinate, shape (c,) [rad, m]."""
         return np.concatenate((self.bend_limits, [axis.high for axis in self.base_axes]))
 
-    @property
+    @cached_property
     def base_rotation(self) -> FloatArray:
         """Axes of the straight arm in the world as columns: direction, left = up × direction, up; shape (3, 3)."""
         return np.column_stack((self.direction, np.cross(self.up, self.direction), self.up))
@@ -113,3 +114,17 @@ class SpaceArm(LinkChain):
             feed: position of the base on its feed axis, shape (...) [m].
         """
         return np.repeat(self.held(feed), 2, axis=-1)
+
+    def limits_at(self, feed: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest value of every coordinate where the base is, both of shape (..., c) [rad, m].
+
+        A joint that has not passed the hole is held straight: both of its bends are zero.
+
+        Args:
+            feed: position of the base on its feed axis, shape (...) [m].
+        """
+        held = self.held_bends(feed)
+        bends = np.where(held, 0.0, self.bend_limits)
+        base = np.broadcast_to(self.upper_limits[2 * self.links :], (*held.shape[:-1], len(self.base_axes)))
+        lowest = np.broadcast_to(self.lower_limits[2 * self.links :], base.shape)
+        return np.concatenate((-bends, lowest), axis=-1), np.concatenate((bends, base), axis=-1)

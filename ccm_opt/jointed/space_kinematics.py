@@ -3,12 +3,14 @@
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.compiled_poses import compiled_poses
 from ccm_opt.jointed.space_arm import SpaceArm
 
 
 def joint_positions(arm: SpaceArm, q: FloatArray) -> FloatArray:
     """Positions of the joints and the tip in configurations of shape (..., c), shape (..., links + 1, 3) [m]."""
-    return positions_of_links(arm, q, link_rotations(arm, q))
+    found = compiled_poses(arm, q)
+    return positions_of_links(arm, q, rotations_by_numpy(arm, q)) if found is None else found[0]
 
 
 def positions_of_links(arm: SpaceArm, q: FloatArray, rotations: FloatArray) -> FloatArray:
@@ -37,6 +39,12 @@ def link_rotations(arm: SpaceArm, q: FloatArray) -> FloatArray:
     Returns:
         Shape (..., links, 3, 3).
     """
+    found = compiled_poses(arm, q)
+    return rotations_by_numpy(arm, q) if found is None else found[1]
+
+
+def rotations_by_numpy(arm: SpaceArm, q: FloatArray) -> FloatArray:
+    """The same where nothing is compiled."""
     turns = bend_rotations(arm.bend_pairs(q))
     rotations = np.empty_like(turns)
     latest = np.broadcast_to(arm.base_rotation, (*q.shape[:-1], 3, 3))

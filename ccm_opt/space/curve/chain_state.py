@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import link_rotations, positions_of_links
+from ccm_opt.jointed.space_kinematics import positions_of_links, rotations_by_numpy
 
 
 class ChainState(NamedTuple):
@@ -58,7 +58,7 @@ class ChainByNumpy:
         arm = self._arm
         bends = 2 * arm.links
         q = self._matrix @ v + self._offset
-        rotations = link_rotations(arm, q)
+        rotations = rotations_by_numpy(arm, q)
         about_z = np.concatenate((arm.base_rotation[None, :, 2], rotations[:-1, :, 2]))
         about_y = rotations[:, :, 1]
         turns = (
