@@ -32,7 +32,7 @@ class CurveSpace:
 
     Attributes:
         arm: the arm whose bends they are.
-        knots: number of curvature values of each direction.
+        knots: number of curvature values of each direction; 0 where every bend is a coordinate.
         matrix: B, shape (c, p).
         offset: q₀, shape (c,) [rad, m].
         scales: what a unit of each coordinate is: of the turns [rad], the curvatures [1/m] and the feed [m], (p,).
@@ -70,6 +70,15 @@ class CurveSpace:
         plain = cls.of(arm, knots)
         return plain.moved(q - plain.configurations(plain.nearest(q)))
 
+    @classmethod
+    def of_every_bend(cls, arm: SpaceArm) -> "CurveSpace":
+        """The space of all configurations: every coordinate of the arm is one of its own, and there is no curve.
+
+        No curve of few coordinates is straight up to a hole and bends behind it, wherever the hole is along the arm.
+        """
+        size = len(arm.coordinates)
+        return cls(arm, 0, np.eye(size), np.zeros(size), np.ones(size))
+
     def moved(self, offset: FloatArray) -> "CurveSpace":
         """The same coordinates with another offset, shape (c,) [rad, m]."""
         return CurveSpace(self.arm, self.knots, self.matrix, offset, self.scales)
@@ -94,7 +103,12 @@ class CurveSpace:
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
-        """Derivatives by v of the curvatures at the knots, of κ1 and then of κ2, shape (2 knots, p) [1/m]."""
+        """Derivatives by v of the curvatures at the knots, of κ1 and then of κ2, shape (2 knots, p) [1/m].
+
+        Where every bend is a coordinate they are bends over the length of a link.
+        """
+        if self.knots == 0:
+            return self.matrix[: 2 * self.arm.links] / self.arm.link_length
         each = self.knots + 1
         rows = np.diag(self.scales)[: 2 * each]
         return np.delete(rows, [0, each], axis=0)
