@@ -1,0 +1,240 @@
+"""Configurations of the arm by the curvature of a curve that lies still in space while the arm is fed along it.
+
+The curve's curvature about each of two axes is linear between its values at even knots. A joint at arc length σ turns
+by the second difference of the twice integrated curvature, (F(σ + l) − 2 F(σ) + F(σ − l)) / l: by as much as the mean
+heading changes from the link before it to the one behind it. Where the base is fed, σ is counted from the end of the
+guide tube, so that an arm that is fed with all else still follows its own shape; curvature begins far enough beyond
+the tube for joints inside it to stay straight from keyframe to keyframe.
+
+Unknowns v: where the base is fixed its two turns, then the curvatures about the first and about the second axis, then
+the feed. They are scaled so that every one turns the joints by about as much.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.space_arm import SpaceArm
+
+KNOTS = 11
+NOMINAL_LINKS = 24
+"""Nominal links to the length of an arm, the unit of length of all weights in planning."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurveMap:
+    """The map from unknowns v, shape (p,), to configurations q, shape (c,).
+
+    Attributes:
+        arm: the arm.
+        first: arc length of the first knot, from the base, or from the end of the guide tube [m].
+        spacing: of the knots [m].
+        knots: their number, about each of the two axes.
+        scale: turn by the unknowns' unit, shape (p,).
+        offset: joints' turns that the curve does not show, by places from ``offset_at``, shape (m, 2) [rad].
+        offset_at: arc lengths of the same, increasing, shape (m,) [m].
+        blend: joints' turns that one more unknown blends in, of the shape of ``offset``; None without one.
+    """
+
+    arm: SpaceArm
+    first: float
+    spacing: float
+    knots: int
+    scale: FloatArray
+    offset: FloatArray
+    offset_at: FloatArray
+    blend: FloatArray | None = None
+
+    @classmethod
+    def through(cls, arm: SpaceArm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
+        """The map that holds a configuration exactly, and its unknowns there."""
+        knots = max(3, min(knots, arm.links // 2 + 1))
+        first = arm.link_length + free_before(arm) if arm.base_axes else 0.0
+        spacing = max(arm.length - first, 2.0 * arm.link_length) / (knots - 1)
+        plain = cls(arm, first, spacing, knots, np.ones(0), np.zeros((2, 2)), np.array([0.0, 1.0]))
+        shapes = plain._shapes(plain._places_at_full_feed)
+        norms = np.maximum(np.linalg.norm(shapes, axis=0), 1e-9 * np.max(np.linalg.norm(shapes, axis=0)))
+        of_base = np.ones(0 if arm.base_axes else 2)
+        of_feed = np.full(len(arm.base_axes), plain.nominal_length)
+        scale = np.concatenate((of_base, 1.0 / norms, 1.0 / norms, of_feed))
+        plain = replace(plain, scale=scale)
+        v = plain.fitted(q)
+        return _exact_at(plain, v, q), v
+
+    @property
+    def nominal_length(self) -> float:
+        """u, length of a nominal link [m]."""
+        return self.arm.length / NOMINAL_LINKS
+
+    @property
+    def dimension(self) -> int:
+        """Number p of unknowns."""
+        return len(self.scale) + (self.blend is not None)
+
+    def configuration(self, v: FloatArray) -> FloatArray:
+        """The configuration q of unknowns, shape (c,) [rad, m]."""
+        x = v[: len(self.scale)] * self.scale
+        feed = x[len(x) - len(self.arm.base_axes) :]
+        places = self.places(float(np.sum(feed)))
+        turns = self._turns(x, self._shapes(places)) + self._offsets(places, v)
+        return np.concatenate((turns.ravel(), feed))
+
+    def slopes(self, v: FloatArray) -> FloatArray:
+        """Derivatives of the configuration by the unknowns, shape (c, p)."""
+        arm = self.arm
+        n = arm.links
+        x = v[: len(self.scale)] * self.scale
+        feeds = len(arm.base_axes)
+        places = self.places(float(np.sum(x[len(x) - feeds :])))
+        shapes = self._shapes(places)
+        slopes = np.zeros((2 * n + feeds, self.dimension))
+        turned = 0 if feeds else 2
+        if turned:
+            slopes[0, 0] = 1.0
+            slopes[1, 1] = 1.0
+        k = self.knots
+        slopes[0 : 2 * n : 2, turned : turned + k] = shapes * self.scale[turned : turned + k]
+        slopes[1 : 2 * n : 2, turned + k : turned + 2 * k] = shapes * self.scale[turned + k : turned + 2 * k]
+        if feeds:
+            step = 1e-6 * arm.length
+            ahead = self._turns(x, self._shapes(places + step)) + self._offsets(places + step, v)
+            behind = self._turns(x, self._shapes(places - step)) + self._offsets(places - step, v)
+            by_feed = (ahead - behind).ravel() / (2.0 * step)
+            column = turned + 2 * k
+            slopes[: 2 * n, column] = by_feed * self.scale[column]
+            slopes[2 * n, column] = self.scale[column]
+        if self.blend is not None:
+            slopes[: 2 * n, -1] = self._interpolated(self.blend, places).ravel()
+        return slopes
+
+    def fitted(self, q: FloatArray) -> FloatArray:
+        """Unknowns of the curve that comes nearest to a configuration, the least of them where several do."""
+        n = self.arm.links
+        feeds = len(self.arm.base_axes)
+        v = np.zeros(self.dimension)
+        if feeds:
+            v[len(self.scale) - 1] = q[2 * n] / self.scale[-1]
+        places = self.places(float(np.sum(q[2 * n :])))
+        wanted = q[: 2 * n].reshape(n, 2) - self._offsets(places, v)
+        shapes = self._shapes(places)
+        turned = 0 if feeds else 2
+        k = self.knots
+        # A little weight on differences settles what the joints leave open.
+        smooth = 1e-3 * np.diff(np.eye(k), axis=0)
+        for axis in range(2):
+            columns = slice(turned + axis * k, turned + (axis + 1) * k)
+            rows = shapes * self.scale[columns]
+            if turned:
+                rows = np.column_stack((np.eye(n)[:, 0], rows))
+            tie = np.column_stack((np.zeros((k - 1, rows.shape[1] - k)), smooth))
+            matrix = np.vstack((rows, tie))
+            target = np.concatenate((wanted[:, axis], np.zeros(k - 1)))
+            found = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
+            v[columns] = found[rows.shape[1] - k :]
+            if turned:
+                v[axis] = found[0]
+        return v
+
+    def blended_to(self, q: FloatArray) -> tuple["CurveMap", FloatArray]:
+        """The map with one more unknown, which at 1 holds another configuration exactly too, and the unknowns of that.
+
+        Args:
+            q: shape (c,) [rad, m].
+        """
+        v = self.fitted(q)
+        left = (q - self.configuration(v))[: 2 * self.arm.links].reshape(-1, 2)
+        places = self.places(float(np.sum(q[2 * self.arm.links :])))
+        offset = self._interpolated(self.offset, places)
+        grid = np.union1d(self.offset_at, places) if self.arm.base_axes else places
+        at_grid = np.column_stack([np.interp(grid, places, column, 0.0, 0.0) for column in left.T])
+        own = self._interpolated(self.offset, grid) if self.arm.base_axes else offset
+        return replace(self, offset=own, offset_at=grid, blend=at_grid), np.append(v, 1.0)
+
+    @property
+    def curvature_rows(self) -> FloatArray:
+        """The curvature at the knots about the first and then about the second axis, shape (2 knots, p) [1/m]."""
+        turned = 0 if self.arm.base_axes else 2
+        count = 2 * self.knots
+        rows = np.zeros((count, self.dimension))
+        rows[:, turned : turned + count] = np.diag(self.scale[turned : turned + count])
+        return rows
+
+    # ------------------------------------------------------------ places and shapes
+    @property
+    def _places_at_full_feed(self) -> FloatArray:
+        return self.places(sum(axis.high for axis in self.arm.base_axes))
+
+    def places(self, feed: float) -> FloatArray:
+        """Arc lengths of the joints, shape (links,) [m]."""
+        arm = self.arm
+        along = arm.link_length * np.arange(arm.links)
+        return np.asarray(along + feed - arm.hole if arm.base_axes else along)
+
+    def _turns(self, x: FloatArray, shapes: FloatArray) -> FloatArray:
+        """Turns of the joints about both axes without offsets, shape (links, 2) [rad]."""
+        turned = 0 if self.arm.base_axes else 2
+        k = self.knots
+        turns = np.column_stack((shapes @ x[turned : turned + k], shapes @ x[turned + k : turned + 2 * k]))
+        if turned:
+            turns[0] += x[:2]
+        return turns
+
+    def _offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
+        """Turns of the joints beside those of the curve, shape (links, 2) [rad]."""
+        offsets = self._interpolated(self.offset, places)
+        if self.blend is not None:
+            offsets = offsets + v[-1] * self._interpolated(self.blend, places)
+        return offsets
+
+    def _interpolated(self, values: FloatArray, places: FloatArray) -> FloatArray:
+        """Turns at places, linear between those where they are known; held joints have none."""
+        if not np.any(values):
+            return np.zeros((len(places), 2))
+        return np.column_stack([np.interp(places, self.offset_at, column) for column in values.T])
+
+    def _shapes(self, places: FloatArray) -> FloatArray:
+        """Turns of joints at places by a unit of curvature at each knot, shape (links, knots) [m]."""
+        l = self.arm.link_length
+        ahead = self._twice_integrated(places + l)
+        here = self._twice_integrated(places)
+        behind = self._twice_integrated(places - l)
+        return (ahead - 2.0 * here + behind) / l
+
+    def _twice_integrated(self, s: FloatArray) -> FloatArray:
+        """∫∫ of every knot's hat from the first knot to places, shape (places, knots) [m²]."""
+        h = self.spacing
+        x = (s[:, None] - self.first) / h - np.arange(self.knots)
+        # A hat is the second difference of the ramps (x)₊; twice integrated those are (x)₊³ / 6. At both ends of the
+        # curve hats are halves, and beyond them there is no curvature.
+        last = float(self.knots - 1)
+        whole = _cube(x + 1.0) - 2.0 * _cube(x) + _cube(x - 1.0)
+        top = (s - self.first) / h
+        whole[:, 0] = 3.0 * _square(top) - _cube(top) + _cube(top - 1.0)
+        end = top - last
+        whole[:, -1] = _cube(end + 1.0) - _cube(end) - 3.0 * _square(end)
+        return h * h * whole / 6.0
+
+
+def free_before(arm: SpaceArm) -> float:
+    """Arc length beyond the end of the guide tube on which joints stay straight [m].
+
+    From keyframe to keyframe the feed advances by less, so that no joint begins to bend in an interval in which the
+    tube still holds it.
+    """
+    return arm.length / NOMINAL_LINKS
+
+
+def _cube(x: FloatArray) -> FloatArray:
+    return np.maximum(x, 0.0) ** 3
+
+
+def _square(x: FloatArray) -> FloatArray:
+    return np.maximum(x, 0.0) ** 2
+
+
+def _exact_at(curve: CurveMap, v: FloatArray, q: FloatArray) -> CurveMap:
+    """The map whose offset makes unknowns stand for a configuration exactly."""
+    n = curve.arm.links
+    left = (q - curve.configuration(v))[: 2 * n].reshape(n, 2)
+    return replace(curve, offset=left, offset_at=curve.places(float(np.sum(q[2 * n :]))))

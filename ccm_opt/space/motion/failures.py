@@ -1,0 +1,88 @@
+"""Why no motion was found: where every candidate ended, and what stood in the way of the best."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import millimetres
+from ccm_opt.space.motion.pose import SpacePose
+from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.task import SpaceTask
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why one candidate failed.
+
+    Attributes:
+        candidate: its name.
+        message: how far it came.
+        remaining: distance of the tip from the goal where it ended [m].
+        link: the link nearest to a wall there, counted from 1; 0 where nothing is near.
+        owner: number of that wall in the scene's list of names; −1 where nothing is near.
+        gap: between them [m].
+        place: of the nearest point of the wall, shape (3,) [m].
+        pose: configuration where it ended, shape (c,) [rad, m].
+    """
+
+    candidate: str
+    message: str
+    remaining: float
+    link: int
+    owner: int
+    gap: float
+    place: FloatArray
+    pose: FloatArray
+
+    @classmethod
+    def at(
+        cls, task: SpaceTask, candidate: str, message: str, stepper: Stepper, pose: SpacePose, target: FloatArray | None
+    ) -> "Failure":
+        """The failure of a candidate that ended in a pose; ``target`` is where the tip should be, or None."""
+        near = task.tree.nearest(pose.segments(), stepper.kept + 0.5 * task.arm.length)
+        k = int(np.argmin(near.gap))
+        remaining = 0.0 if target is None else float(np.linalg.norm(pose.tip - target))
+        owner = int(near.owner[k])
+        gap = float(near.gap[k]) - task.arm.radius
+        return cls(candidate, message, remaining, k + 1 if owner >= 0 else 0, owner, gap, near.point[k], pose.q)
+
+
+def nothing_found(task: SpaceTask, failures: Sequence[Failure]) -> MotionNotFound | TimeLimitReached:
+    """The error that says why no motion was found.
+
+    Args:
+        task: what was looked for.
+        failures: of every candidate.
+    """
+    tried = sorted(failures, key=lambda failure: failure.remaining)
+    if tried:
+        best = tried[0]
+        reason = (
+            f"no motion found in {len(tried)} candidates; the best ({best.candidate}) ended with the tip "
+            f"{millimetres(best.remaining)} from the goal: {best.message}{_tightest(task, best)}"
+        )
+    else:
+        reason = "no motion found: there is no way through free space that the arm is thin enough for"
+    figures = {
+        "tried": [f"{each.candidate}: {each.message}{_tightest(task, each)}" for each in tried],
+        "nearest_pose": tried[0].pose.tolist() if tried else [],
+    }
+    if task.deadline.passed():
+        reason = f"{task.deadline.what_passed()}: {reason}"
+        return TimeLimitReached(Diagnosis(reason, "motion", ("raise planner.time_limit",), figures))
+    advice = ["use a smaller arm.radius"] if task.arm.radius > 0.0 else []
+    if task.clearance > 0.0:
+        advice.append("use a smaller workspace.clearance")
+    advice += ["raise arm.joint_limit_deg", "use a longer arm", "add goal.via places on the way"]
+    return MotionNotFound(Diagnosis(reason, "motion", tuple(advice), figures))
+
+
+def _tightest(task: SpaceTask, failure: Failure) -> str:
+    """What a candidate nearly touched where it ended, in words."""
+    if failure.owner < 0:
+        return ""
+    name = task.names[failure.owner] if failure.owner < len(task.names) else "a wall"
+    return f"; tightest there: link {failure.link}, {millimetres(failure.gap)} from '{name}'"

@@ -1,0 +1,94 @@
+"""Where the tip shall end: errors of a pose, rows that draw it there, and Newton's method for the rest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.motion.pose import SpacePose, Term
+from ccm_opt.space.motion.step import Stepper
+
+
+@dataclass(frozen=True)
+class TipPose:
+    """A place of the tip, and perhaps a direction of the last link.
+
+    Attributes:
+        position: shape (3,) [m].
+        direction: unit vector, shape (3,), or None when any will do.
+    """
+
+    position: FloatArray
+    direction: FloatArray | None = None
+
+    def errors(self, pose: SpacePose) -> tuple[float, float]:
+        """Distance of the tip [m] and turn of its direction [rad]."""
+        distance = float(np.linalg.norm(pose.tip - self.position))
+        if self.direction is None:
+            return distance, 0.0
+        sine = float(np.linalg.norm(np.cross(pose.tip_direction, self.direction)))
+        return distance, float(np.arctan2(sine, pose.tip_direction @ self.direction))
+
+    def rows(self, pose: SpacePose, unit: float) -> tuple[FloatArray, FloatArray]:
+        """Rows of what is missed and by how much, places in units of length: shapes (3 or 5, p) and (3 or 5,)."""
+        slopes = [pose.chain.moving[-1] / unit]
+        missing = [(self.position - pose.tip) / unit]
+        if self.direction is not None:
+            across = _across(pose.tip_direction)
+            # The turn that brings t onto d, about the axis t × d by the angle between them; its part along t is free.
+            axis = np.cross(pose.tip_direction, self.direction)
+            sine = float(np.linalg.norm(axis))
+            _, angle = self.errors(pose)
+            axis = across[0] if sine < 1e-12 else axis / sine
+            slopes.append(across @ pose.chain.turning[-1])
+            missing.append(across @ (angle * axis))
+        return np.concatenate(slopes), np.concatenate(missing)
+
+    def term(self, pose: SpacePose, unit: float, weight: float) -> Term:
+        """What draws a pose onto the goal, at most by a nominal link and half a radian at a time."""
+        rows, missing = self.rows(pose, unit)
+        missing = missing.copy()
+        for part, most in ((slice(0, 3), 1.0), (slice(3, None), 0.5)):
+            size = float(np.linalg.norm(missing[part]))
+            missing[part] *= min(1.0, most / max(size, 1e-12))
+        return Term(rows, missing, weight)
+
+
+def polished(stepper: Stepper, goal: TipPose, pose: SpacePose) -> SpacePose | None:
+    """The pose moved onto the goal by Newton's method, or None where that fails or cannot be certified."""
+    settings = stepper.settings.guide
+    unit = stepper.unit
+    distance, turn = goal.errors(pose)
+    if distance > settings.polish * unit or turn > settings.polish_turn:
+        return None
+    metric = stepper_metric(pose, unit)
+    now = pose
+    for _ in range(settings.polish_steps):
+        rows, missing = goal.rows(now, unit)
+        if np.max(np.abs(missing)) < settings.exact:
+            break
+        spread = np.linalg.solve(metric, rows.T)
+        change = spread @ np.linalg.lstsq(rows @ spread, missing, rcond=1e-12)[0]
+        now = stepper.pose(now.v + change)
+    else:
+        return None
+    if not stepper.within_limits(now.q):
+        return None
+    return now if stepper.certificate.safe(pose.q, now.q, stepper.settings.certificate.depth) else None
+
+
+def stepper_metric(pose: SpacePose, unit: float) -> FloatArray:
+    """How much the unknowns move and turn the links, squared, shape (p, p)."""
+    p = len(pose.v)
+    turning = pose.chain.turning.reshape(-1, p)
+    moving = pose.chain.moving.reshape(-1, p) / unit
+    metric = turning.T @ turning + 0.01 * moving.T @ moving
+    return np.asarray(metric + 1e-9 * np.trace(metric) * np.eye(p))
+
+
+def _across(direction: FloatArray) -> FloatArray:
+    """Two unit vectors across a direction, shape (2, 3)."""
+    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    first = np.cross(direction, helper)
+    first /= np.linalg.norm(first)
+    return np.stack((first, np.cross(direction, first)))

@@ -1,0 +1,75 @@
+"""Poses of the whole arm with the tip at the goal that touch nothing, by drawn curves and Newton's method."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.motion.goal import TipPose, stepper_metric
+from ccm_opt.space.motion.pose import SpacePose
+from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.task import SpaceTask
+
+
+def goal_poses(task: SpaceTask, stepper: Stepper, rng: np.random.Generator) -> Iterator[SpacePose]:
+    """Poses at the goal that touch nothing and keep the joint limits; drawn until the deadline, or the draws, end.
+
+    Args:
+        task: with a goal for the tip.
+        stepper: in whose unknowns they are.
+        rng: for the draws.
+    """
+    settings = task.settings.goal_poses
+    if task.goal is None:
+        return
+    for _ in range(settings.draws):
+        if task.deadline.passed():
+            return
+        pose = _onto_goal(stepper, task.goal, stepper.pose(_drawn(stepper, rng)), task)
+        if pose is not None:
+            yield pose
+
+
+def _drawn(stepper: Stepper, rng: np.random.Generator) -> FloatArray:
+    """Unknowns of a curve with smooth random curvature, and a random feed."""
+    curve = stepper.curve
+    arm = curve.arm
+    k = curve.knots
+    controls = rng.normal(size=(2, 4)) * rng.uniform(0.1, 1.0)
+    places = np.linspace(0.0, 1.0, 4)
+    # Curvature as bends of a nominal link; three quarters of the limit is a strong bend already.
+    largest = 0.4 * min(arm.joint_limit * arm.links / 24.0, 1.0) / stepper.unit
+    curvature = [largest * np.interp(np.linspace(0.0, 1.0, k), places, row) for row in controls]
+    v = np.zeros(curve.dimension)
+    turned = 0 if arm.base_axes else 2
+    if turned:
+        v[:2] = rng.normal(size=2) * 0.5 * min(arm.base_limit, 1.5)
+    v[turned : turned + 2 * k] = np.concatenate(curvature) / curve.scale[turned : turned + 2 * k]
+    if arm.base_axes:
+        low, high = arm.base_range
+        v[turned + 2 * k] = rng.uniform(low, high) / curve.scale[turned + 2 * k]
+    return v
+
+
+def _onto_goal(stepper: Stepper, goal: TipPose, pose: SpacePose, task: SpaceTask) -> SpacePose | None:
+    """The pose brought onto the goal, off the walls and within limits; None where that fails."""
+    settings = task.settings.goal_poses
+    for k in range(settings.steps):
+        pose = stepper.step(pose, [goal.term(pose, stepper.unit, 1.0 + k)], certified=False)
+        distance, turn = goal.errors(pose)
+        if distance < 0.1 * stepper.unit and turn < 0.05:
+            break
+    for _ in range(task.settings.guide.polish_steps):
+        rows, missing = goal.rows(pose, stepper.unit)
+        if np.max(np.abs(missing)) < task.settings.guide.exact:
+            return pose if _free(stepper, pose) else None
+        spread = np.linalg.solve(stepper_metric(pose, stepper.unit), rows.T)
+        change = spread @ np.linalg.lstsq(rows @ spread, missing, rcond=1e-12)[0]
+        size = float(np.max(np.linalg.norm(pose.chain.turning @ change, axis=1)))
+        pose = stepper.pose(pose.v + change * min(1.0, 0.3 / max(size, 1e-12)))
+    return None
+
+
+def _free(stepper: Stepper, pose: SpacePose) -> bool:
+    """Whether a pose touches nothing and keeps the limits."""
+    return stepper.within_limits(pose.q) and stepper.certificate.safe(pose.q, pose.q)

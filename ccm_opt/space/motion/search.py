@@ -1,0 +1,184 @@
+"""Finds a motion: one tactic after the other, the cheap ones first; every step of each is certified as it is taken."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.progress import tell_candidate
+from ccm_opt.space.motion.candidates import TipWay, TipWays
+from ccm_opt.space.motion.connect import Connect
+from ccm_opt.space.motion.continuation import Stalled, follow, settle
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.failures import Failure, nothing_found
+from ccm_opt.space.motion.goal import TipPose
+from ccm_opt.space.motion.goal_poses import goal_poses
+from ccm_opt.space.motion.pose import SpacePose
+from ccm_opt.space.motion.pose_led import PoseLed
+from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
+from ccm_opt.space.motion.tip_led import TipLed
+from ccm_opt.space.motion.tip_track import TipTrack
+
+
+def find_motion(task: SpaceTask) -> SpaceMotion:
+    """A certified motion from the start to the goal.
+
+    Raises:
+        MotionNotFound: no tactic reached the goal; with how far the best came, and what was in its way.
+        TimeLimitReached: the deadline passed first.
+    """
+    return _Search(task).run()
+
+
+@dataclass(eq=False)
+class _Search:
+    """One search, with what has failed so far.
+
+    Args:
+        task: what is asked.
+    """
+
+    task: SpaceTask
+    _failures: list[Failure] = field(default_factory=list)
+    _tried: int = 0
+
+    def run(self) -> SpaceMotion:
+        """The first motion that a tactic finds; see ``find_motion``."""
+        tactics = (self._by_ways, self._to_poses, self._by_connecting)
+        for tactic in tactics:
+            motion = tactic()
+            if motion is not None:
+                return motion
+            if self.task.deadline.passed():
+                break
+        raise nothing_found(self.task, self._failures)
+
+    # ------------------------------------------------------------ led by the tip
+    def _by_ways(self) -> SpaceMotion | None:
+        """Along ways of the tip."""
+        task = self.task
+        curve, start, end = self._spaces()
+        stepper = task.stepper(curve)
+        goal = task.goal if task.goal is not None else self._tip_of(stepper, end)
+        ways = TipWays(task, stepper.pose(start).tip, goal.position, goal.direction)
+        for way in ways:
+            close = task.stepper(curve, way.margin)
+            found = self._attempt(way.name, close, start, self._along(way, goal, end))
+            if found is not None:
+                return found
+            if task.deadline.passed():
+                return None
+        return None
+
+    def _along(
+        self, way: TipWay, goal: TipPose, end: SpacePose | None
+    ) -> Callable[[Stepper, SpacePose], list[SpacePose]]:
+        """Follows a way of the tip, then settles on the goal, or moves on to a pose of the whole arm."""
+        task = self.task
+
+        def lead(stepper: Stepper, pose: SpacePose) -> list[SpacePose]:
+            settings = task.settings
+            track = TipTrack.along(pose.chain.points, way.corners)
+            guide = TipLed(track, task.unit, settings.step.follow, settings.guide)
+            poses = follow(stepper, guide, pose, task.deadline)
+            if end is None:
+                return [*poses, *settle(stepper, goal, poses[-1], task.deadline)[1:]]
+            return [*poses, *self._moved_to(end, stepper, poses[-1])[1:]]
+
+        return lead
+
+    # ------------------------------------------------------------ led to poses of the whole arm
+    def _to_poses(self) -> SpaceMotion | None:
+        """To poses at the goal, along the straight way in the unknowns as far as there is one."""
+        task = self.task
+        curve, start, end = self._spaces()
+        stepper = task.stepper(curve)
+        if end is not None:
+            return self._attempt("straight to the pose", stepper, start, partial(self._moved_to, end))
+        for number, pose in enumerate(goal_poses(task, stepper, self._draws()), start=1):
+            found = self._attempt("straight to a pose at the goal", stepper, start, partial(self._moved_to, pose))
+            if found is not None or number >= task.settings.goal_poses.wanted or task.deadline.passed():
+                return found
+        return None
+
+    def _moved_to(self, end: SpacePose, stepper: Stepper, pose: SpacePose) -> list[SpacePose]:
+        """Poses from one to another.
+
+        Raises:
+            Stalled: when there is no straight way.
+        """
+        task = self.task
+        guide = PoseLed(pose.v, end.v, self.task.settings.guide.pose_step, task.settings.guide)
+        poses = follow(stepper, guide, pose, task.deadline)
+        if not task.certificate.safe(poses[-1].q, end.q):
+            raise Stalled(guide.describe(poses[-1]), poses)
+        return [*poses, end]
+
+    # ------------------------------------------------------------ drawn
+    def _by_connecting(self) -> SpaceMotion | None:
+        """By trees that grow from the start and from poses at the goal."""
+        task = self.task
+        settings = task.settings.connect
+        curve, start, end = self._spaces()
+        stepper = task.stepper(curve)
+        rng = self._draws()
+        goals = [end] if end is not None else []
+        if end is None:
+            for pose in goal_poses(task, stepper, rng):
+                goals.append(pose)
+                if len(goals) >= settings.goals:
+                    break
+        if not goals:
+            return None
+        first = stepper.pose(start)
+        self._announce("a sampler", first)
+        poses = Connect(stepper, first, goals, rng, settings).path(task.deadline)
+        if poses is None:
+            self._failures.append(Failure.at(task, "a sampler", "no tree met the other", stepper, first, goals[0].tip))
+            return None
+        return SpaceMotion.of(curve, poses, "a sampler")
+
+    # ------------------------------------------------------------ what all share
+    def _spaces(self) -> tuple[CurveMap, FloatArray, SpacePose | None]:
+        """The curve's map, the unknowns of the start, and the pose at the goal where a whole pose is asked."""
+        task = self.task
+        curve, start = CurveMap.through(task.arm, task.start)
+        if task.goal_pose is None:
+            return curve, start, None
+        curve, end = curve.blended_to(task.goal_pose)
+        stepper = task.stepper(curve)
+        return curve, np.append(start, 0.0), stepper.pose(end)
+
+    @staticmethod
+    def _tip_of(stepper: Stepper, end: SpacePose | None) -> TipPose:
+        """Where the tip of a pose is, and where it points."""
+        del stepper
+        if end is None:
+            raise ValueError("a task has a goal for the tip or a pose of the whole arm")
+        return TipPose(end.tip, end.tip_direction)
+
+    def _attempt(
+        self, name: str, stepper: Stepper, start: FloatArray, lead: Callable[[Stepper, SpacePose], list[SpacePose]]
+    ) -> SpaceMotion | None:
+        """What comes of one tactic; its failure is kept."""
+        first = stepper.pose(start)
+        self._announce(name, first)
+        try:
+            return SpaceMotion.of(stepper.curve, lead(stepper, first), name)
+        except Stalled as stalled:
+            goal = self.task.goal
+            target = None if goal is None else goal.position
+            self._failures.append(Failure.at(self.task, name, str(stalled), stepper, stalled.poses[-1], target))
+            return None
+
+    def _announce(self, name: str, pose: SpacePose) -> None:
+        self._tried += 1
+        goal = self.task.goal
+        left = 0.0 if goal is None else float(np.linalg.norm(pose.tip - goal.position))
+        tell_candidate(self._tried, name, left)
+
+    def _draws(self) -> np.random.Generator:
+        return np.random.default_rng(self.task.seed)

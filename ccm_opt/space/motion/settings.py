@@ -1,0 +1,186 @@
+"""Numbers of the search for a motion in space; lengths are in nominal links u = L / 24 unless said otherwise."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class CertificateSettings:
+    """Of the proof that a motion touches nothing.
+
+    Attributes:
+        depth: how often an interval may be halved; taste: at twelve a step has been cut into four thousand.
+        step_depth: the same for a step of the search, of which a shorter one is tried instead; measured in clutter.
+        spare: gap that is proved beyond contact, for the path between its samples [u].
+    """
+
+    depth: int = 12
+    step_depth: int = 5
+    spare: float = 0.002
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """Of one step: a small quadratic program in the unknowns of the curve.
+
+    Attributes:
+        margin: gap that steps keep beyond contact [u].
+        reach: gap from which on walls are left out [u].
+        pair_reach: the same of links to each other [u].
+        share: of the gap beyond the margin that one step may use.
+        pull: weight that draws out what lies within the margin.
+        turn: largest turn of a link in a step [rad].
+        travel: farthest way of a joint in a step [u].
+        feed: farthest way of the base in a step, as a share of what joints stay straight beyond the guide tube; below
+            a third, so that the cubic spline through the keyframes bends no joint inside the tube either.
+        still_turns: weight on the turns of the links.
+        still_moves: weight on the ways of the joints.
+        follow: weight on the links' directions along the track of the tip.
+        bends: weight on the curve's curvature, as bends of a nominal link.
+        evenness: weight on its differences from knot to knot.
+        spare_turn: of the joint limits that rows leave [rad].
+        ridge: on every unknown, so that the program has one answer.
+        planes: most half-spaces that a link is given.
+        backtracks: how often a step is halved before it is given up.
+    """
+
+    margin: float = 0.06
+    reach: float = 0.35
+    pair_reach: float = 0.35
+    share: float = 0.5
+    pull: float = 30.0
+    turn: float = 0.15
+    travel: float = 1.5
+    feed: float = 0.3
+    still_turns: float = 0.01
+    still_moves: float = 0.01
+    follow: float = 0.1
+    bends: float = 1e-4
+    evenness: float = 1e-4
+    spare_turn: float = 0.005
+    ridge: float = 1e-8
+    planes: int = 14
+    backtracks: int = 4
+
+
+@dataclass(frozen=True)
+class GuideSettings:
+    """Of what leads the tip.
+
+    Attributes:
+        leash: how far the target may be ahead of the tip [u].
+        advance: how far it moves on at a time [u].
+        patience: steps without progress before a guide is given up.
+        approach: length of the straight end of a path along the wanted direction [u].
+        settle_steps: most steps from the end of a path onto the goal.
+        settle_growth: by how much the weight of the goal grows from step to step.
+        polish: from how near Newton's method puts the arm onto the goal [u].
+        polish_turn: the same of the direction [rad].
+        polish_steps: most steps of it.
+        pose_step: how far the target moves on at a time on its way to a pose, in unknowns.
+        exact: distance at which the arm counts as on the goal, as a share of the arm's length, and turn [rad].
+    """
+
+    leash: float = 1.5
+    advance: float = 0.4
+    patience: int = 60
+    approach: float = 3.0
+    settle_steps: int = 60
+    settle_growth: float = 0.5
+    polish: float = 0.5
+    polish_turn: float = 0.2
+    polish_steps: int = 12
+    pose_step: float = 0.15
+    exact: float = 1e-9
+
+
+@dataclass(frozen=True)
+class WaySettings:
+    """Of the ways that the tip may take.
+
+    Attributes:
+        cells: of the grids that they are looked for in, the coarse one first.
+        nearness: what a way along a wall costs more than one far away, as a multiple; tried in turn.
+        margins: shares of the margin with which the grid is free; tried in turn until there is a way.
+        close: share of the margin that steps keep where the whole of it has failed.
+        approaches: lengths of the straight end along the wanted direction, tried in turn [u].
+        shortcut_gap: room that straight parts keep where corners are cut [u].
+        far: distance from which on walls do not make a way dearer [u].
+        detour_price: what a way costs more near one that has failed, as a multiple.
+        detours: ways that keep away from those before, at most.
+    """
+
+    cells: tuple[int, ...] = (200_000, 1_500_000)
+    nearness: tuple[float, ...] = (3.0, 20.0)
+    margins: tuple[float, ...] = (1.0, 0.0)
+    close: float = 0.4
+    approaches: tuple[float, ...] = (3.0, 0.0, 1.5, 6.0)
+    shortcut_gap: float = 0.5
+    far: float = 2.0
+    detour_price: float = 4.0
+    detours: int = 3
+
+
+@dataclass(frozen=True)
+class GoalPoseSettings:
+    """Of poses at the goal by drawn curves.
+
+    Attributes:
+        draws: at most so many.
+        steps: of each towards the goal.
+        wanted: poses that are moved to in turn before the sampler is tried.
+    """
+
+    draws: int = 200
+    steps: int = 40
+    wanted: int = 8
+
+
+@dataclass(frozen=True)
+class ConnectSettings:
+    """Of the sampler, RRT-Connect in the unknowns of the curve.
+
+    Attributes:
+        extension: longest edge, in the norm of turns of the links [rad].
+        draws: of targets, at most.
+        goals: poses at the goal that the second tree grows from.
+    """
+
+    extension: float = 2.0
+    draws: int = 5000
+    goals: int = 8
+
+
+@dataclass(frozen=True)
+class SmoothPathSettings:
+    """Of the smooth path through joint space.
+
+    Attributes:
+        samples: of a span between which the path is proved as if it were linear.
+        refinements: how often legs of the control polygon are halved.
+    """
+
+    samples: int = 4
+    refinements: int = 8
+
+
+@dataclass(frozen=True)
+class SpaceMotionSettings:
+    """All numbers of the search.
+
+    Attributes:
+        certificate: of proofs.
+        step: of single steps.
+        guide: of what leads the tip.
+        ways: that the tip may take.
+        goal_poses: by drawn curves.
+        connect: the last resort.
+        smooth_path: through joint space.
+    """
+
+    certificate: CertificateSettings = field(default_factory=CertificateSettings)
+    step: StepSettings = field(default_factory=StepSettings)
+    guide: GuideSettings = field(default_factory=GuideSettings)
+    ways: WaySettings = field(default_factory=WaySettings)
+    goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
+    connect: ConnectSettings = field(default_factory=ConnectSettings)
+    smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)

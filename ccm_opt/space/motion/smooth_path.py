@@ -1,0 +1,60 @@
+"""A C² path through joint space: a clamped cubic B-spline with the keyframes as control points, certified."""
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.space.motion.task import SpaceTask
+
+DEGREE = 3
+
+
+def certified_spline(task: SpaceTask, keyframes: FloatArray) -> BSpline | None:
+    """A spline near certified keyframes, itself certified at samples and linear between them; None where none is.
+
+    A cubic B-spline leaves its control polygon by at most a sixth of the second difference: halving the legs of the
+    polygon where a span fails draws the spline onto the polygon, which is certified.
+
+    Args:
+        task: with the certificate.
+        keyframes: configurations, shape (K, c) [rad, m].
+    """
+    settings = task.settings.smooth_path
+    control = keyframes
+    while len(control) < DEGREE + 1:
+        control = _halved(control, np.arange(len(control) - 1))
+    for _ in range(settings.refinements):
+        spline = clamped_spline(control)
+        failing = _failing_spans(task, spline)
+        if len(failing) == 0:
+            return spline
+        # A span k is shaped by the control points k to k + 3.
+        legs = np.unique(np.clip(np.add.outer(failing, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
+        control = _halved(control, legs)
+    return None
+
+
+def clamped_spline(control: FloatArray) -> BSpline:
+    """The clamped uniform cubic B-spline over [0, 1] with given control points, shape (m ≥ 4, c)."""
+    spans = len(control) - DEGREE
+    knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
+    return BSpline(knots, control, DEGREE)
+
+
+def _failing_spans(task: SpaceTask, spline: BSpline) -> IntArray:
+    """Spans on which the path, linear between samples, is not proved to be safe, or bends a joint that is held."""
+    samples = task.settings.smooth_path.samples
+    spans = len(spline.c) - DEGREE
+    q = np.asarray(spline(np.linspace(0.0, 1.0, samples * spans + 1)))
+    failing = np.unique(task.certificate.failures(q) // samples)
+    arm = task.arm
+    if arm.base_axes:
+        held = arm.held_bends(arm.coordinates.advance(q))
+        bent = np.any(held & (q[:, : 2 * arm.links] != 0.0), axis=1)
+        failing = np.union1d(failing, np.minimum(np.flatnonzero(bent) // samples, spans - 1))
+    return failing.astype(np.intp)
+
+
+def _halved(control: FloatArray, legs: IntArray) -> FloatArray:
+    """The control polygon with some of its legs halved."""
+    return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

@@ -1,0 +1,193 @@
+"""One step of a motion in space: a small convex quadratic program, taken as far as the certificate allows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.small_qp import solve_small_qp
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.certificate import SpaceCertificate
+from ccm_opt.space.motion.chain import Chains
+from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap, free_before
+from ccm_opt.space.motion.pose import SpacePose, Term
+from ccm_opt.space.motion.settings import SpaceMotionSettings
+
+_FAR = 1e30
+
+
+@dataclass(frozen=True, eq=False)
+class Stepper:
+    """Takes certified steps.
+
+    Attributes:
+        curve: the map from unknowns to configurations.
+        tree: of the surfaces.
+        certificate: of steps.
+        margin: gap that steps keep beyond contact [m].
+        settings: numbers of the search.
+    """
+
+    curve: CurveMap
+    tree: SurfaceTree
+    certificate: SpaceCertificate
+    margin: float
+    settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+
+    @property
+    def unit(self) -> float:
+        """u, length of a nominal link [m]."""
+        return self.curve.nominal_length
+
+    @cached_property
+    def kept(self) -> float:
+        """Distance from the axes of the links that surfaces have to keep [m]."""
+        return self.curve.arm.radius + self.certificate.gap
+
+    @cached_property
+    def _chains(self) -> Chains:
+        return Chains(self.curve.arm)
+
+    @cached_property
+    def _per_link(self) -> float:
+        """Nominal links to a link: weights of sums over links do not depend on how many there are."""
+        return NOMINAL_LINKS / self.curve.arm.links
+
+    def pose(self, v: FloatArray) -> SpacePose:
+        """The pose of unknowns."""
+        q = self.curve.configuration(v)
+        slopes = self._fixed_slopes if self._fixed_slopes is not None else self.curve.slopes(v)
+        return SpacePose(v, q, slopes, self._chains.at(q, slopes))
+
+    @cached_property
+    def _fixed_slopes(self) -> FloatArray | None:
+        """Slopes of an arm whose base is fixed: the same everywhere."""
+        curve = self.curve
+        return None if curve.arm.base_axes else curve.slopes(np.zeros(curve.dimension))
+
+    def step(self, pose: SpacePose, terms: Sequence[Term], *, certified: bool = True) -> SpacePose:
+        """The best step for some terms that keeps all limits, as far as it is certified; the same pose if none is.
+
+        Args:
+            pose: where to step from.
+            terms: what draws the arm on.
+            certified: whether the step has to be certified; a pose that is only looked for may pass through walls.
+        """
+        settings = self.settings.step
+        clear, pulls = self._clearance_rows(pose)
+        bends, low, high = self._limit_rows(pose)
+        matrix = np.ascontiguousarray(np.vstack((clear.rows, bends)))
+        lower = np.concatenate((clear.target, low))
+        upper = np.concatenate((np.full(len(clear.target), _FAR), high))
+        hessian, gradient = normal_equations([*terms, *self._still_terms(pose), *pulls], settings.ridge)
+        sense = np.zeros(len(upper), dtype=np.intc)
+        delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense)
+        if delta is None:
+            return pose
+        delta = self._scaled(pose, delta)
+        return self._taken(pose, delta) if certified else self.pose(pose.v + delta)
+
+    def _scaled(self, pose: SpacePose, delta: FloatArray) -> FloatArray:
+        """The step no longer than its linearisation is good for."""
+        settings = self.settings.step
+        turns = np.linalg.norm(pose.chain.turning @ delta, axis=1)
+        moves = np.linalg.norm(pose.chain.moving @ delta, axis=1)
+        excess = max(float(np.max(turns)) / settings.turn, float(np.max(moves)) / (settings.travel * self.unit))
+        arm = self.curve.arm
+        if arm.base_axes:
+            fed = abs(float(pose.slopes[-1] @ delta))
+            excess = max(excess, fed / (settings.feed * free_before(arm)))
+        return delta / max(excess, 1.0)
+
+    def _taken(self, pose: SpacePose, delta: FloatArray) -> SpacePose:
+        """The pose after as much of a step as is certified."""
+        settings = self.settings
+        for k in range(settings.step.backtracks + 1):
+            trial = self.pose(pose.v + delta * 0.5**k)
+            if self.within_limits(trial.q) and self.certificate.safe(pose.q, trial.q, settings.certificate.step_depth):
+                return trial
+        return pose
+
+    def within_limits(self, q: FloatArray) -> bool:
+        """Whether a configuration keeps the limits of its coordinates."""
+        arm = self.curve.arm
+        slack = 1e-9
+        return bool(np.all(q >= arm.lower_limits - slack) and np.all(q <= arm.upper_limits + slack))
+
+    # ------------------------------------------------------------ what every step keeps
+    def _clearance_rows(self, pose: SpacePose) -> tuple[Term, list[Term]]:
+        """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
+        settings = self.settings.step
+        reach = self.kept + self.margin + settings.reach * self.unit
+        planes = self.tree.planes(pose.segments(), reach, settings.planes)
+        moving = pose.chain.moving
+        share = planes.share[:, None, None]
+        at_plane = (1.0 - share) * moving[planes.link] + share * moving[planes.link + 1]
+        rows = [np.einsum("rd,rdp->rp", planes.normal, at_plane)]
+        gaps = [planes.gap - self.kept]
+        arm = self.curve.arm
+        if arm.self_collision:
+            near = self.certificate.motion.near_pairs(
+                pose.chain.points, 2.0 * arm.radius + self.margin + settings.pair_reach * self.unit
+            )
+            first = near.first_at[:, None, None]
+            second = near.second_at[:, None, None]
+            apart = (1.0 - first) * moving[near.first] + first * moving[near.first + 1]
+            apart = apart - (1.0 - second) * moving[near.second] - second * moving[near.second + 1]
+            rows.append(np.einsum("rd,rdp->rp", near.normal, apart))
+            gaps.append(near.distance - 2.0 * arm.radius)
+        matrix = np.concatenate(rows)
+        spare = np.concatenate(gaps) - self.margin
+        missing = spare < 0.0
+        pull = Term(matrix[missing], -spare[missing], settings.pull / self.unit**2)
+        return Term(matrix, -settings.share * np.maximum(spare, 0.0), 0.0), [pull]
+
+    def _limit_rows(self, pose: SpacePose) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Rows of the coordinates, and what they may lose and gain."""
+        arm = self.curve.arm
+        # A little is left to what the linear rows do not know: the shape of a fed arm changes with its feed.
+        spare = np.append(np.full(2 * arm.links, self.settings.step.spare_turn), np.zeros(len(arm.base_axes)))
+        low = np.minimum(arm.lower_limits + spare - pose.q, 0.0)
+        high = np.maximum(arm.upper_limits - spare - pose.q, 0.0)
+        return pose.slopes, low, high
+
+    def _still_terms(self, pose: SpacePose) -> list[Term]:
+        """What keeps the arm still, and its bends small and even, where nothing else asks for more."""
+        settings = self.settings.step
+        p = len(pose.v)
+        turning = pose.chain.turning.reshape(-1, p)
+        moving = pose.chain.moving.reshape(-1, p)
+        curvature = self._curvature_rows
+        across = self._curvature_differences
+        scale = self._per_link
+        return [
+            Term(turning, np.zeros(len(turning)), settings.still_turns * scale),
+            Term(moving, np.zeros(len(moving)), settings.still_moves * scale / self.unit**2),
+            Term(curvature, -curvature @ pose.v, settings.bends),
+            Term(across, -across @ pose.v, settings.evenness),
+        ]
+
+    @cached_property
+    def _curvature_rows(self) -> FloatArray:
+        """Bends of a nominal link by the curvature at each knot, shape (2 knots, p)."""
+        return self.unit * self.curve.curvature_rows
+
+    @cached_property
+    def _curvature_differences(self) -> FloatArray:
+        """Their differences from knot to knot, shape (2 knots − 2, p)."""
+        k = self.curve.knots
+        rows = self._curvature_rows
+        return np.concatenate((np.diff(rows[:k], axis=0), np.diff(rows[k:], axis=0)))
+
+
+def normal_equations(terms: Sequence[Term], ridge: float) -> tuple[FloatArray, FloatArray]:
+    """Hessian and gradient at δ = 0 of ½ Σ weight |rows δ − target|²."""
+    rows = np.vstack([term.rows for term in terms])
+    target = np.concatenate([term.target for term in terms])
+    weight = np.concatenate(
+        [np.broadcast_to(np.asarray(term.weight, dtype=float), term.target.shape) for term in terms]
+    )
+    weighted = rows * weight[:, None]
+    return rows.T @ weighted + ridge * np.eye(rows.shape[1]), -weighted.T @ target

@@ -1,0 +1,95 @@
+"""What the search for a motion is asked, and what it finds."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.certificate import SpaceCertificate
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.goal import TipPose
+from ccm_opt.space.motion.pose import SpacePose
+from ccm_opt.space.motion.settings import SpaceMotionSettings
+from ccm_opt.space.motion.step import Stepper
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceTask:
+    """One motion to be found.
+
+    Attributes:
+        arm: the arm.
+        tree: of the surfaces of the scene.
+        start: configuration at which it begins, shape (c,) [rad, m].
+        goal: where the tip shall end; None where a whole pose is asked.
+        goal_pose: configuration at which it shall end, shape (c,); None where the tip alone counts.
+        via: places that the tip passes in this order, each of shape (3,) [m].
+        clearance: gap that the user asks for beyond the arm's radius [m].
+        wanted_gap: room beyond that which motions keep where there is so much [m].
+        box: where the tip may go, lower and upper corner, shape (2, 3) [m].
+        names: of the owners of surfaces.
+        deadline: when to stop.
+        seed: of draws.
+        settings: numbers of the search.
+    """
+
+    arm: SpaceArm
+    tree: SurfaceTree
+    start: FloatArray
+    goal: TipPose | None
+    goal_pose: FloatArray | None
+    via: tuple[FloatArray, ...]
+    clearance: float
+    wanted_gap: float
+    box: FloatArray
+    names: tuple[str, ...]
+    deadline: Deadline
+    seed: int = 0
+    settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+
+    @property
+    def unit(self) -> float:
+        """u, length of a nominal link [m]."""
+        return self.arm.length / 24.0
+
+    @cached_property
+    def certificate(self) -> SpaceCertificate:
+        """Of the motion; it spares a little gap for what the path between samples may use."""
+        spare = self.settings.certificate.spare * self.unit
+        return SpaceCertificate(self.arm, self.tree, self.clearance + spare, spare, self.settings.certificate)
+
+    @cached_property
+    def margin(self) -> float:
+        """Gap that steps keep beyond the clearance: as much as the ends leave, at most the settings' [m]."""
+        return self.settings.step.margin * self.unit
+
+    def stepper(self, curve: CurveMap, share: float = 1.0) -> Stepper:
+        """Takes steps in the unknowns of a curve, with a share of the margin."""
+        return Stepper(curve, self.tree, self.certificate, share * self.margin, self.settings)
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceMotion:
+    """A certified motion, linear in its configurations between keyframes.
+
+    Attributes:
+        curve: the map that its unknowns belong to.
+        unknowns: at the keyframes, shape (K, p).
+        configurations: the same as configurations, shape (K, c) [rad, m].
+        candidate: name of the tactic that found it.
+    """
+
+    curve: CurveMap
+    unknowns: FloatArray
+    configurations: FloatArray
+    candidate: str
+
+    @classmethod
+    def of(cls, curve: CurveMap, poses: list[SpacePose], candidate: str) -> "SpaceMotion":
+        """The motion through poses."""
+        unknowns = np.stack([pose.v for pose in poses])
+        return cls(curve, unknowns, np.stack([pose.q for pose in poses]), candidate)

@@ -1,0 +1,162 @@
+"""The planner of arms in space: from a problem to a certified joint path."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, UnreachableGoal
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.stages import Stages
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.solution import JointPath
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.goal import TipPose
+from ccm_opt.space.motion.search import find_motion
+from ccm_opt.space.motion.settings import SpaceMotionSettings
+from ccm_opt.space.motion.smooth_path import certified_spline
+from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
+
+PLANNING_SHARE = 0.8
+"""Of the time limit that planning may take; the rest is for timing, simulation and reasons."""
+
+
+@dataclass(frozen=True)
+class SpacePlanner:
+    """Plans motions of arms in space.
+
+    Attributes:
+        stages: names and times the stages.
+        settings: numbers of the search.
+    """
+
+    stages: Stages = field(default_factory=Stages)
+    settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+
+    def plan(self, problem: SpaceProblem) -> JointPath:
+        """Plan a certified motion to the problem's goal.
+
+        Raises:
+            ProblemError: the start breaks a limit.
+            NoPlanFound: with the reason and what would help.
+        """
+        deadline = Deadline.after(PLANNING_SHARE * problem.planner.time_limit)
+        with self.stages("free space"):
+            task = space_task(problem, SurfaceTree.of(problem.workspace.soup), deadline, self.settings)
+            refuse_ends(problem, task)
+        with self.stages("motion"):
+            motion = find_motion(task)
+        with self.stages("smooth path"):
+            return joint_path(task, motion)
+
+
+def space_task(
+    problem: SpaceProblem, tree: SurfaceTree, deadline: Deadline, settings: SpaceMotionSettings
+) -> SpaceTask:
+    """What the search is asked for a problem.
+
+    Args:
+        problem: with one goal.
+        tree: of its surfaces.
+        deadline: when to stop.
+        settings: numbers of the search.
+    """
+    arm = problem.arm
+    goal = problem.goal
+    return SpaceTask(
+        arm=arm,
+        tree=tree,
+        start=problem.start.configuration(arm),
+        goal=None if isinstance(goal, SpaceJointPose) else TipPose(goal.position, goal.direction),
+        goal_pose=goal.configuration(arm) if isinstance(goal, SpaceJointPose) else None,
+        via=() if isinstance(goal, SpaceJointPose) else goal.via,
+        clearance=problem.workspace.clearance,
+        wanted_gap=problem.wanted_gap,
+        box=reach_box(arm, problem.workspace.bounds),
+        names=problem.workspace.soup.names,
+        deadline=deadline,
+        seed=problem.planner.seed,
+        settings=settings,
+    )
+
+
+def reach_box(arm: SpaceArm, bounds: FloatArray | None) -> FloatArray:
+    """Corners of where the tip can be at all: within the arm's length of its base, and in the room, (2, 3) [m]."""
+    low, high = arm.base_range
+    ends = arm.base + np.outer([low, high], arm.direction)
+    box = np.stack((ends.min(axis=0) - arm.length, ends.max(axis=0) + arm.length))
+    if bounds is None:
+        return box
+    return np.stack((np.maximum(box[0], bounds[0]), np.minimum(box[1], bounds[1])))
+
+
+def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:
+    """Refuse a start, or a goal of the whole arm, in contact, and a goal that is out of reach.
+
+    Raises:
+        ProblemError: the start touches something.
+        UnreachableGoal: the goal does, or is too far away.
+    """
+    contact = contact_of(problem, task, task.start)
+    if contact:
+        raise ProblemError(f"the start is in contact: {contact}")
+    if task.goal_pose is not None:
+        contact = contact_of(problem, task, task.goal_pose)
+        if contact:
+            raise UnreachableGoal(Diagnosis(f"the goal pose is in contact: {contact}", "necessary checks"))
+    if task.goal is not None:
+        _refuse_far_goal(task, task.goal)
+
+
+def contact_of(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
+    """What a configuration touches, in words; empty where it touches nothing."""
+    del problem
+    arm = task.arm
+    points = joint_positions(arm, q)
+    first = int(arm.mount_length / arm.link_length + 1e-9)
+    if first < arm.links:
+        segments = np.stack((points[first:-1], points[first + 1 :]), axis=1)
+        share = arm.mount_length / arm.link_length - first
+        segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
+        kept = arm.radius + task.clearance
+        near = task.tree.nearest(segments, kept + arm.link_length)
+        k = int(np.argmin(near.gap))
+        if near.gap[k] < kept:
+            missing = millimetres(kept - float(near.gap[k]))
+            place = ", ".join(f"{x:.4g}" for x in near.point[k])
+            return f"link {first + k + 1} and '{task.names[near.owner[k]]}' at ({place}) m, {missing} too near"
+    if arm.self_collision:
+        pairs = task.certificate.motion.near_pairs(points, 2.0 * arm.radius)
+        if len(pairs.first):
+            k = int(np.argmin(pairs.distance))
+            missing = millimetres(2.0 * arm.radius - float(pairs.distance[k]))
+            return f"link {pairs.first[k] + 1} and link {pairs.second[k] + 1}, {missing} too near"
+    return ""
+
+
+def _refuse_far_goal(task: SpaceTask, goal: TipPose) -> None:
+    """Refuse a goal that no stretched arm reaches."""
+    arm = task.arm
+    low, high = arm.base_range
+    along = float(np.clip((goal.position - arm.base) @ arm.direction, low, high))
+    base = arm.base + along * arm.direction if arm.base_axes else arm.base
+    distance = float(np.linalg.norm(goal.position - base))
+    if distance > arm.length:
+        missing = millimetres(distance - arm.length)
+        reason = f"the goal is out of reach: {missing} farther from the base than the arm is long"
+        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal nearer", "use a longer arm")))
+
+
+def joint_path(task: SpaceTask, motion: SpaceMotion) -> JointPath:
+    """The smooth, certified path through joint space along a motion.
+
+    Raises:
+        MotionNotFound: no smooth path near the motion can be certified.
+    """
+    spline = certified_spline(task, motion.configurations)
+    if spline is None:
+        raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion"))
+    return JointPath(spline, motion.configurations, (), motion.candidate, spare=task.certificate.pair_gap)
