@@ -5,12 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.jointed.arm import Arm, Axes
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import Axes
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.jointed.frames import joint_names
 
 FEED = "feed"
 """Name of the prismatic joint of the feed axis, the first of all joints where there is one."""
 Axis = tuple[float, float, float]
+_UPRIGHT = 1e-12
+"""A line of length 1 whose level part is shorter than this stands upright, to rounding."""
 _X = (1.0, 0.0, 0.0)
 _Y = (0.0, 1.0, 0.0)
 _Z = (0.0, 0.0, 1.0)
@@ -44,43 +48,56 @@ class Revolute:
     friction: float
 
 
-def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
+def revolutes(arm: DrivenArm, *, bends_only: bool = False) -> Iterator[Revolute]:
     """The revolutes from the base outward.
 
     Args:
         arm: the arm.
-        bends_only: whether only those that bend in the plane are wanted, one a ball; the arm then stays in the plane.
+        bends_only: whether only those that bend the arm are wanted: one a ball of an arm in the plane, which then stays
+            there, and two of one in space, which then does not roll.
     """
     axes = REVOLUTE_AXES[arm.axes]
-    bends = arm.bend_limits
+    coordinates = arm.coordinates
+    bends = dict(zip(coordinates.drives[: coordinates.joints], arm.bend_limits, strict=True))
+    first = coordinates.drives[0]
+    last = coordinates.drives[coordinates.joints - 1] % 3
     rotors = np.broadcast_to(arm.rotor_inertia, (3 * arm.links,))
     friction = np.broadcast_to(arm.friction, (3 * arm.links,))
     for index, name in enumerate(joint_names(arm)):
         ball, place = divmod(index, 3)
-        is_bend = place == 1  # the plane of the bends is world x-z, and the second revolute turns about y
-        if bends_only and not is_bend:
+        if bends_only and index not in bends:
             continue
         yield Revolute(
             name=name,
             index=index,
             ball=ball + 1,
             axis=axes[place],
-            limit=float(bends[ball]) if is_bend else float(np.pi),
-            starts_ball=place == 0 or bends_only,
-            carries_link=place == 2 or bends_only,
+            limit=float(bends.get(index, np.pi)),
+            starts_ball=place == (first if bends_only else 0),
+            carries_link=place == (last if bends_only else 2),
             rotor_inertia=float(rotors[index]),
             friction=float(friction[index]),
         )
 
 
-def visual_radius(arm: Arm) -> float:
+def visual_radius(arm: DrivenArm) -> float:
     """Radius to draw links with [m]: the arm's own, or a thin line for an arm without thickness."""
     return arm.radius if arm.radius > 0.0 else 0.02 * arm.link_length
 
 
-def checked_share(arm: Arm, k: int) -> float:
+def checked_share(arm: DrivenArm, k: int) -> float:
     """Where on link k the part begins that may touch nothing, as a share of its length; 1: all is mount."""
     return float(np.clip(arm.mount_length / arm.link_length - k, 0.0, 1.0))
+
+
+def roll_pitch_yaw(turn: FloatArray) -> tuple[float, float, float]:
+    """Angles about the fixed x, then y, then z that a rotation, shape (3, 3), is made of [rad]."""
+    level = float(np.hypot(turn[0, 0], turn[1, 0]))
+    pitch = float(np.arctan2(-turn[2, 0], level))
+    if level < _UPRIGHT:
+        # With x straight up or down, the first and the last turn are about one line: all of it is the first.
+        return float(np.arctan2(-turn[1, 2], turn[1, 1])), pitch, 0.0
+    return float(np.arctan2(turn[2, 1], turn[2, 2])), pitch, float(np.arctan2(turn[1, 0], turn[0, 0]))
 
 
 def number(value: float) -> str:

@@ -9,22 +9,27 @@ import numpy.typing as npt
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.export.export_settings import EXPORT, ExportSettings
-from ccm_opt.solution import RoomRecord, Solution
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.coordinates import Coordinates
+from ccm_opt.solution import RoomRecord
+from ccm_opt.space.either_kind import AnySolution
+from ccm_opt.space.space_solution import SpaceSolution
 
 
-def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
+def solution_arrays(solution: AnySolution) -> dict[str, npt.NDArray[np.generic]]:
     """The arrays of a plan under the names of the file format; angles [rad], lengths [m], time [s]."""
+    coordinates = solution.trajectory.coordinates
     return {
         "time": solution.trajectory.time,
-        "bend_angles": solution.trajectory.bend_angles,
+        "bend_angles": by_joint(solution.trajectory.bend_angles, coordinates),
         "joint_names": np.array(solution.joints.names),
         "joint_angles": solution.joints.angles,
         "joint_velocities": solution.joints.velocities,
         "joint_accelerations": solution.joints.accelerations,
         "joint_torques": solution.joints.torques,
         "joint_positions": solution.joint_positions,
-        "keyframes": solution.path.keyframes[:, solution.trajectory.coordinates.bends],
-        **curve_arrays(solution.path.curves),
+        "keyframes": by_joint(solution.path.keyframes[:, coordinates.bends], coordinates),
+        **({} if isinstance(solution, SpaceSolution) else curve_arrays(solution.path.curves)),
         "simulated_angles": solution.simulation.angles,
         "simulated_torques": solution.simulation.torques,
         "stops": np.array(solution.trajectory.stops, dtype=np.int64),
@@ -33,7 +38,14 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
     }
 
 
-def _feed_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
+def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:
+    """Bends as they stand in files: as they are in the plane, in space the two of a joint in a row of their own."""
+    if coordinates.bends_a_joint == 1:
+        return bends
+    return bends.reshape(*bends.shape[:-1], -1, coordinates.bends_a_joint)
+
+
+def _feed_arrays(solution: AnySolution) -> dict[str, npt.NDArray[np.generic]]:
     """What the feed axis does; nothing for a fixed base, which has no column."""
     trajectory = solution.trajectory
     columns = {
@@ -73,14 +85,16 @@ def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]], settings: ExportSetti
 
 
 def bends_of_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.NDArray[np.generic]]:
-    """The same arrays without the revolutes that do not bend in the plane: two columns of three of many are left out.
+    """The same arrays without the revolutes that bend nothing: in the plane two columns of three, in space one.
 
     Args:
         arrays: those of a plan, by name.
     """
     of_revolutes = {"joint_names"} | {f"joint_{what}" for what in ("angles", "velocities", "accelerations", "torques")}
     of_revolutes |= {"simulated_angles", "simulated_torques"}
-    return {name: array[..., 1::3] if name in of_revolutes else array for name, array in arrays.items()}
+    kept = [1] if arrays["bend_angles"].ndim == 2 else [0, 1]
+    columns = np.flatnonzero(np.isin(np.arange(len(arrays["joint_names"])) % 3, kept))
+    return {name: array[..., columns] if name in of_revolutes else array for name, array in arrays.items()}
 
 
 def curve_arrays(curves: tuple[Configuration, ...]) -> dict[str, npt.NDArray[np.generic]]:

@@ -12,10 +12,13 @@ from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.scene_solids import solid_scene
 from ccm_opt.files.export.scene_urdf import URDF_MESHES, scene_meshes
 from ccm_opt.files.export.solution_json import solution_json
+from ccm_opt.files.export.space_mjcf import space_mjcf
+from ccm_opt.files.export.space_scene import KEPT_MESHES, kept_meshes, named_bodies, space_meshes
+from ccm_opt.files.export.space_urdf import space_urdf
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.space.either_kind import AnyProblem, AnySolution
+from ccm_opt.space.problem import SpaceProblem
 
 RECORD = "solution.json"
 """Always there; why there is no plan stands here too."""
@@ -43,12 +46,12 @@ PARETO_FILES = (PARETO_RECORD, "pareto.png", "pareto")
 TOLERANCE_FILES = ("tolerance.json", "tolerance.png")
 """What ``ccm-opt tolerance`` writes beside a plan; a new plan takes them away."""
 WRITTEN_FILES = frozenset(
-    (*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES, *TOLERANCE_FILES, URDF_MESHES)
+    (*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES, *TOLERANCE_FILES, URDF_MESHES, KEPT_MESHES)
 )
 """Files and folders that a run writes; anything else in an old folder is the user's and is kept."""
 
 
-def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
+def write_solution(solution: AnySolution, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
     """Write the folder of a solved problem.
 
     Args:
@@ -65,15 +68,20 @@ def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] 
     return write_folder(out / solution.problem.name, {**solution_files(solution), **(pictures or {})})
 
 
-def solution_files(solution: Solution) -> dict[str, bytes]:
+def solution_files(solution: AnySolution) -> dict[str, bytes]:
     """Content of every file of a solved problem but the pictures, by file name."""
     files = {name: text.encode() for name, text in solution_texts(solution).items()}
-    problem = solution.problem
-    meshes = scene_meshes(solid_scene(problem.workspace, problem.arm), URDF_MESHES)
-    return {**files, ARRAYS: arrays_npz(solution_arrays(solution)), **meshes}
+    return {**files, ARRAYS: arrays_npz(solution_arrays(solution)), **_mesh_files(solution.problem)}
 
 
-def solution_texts(solution: Solution) -> dict[str, str]:
+def _mesh_files(problem: AnyProblem) -> dict[str, bytes]:
+    """Meshes of the URDF, and of a problem in space those that it was read with."""
+    if isinstance(problem, SpaceProblem):
+        return {**space_meshes(named_bodies(problem), URDF_MESHES), **kept_meshes(problem)}
+    return scene_meshes(solid_scene(problem.workspace, problem.arm), URDF_MESHES)
+
+
+def solution_texts(solution: AnySolution) -> dict[str, str]:
     """Text of every text file of a solved problem, by file name."""
     problem = solution.problem
     csv, yaml = trajectory_texts(solution.trajectory, solution.joints)
@@ -85,8 +93,14 @@ def solution_texts(solution: Solution) -> dict[str, str]:
     }
 
 
-def model_texts(problem: Problem, *, obstacles: bool = True, bends_only: bool = False) -> dict[str, str]:
+def model_texts(problem: AnyProblem, *, obstacles: bool = True, bends_only: bool = False) -> dict[str, str]:
     """Descriptions of a problem's arm and obstacles for other programs, by file name."""
+    if isinstance(problem, SpaceProblem):
+        bodies = named_bodies(problem) if obstacles else ()
+        return {
+            "arm.urdf": space_urdf(problem, bodies, URDF_MESHES, bends_only=bends_only),
+            "arm.mjcf.xml": space_mjcf(problem, bodies, URDF_MESHES, bends_only=bends_only),
+        }
     scene = solid_scene(problem.workspace, problem.arm) if obstacles else None
     gravity = problem.simulation.gravity
     return {

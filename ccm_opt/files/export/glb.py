@@ -44,10 +44,15 @@ class GlbWriter:
     meshes: list[dict[str, object]] = field(default_factory=list)
     materials: list[dict[str, object]] = field(default_factory=list)
 
-    def add_material(self, name: str, colour: tuple[float, float, float]) -> int:
-        """Add a dull colour, red, green and blue from 0 to 1; returns its number."""
-        surface = {"baseColorFactor": [*colour, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}
-        self.materials.append({"name": name, "pbrMetallicRoughness": surface, "doubleSided": True})
+    def add_material(self, name: str, colour: tuple[float, float, float], opacity: float = 1.0) -> int:
+        """Add a dull colour, red, green and blue from 0 to 1, which is seen through below an opacity of 1.
+
+        Returns:
+            Its number.
+        """
+        surface = {"baseColorFactor": [*colour, opacity], "metallicFactor": 0.0, "roughnessFactor": 0.8}
+        blend = {"alphaMode": "BLEND"} if opacity < 1.0 else {}
+        self.materials.append({"name": name, "pbrMetallicRoughness": surface, "doubleSided": True, **blend})
         return len(self.materials) - 1
 
     def add_mesh(self, vertices: FloatArray, faces: IntArray, material: int) -> int:

@@ -10,10 +10,11 @@ from ccm_opt.freespace.workspace import BOUNDARY_NAME
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointTrajectory
+from ccm_opt.space.scene.round_bodies import capsule_surface
 
-_GREY = (0.55, 0.57, 0.6)
-_ARM = (0.9, 0.45, 0.1)
-_TIP = (0.75, 0.1, 0.1)
+GREY = (0.55, 0.57, 0.6)
+ARM = (0.9, 0.45, 0.1)
+TIP = (0.75, 0.1, 0.1)
 
 
 def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSettings = EXPORT) -> bytes:
@@ -26,7 +27,7 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSe
     """
     arm = problem.arm
     writer = GlbWriter()
-    grey = writer.add_material("obstacle", _GREY)
+    grey = writer.add_material("obstacle", GREY)
     scene = solid_scene(problem.workspace, arm, settings)
     nodes = []
     for obstacle in scene.obstacles:
@@ -34,18 +35,18 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory, settings: ExportSe
             mesh = _joined([_mesh(solid, scene.half_depth, settings) for solid in obstacle.solids])
             nodes.append(MovingNode(obstacle.name, writer.add_mesh(*mesh, grey)))
 
-    times, samples = _keyframes(trajectory.time, settings)
+    times, samples = film_times(trajectory.time, settings)
     positions = arm.joint_positions_at(trajectory.positions[samples])
-    capsule = _capsule(arm.link_length, visual_radius(arm), settings.round_sides)
-    link_mesh = writer.add_mesh(*capsule, writer.add_material("arm", _ARM))
-    tip_mesh = writer.add_mesh(*capsule, writer.add_material("last link", _TIP))
+    capsule = capsule_surface(arm.link_length, visual_radius(arm), settings.round_sides)
+    link_mesh = writer.add_mesh(*capsule, writer.add_material("arm", ARM))
+    tip_mesh = writer.add_mesh(*capsule, writer.add_material("last link", TIP))
     for k in range(arm.links):
         mesh_number = tip_mesh if k == arm.links - 1 else link_mesh
         nodes.append(MovingNode(f"link{k + 1:02d}", mesh_number, *_motion_of(positions[:, k : k + 2])))
     return writer.written(nodes, times)
 
 
-def _keyframes(time: FloatArray, settings: ExportSettings) -> tuple[FloatArray, IntArray]:
+def film_times(time: FloatArray, settings: ExportSettings) -> tuple[FloatArray, IntArray]:
     """Times of a film, and the samples nearest to them."""
     count = max(2, int(np.ceil((time[-1] - time[0]) * settings.film_rate)) + 1)
     wanted = np.linspace(time[0], time[-1], min(count, len(time)))
@@ -75,31 +76,3 @@ def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntA
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes[:-1])])
     faces = [faces + offset for (_, faces), offset in zip(meshes, offsets, strict=True)]
     return np.vstack([vertices for vertices, _ in meshes]), np.vstack(faces)
-
-
-def _capsule(length: float, radius: float, sides: int) -> tuple[FloatArray, IntArray]:
-    """A cylinder along x with a half sphere at either end: rings of equal sides from pole to pole."""
-    quarters = sides // 4
-    tilt = np.linspace(0.0, 0.5 * np.pi, quarters + 1)
-    along = np.concatenate((-radius * np.cos(tilt), length + radius * np.sin(tilt)))
-    widths = np.concatenate((radius * np.sin(tilt), radius * np.cos(tilt)))
-    angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    vertices = np.concatenate(
-        [
-            np.column_stack((np.full(sides, x), width * np.cos(angles), width * np.sin(angles)))
-            for x, width in zip(along, widths, strict=True)
-        ]
-    )
-    here = np.arange(sides)
-    following = np.roll(here, -1)
-    faces = []
-    last = len(along) - 2
-    for ring in range(last + 1):
-        low = ring * sides
-        high = low + sides
-        # At the poles a ring is one point, and one triangle of two has no area.
-        if ring > 0:
-            faces.append(np.column_stack((low + here, low + following, high + following)))
-        if ring < last:
-            faces.append(np.column_stack((low + here, high + following, high + here)))
-    return vertices, np.vstack(faces)

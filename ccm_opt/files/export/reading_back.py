@@ -16,8 +16,10 @@ from ccm_opt.files.export.folder import ARRAYS, RECORD
 from ccm_opt.files.export.solution_json import SCHEMA
 from ccm_opt.files.problem_file import problem_from_mapping
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.jointed.frames import bends_from_revolutes, joint_names
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory
 
@@ -51,6 +53,13 @@ SHAPES: Shapes = {
     "stops": ("stops",),
 }
 """Arrays of ``solution.npz``; equal words are equal sizes."""
+SPACE_SHAPES: Shapes = {
+    **{name: shape for name, shape in SHAPES.items() if not name.startswith("segment") and name != "base_headings"},
+    "bend_angles": ("samples", "links", 2),
+    "joint_positions": ("samples", "points", 3),
+    "keyframes": ("keyframes", "links", 2),
+}
+"""The same of an arm in space, which has no curve in the plane."""
 FEED_SHAPES: Shapes = {
     "base_feed": ("samples",),
     "feed_velocities": ("samples",),
@@ -174,7 +183,7 @@ def recorded_constraints(folder: Path) -> tuple[str, ...]:
     return tuple(name.removeprefix(CONSTRAINT_PREFIX) for name in names if name.startswith(CONSTRAINT_PREFIX))
 
 
-def load_motion(folder: Path, arm: Arm) -> SavedMotion:
+def load_motion(folder: Path, arm: DrivenArm) -> SavedMotion:
     """The motion in a folder's ``solution.npz``.
 
     Args:
@@ -192,7 +201,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     arrays.setdefault("stops", np.zeros(0, dtype=np.int64))  # folders of earlier versions have none
     of_base = {name: shape for _ in arm.base_axes for name, shape in FEED_SHAPES.items()}
     of_room = ROOM_SHAPES if any(name in arrays for name in ROOM_SHAPES) else {}
-    shapes = {**SHAPES, **of_base, **of_room}
+    shapes = {**(SPACE_SHAPES if isinstance(arm, SpaceArm) else SHAPES), **of_base, **of_room}
     _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())
     if names != joint_names(arm):
@@ -209,7 +218,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     base = [_columns(numbers, of_base, name) for name in ("base_feed", "feed_velocities", "feed_accelerations")]
     trajectory = JointTrajectory(
         numbers["time"],
-        np.column_stack((numbers["bend_angles"], base[0])),
+        np.column_stack((_in_rows(numbers["bend_angles"]), base[0])),
         np.column_stack((bends_from_revolutes(arm, joints.velocities), base[1])),
         np.column_stack((bends_from_revolutes(arm, joints.accelerations), base[2])),
         arm.coordinates,
@@ -219,7 +228,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     motion = SavedMotion(
         trajectory,
         joints,
-        np.column_stack((numbers["keyframes"], feeds)),
+        np.column_stack((_in_rows(numbers["keyframes"]), feeds)),
         numbers["simulated_angles"],
         numbers["simulated_torques"],
         _columns(numbers, of_base, "simulated_feed"),
@@ -227,6 +236,11 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     )
     _check_positions(motion, numbers["joint_positions"], arm, path)
     return motion
+
+
+def _in_rows(bends: FloatArray) -> FloatArray:
+    """Bends as they stand in files, those of a joint perhaps in a row of their own, as columns."""
+    return bends.reshape(len(bends), -1)
 
 
 def _stops(numbers: FloatArray, samples: int, path: Path) -> tuple[int, ...]:
@@ -315,9 +329,10 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
         raise ProblemError(f"{path}: a motion needs at least two samples, got {sizes['samples']}")
 
 
-def _check_positions(motion: SavedMotion, positions: FloatArray, arm: Arm, path: Path) -> None:
+def _check_positions(motion: SavedMotion, positions: FloatArray, arm: DrivenArm, path: Path) -> None:
     """The stored positions must be those of the stored bends."""
-    expected = arm.joint_positions_at(motion.trajectory.positions)
+    q = motion.trajectory.positions
+    expected = joint_positions(arm, q) if isinstance(arm, SpaceArm) else arm.joint_positions_at(q)
     error = float(np.abs(positions - expected).max())
     if not error <= POSITION_TOLERANCE * arm.length:
         raise ProblemError(

@@ -4,7 +4,6 @@ The plane is world x-z; every obstacle reaches as far before it as behind it. En
 polygons are divided into convex parts, and what is outside the room is a solid of several parts too.
 """
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,6 +13,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.files.export.export_settings import EXPORT, ExportSettings
+from ccm_opt.files.export.solid_names import told_apart
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.partition import merge
 from ccm_opt.freespace.triangulation import triangulate
@@ -99,12 +99,8 @@ def solid_scene(workspace: Workspace, arm: Arm, settings: ExportSettings = EXPOR
     walls.append(shapely.difference(shapely.box(*boundary.bounds), boundary))
     everything = [*workspace.obstacles, Obstacle(BOUNDARY_NAME, shapely.GeometryCollection(walls))]
     thinnest = 0.5 * settings.thin_wall * arm.length
-    names: set[str] = set()
-    slugs: set[str] = set()
     obstacles = []
-    for obstacle in everything:
-        name = _unlike("".join(c if c.isprintable() else "_" for c in obstacle.name), names)
-        slug = _unlike(re.sub(r"[^A-Za-z0-9]+", "_", obstacle.name).strip("_").lower() or "obstacle", slugs)
+    for obstacle, (name, slug) in zip(everything, told_apart([each.name for each in everything]), strict=True):
         obstacles.append(SolidObstacle(name, slug, tuple(_solids(obstacle, thinnest))))
     depth = max(settings.depth * arm.radius, settings.least_depth * arm.length)
     return SolidScene(tuple(obstacles), depth)
@@ -119,17 +115,6 @@ def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shape
         shapely.box(xmin, ymin - wall, xmax, ymin),
         shapely.box(xmin, ymax, xmax, ymax + wall),
     ]
-
-
-def _unlike(name: str, taken: set[str]) -> str:
-    """A name that is not taken yet, and is from now on."""
-    free = name
-    number = 1
-    while free in taken:
-        number += 1
-        free = f"{name}_{number}"
-    taken.add(free)
-    return free
 
 
 def _solids(obstacle: Obstacle, thinnest: float) -> Iterator[Solid]:

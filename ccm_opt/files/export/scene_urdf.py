@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.files.export.arm_description import number, numbers
 from ccm_opt.files.export.scene_solids import Drum, Prism, SolidObstacle, SolidScene, prism_mesh
+from ccm_opt.ground.arrays import FloatArray
 
 MESHES = ".meshes"
 """Added to the name of a URDF file for that of the folder of its meshes."""
@@ -51,13 +52,17 @@ def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
 def stl(prism: Prism, half_depth: float) -> bytes:
     """The surface of a prism in binary STL."""
     vertices, faces = prism_mesh(prism, half_depth)
-    corners = vertices[faces]
+    return triangles_stl(vertices[faces])
+
+
+def triangles_stl(corners: FloatArray) -> bytes:
+    """Triangles, shape (m, 3, 3) [m], in binary STL."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    rows = np.zeros(len(faces), dtype=[("numbers", "<f4", (4, 3)), ("attributes", "<u2")])
+    rows = np.zeros(len(corners), dtype=[("numbers", "<f4", (4, 3)), ("attributes", "<u2")])
     rows["numbers"][:, 0] = normals
     rows["numbers"][:, 1:] = corners
-    return b"ccm_opt".ljust(80) + struct.pack("<I", len(faces)) + rows.tobytes()
+    return b"ccm_opt".ljust(80) + struct.pack("<I", len(corners)) + rows.tobytes()
 
 
 def _meshed(scene: SolidScene) -> Iterator[tuple[str, Prism]]:

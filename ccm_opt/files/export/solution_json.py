@@ -9,17 +9,20 @@ from dataclasses import asdict
 from ccm_opt.errors import Diagnosis
 from ccm_opt.files.export.goal_pose_json import goal_pose_data
 from ccm_opt.files.export.room_json import room_data
+from ccm_opt.files.export.space_record import mesh_data, space_recorded_data
 from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.files.export.tolerance_json import tolerance_data
 from ccm_opt.files.problem_file.problem_data import recorded_data
-from ccm_opt.problem import Problem
-from ccm_opt.solution import Check, Solution
+from ccm_opt.solution import Check
+from ccm_opt.space.either_kind import AnyProblem, AnySolution
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.space_solution import GoalErrors, SpaceSolution
 
 SCHEMA = 1
 """Version of the file's layout."""
 
 
-def solution_json(solution: Solution) -> str:
+def solution_json(solution: AnySolution) -> str:
     """The record of a solved problem.
 
     Args:
@@ -36,6 +39,9 @@ def solution_json(solution: Solution) -> str:
         "not_checked": list(solution.not_checked),
         "simulation": asdict(solution.simulation.verdict),
     }
+    if isinstance(solution, SpaceSolution):
+        record["goal"] = _goal_data(solution.goal_errors)
+        record["meshes"] = mesh_data(solution.problem)
     if solution.room is not None:
         record["room"] = room_data(solution.room)
     if solution.tolerance:
@@ -47,12 +53,17 @@ def solution_json(solution: Solution) -> str:
     return strict_text(record)
 
 
+def _goal_data(errors: GoalErrors) -> dict[str, object]:
+    """How the last link lies at its goal [m, rad]."""
+    return {"position_error": errors.position, "direction_error": errors.direction, "roll": errors.roll}
+
+
 def _check_data(check: Check) -> dict[str, object]:
     """A check; where its least gap is stands in words, and in figures in the record of the room."""
     return {name: value for name, value in asdict(check).items() if name != "place"}
 
 
-def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+def failure_json(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
     """The record of a problem without a plan.
 
     Args:
@@ -69,12 +80,12 @@ def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: M
     return strict_text(record)
 
 
-def _record(problem: Problem, status: str, versions: Mapping[str, str]) -> dict[str, object]:
+def _record(problem: AnyProblem, status: str, versions: Mapping[str, str]) -> dict[str, object]:
     return {
         "schema": SCHEMA,
         "status": status,
         "method": problem.planner.method,
-        "problem": recorded_data(problem),
+        "problem": space_recorded_data(problem) if isinstance(problem, SpaceProblem) else recorded_data(problem),
         "versions": dict(versions),
         "seed": problem.planner.seed,
     }

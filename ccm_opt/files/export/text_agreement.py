@@ -13,8 +13,8 @@ import numpy as np
 from ccm_opt.files.export.folder import model_texts
 from ccm_opt.files.export.trajectory_text import bending_joints, trajectory_columns
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.space.either_kind import AnyProblem
 
 TEXT_TOLERANCE = 5.1e-12
 """Share by which a number of the table or the message may differ: twelve digits are written, and half of the last."""
@@ -35,7 +35,7 @@ ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
 """Lists of every point of a ROS message, in the order of the quantities of the table."""
 
 
-def checks_of_texts(folder: Path, problem: Problem, trajectory: JointTrajectory, joints: JointStates) -> list[Check]:
+def checks_of_texts(folder: Path, problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates) -> list[Check]:
     """One check for each text file that is there; whoever deletes one loses it, and misleads nobody.
 
     Args:
@@ -54,7 +54,10 @@ def checks_of_texts(folder: Path, problem: Problem, trajectory: JointTrajectory,
             continue
         variants: Iterator[Callable[[str], Iterator[str]]]
         if name in readers:
-            of_joints = (trajectory_columns(trajectory, some) for some in (joints, bending_joints(joints)))
+            of_joints = (
+                trajectory_columns(trajectory, some)
+                for some in (joints, bending_joints(joints, trajectory.coordinates))
+            )
             variants = (partial(readers[name], names=names, tables=tables) for names, tables in of_joints)
         else:
             variants = (partial(_model_defects, wanted=text) for text in _descriptions(problem, name))
@@ -62,7 +65,7 @@ def checks_of_texts(folder: Path, problem: Problem, trajectory: JointTrajectory,
     return found
 
 
-def _descriptions(problem: Problem, name: str) -> Iterator[str]:
+def _descriptions(problem: AnyProblem, name: str) -> Iterator[str]:
     """A description as ``solve`` writes it, and as ``ccm-opt export`` may have written it in its place."""
     for bends_only in (False, True):
         for obstacles in (True, False):

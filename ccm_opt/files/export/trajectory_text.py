@@ -9,6 +9,7 @@ import numpy as np
 
 from ccm_opt.files.export.arm_description import FEED
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.solution import JointStates, JointTrajectory
 
 _QUANTITIES = ("angle", "velocity", "acceleration", "torque")
@@ -34,7 +35,7 @@ def trajectory_texts(trajectory: JointTrajectory, joints: JointStates, *, bends_
         of ``trajectory.yaml``: ``joint_names`` and ``points`` as in ROS 2 ``trajectory_msgs/JointTrajectory``. A feed
         axis is the first joint, ``feed``, with the columns ``feed_position``, …, ``feed_force`` [m, N].
     """
-    names, tables = _tables(trajectory, joints if not bends_only else bending_joints(joints))
+    names, tables = _tables(trajectory, bending_joints(joints, trajectory.coordinates) if bends_only else joints)
     columns = [_rows(table) for table in tables]
     times = trajectory.time.tolist()
     return "\n".join(_csv(times, names, columns)), "\n".join(_yaml(times, names, columns))
@@ -62,15 +63,16 @@ def _tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str
     return names, [np.column_stack(pair) for pair in zip(base, tables, strict=True)]
 
 
-def bending_joints(joints: JointStates) -> JointStates:
-    """The second revolute of every ball alone, the one that bends in the plane."""
+def bending_joints(joints: JointStates, coordinates: Coordinates) -> JointStates:
+    """The revolutes that bend the arm alone: the second of every ball in the plane, the first and second in space."""
+    bending = coordinates.drive_numbers[coordinates.bends]
     return replace(
         joints,
-        names=joints.names[1::3],
-        angles=joints.angles[:, 1::3],
-        velocities=joints.velocities[:, 1::3],
-        accelerations=joints.accelerations[:, 1::3],
-        torques=joints.torques[:, 1::3],
+        names=tuple(joints.names[drive] for drive in bending),
+        angles=joints.angles[:, bending],
+        velocities=joints.velocities[:, bending],
+        accelerations=joints.accelerations[:, bending],
+        torques=joints.torques[:, bending],
     )
 
 

@@ -12,11 +12,13 @@ from ccm_opt.files.export.arm_description import (
     number,
     numbers,
     revolutes,
+    roll_pitch_yaw,
     visual_radius,
 )
 from ccm_opt.files.export.scene_solids import SolidScene
 from ccm_opt.files.export.scene_urdf import URDF_MESHES, add_obstacles
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem import Limits
 
 UNLIMITED_EFFORT = 1e6
@@ -26,7 +28,7 @@ UNLIMITED_VELOCITY = 1e3
 
 
 def urdf_text(
-    arm: Arm,
+    arm: DrivenArm,
     name: str,
     limits: Limits,
     scene: SolidScene | None = None,
@@ -50,6 +52,14 @@ def urdf_text(
         mesh_folder: of the meshes of obstacles, relative to the file.
         bends_only: whether a link has one revolute, which bends in the plane, in place of three.
     """
+    robot = arm_urdf(arm, name, limits, bends_only=bends_only)
+    if scene is not None:
+        add_obstacles(robot, scene, mesh_folder)
+    return urdf_of(robot)
+
+
+def arm_urdf(arm: DrivenArm, name: str, limits: Limits, *, bends_only: bool = False) -> ET.Element:
+    """The element ``robot`` of an arm alone; arguments as for ``urdf_text``."""
     robot = ET.Element("robot", name=name)
     ET.SubElement(robot, "link", name="world")
     parent = _add_mount(robot, arm, limits)
@@ -62,18 +72,21 @@ def urdf_text(
         _add_payload(robot, arm, parent)
     ET.SubElement(robot, "link", name="tip")
     _place(ET.SubElement(robot, "joint", name="tip_mount", type="fixed"), parent, "tip", (arm.link_length, 0.0, 0.0))
-    if scene is not None:
-        add_obstacles(robot, scene, mesh_folder)
+    return robot
+
+
+def urdf_of(robot: ET.Element) -> str:
+    """The text of the file of an element ``robot``."""
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
 
-def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
+def _add_mount(robot: ET.Element, arm: DrivenArm, limits: Limits) -> str:
     """What is between the world and the first ball; returns the link that carries it."""
     names = (*("mount" for _ in arm.base_axes), "base")
     ET.SubElement(robot, "link", name=names[0])
     mount = ET.SubElement(robot, "joint", name="base_mount", type="fixed")
-    _place(mount, "world", names[0], arm.base_position, (0.0, -arm.base_heading, 0.0))
+    _place(mount, "world", names[0], arm.base_position, _base_angles(arm))
     for axis, carrier, carried in zip(arm.base_axes, names[:-1], names[1:], strict=True):
         ET.SubElement(robot, "link", name=carried)
         slide = ET.SubElement(robot, "joint", name=FEED, type="prismatic")
@@ -84,7 +97,14 @@ def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
     return "base"
 
 
-def _add_payload(robot: ET.Element, arm: Arm, last: str) -> None:
+def _base_angles(arm: DrivenArm) -> tuple[float, float, float]:
+    """How the base is turned in the world: about its x, then the world's y, then the world's z [rad]."""
+    if not isinstance(arm, SpaceArm):
+        return 0.0, -arm.base_heading, 0.0
+    return roll_pitch_yaw(arm.base_rotation)
+
+
+def _add_payload(robot: ET.Element, arm: DrivenArm, last: str) -> None:
     """A point mass at the tip."""
     inertial = ET.SubElement(ET.SubElement(robot, "link", name="payload"), "inertial")
     ET.SubElement(inertial, "mass", value=number(arm.payload))
@@ -107,7 +127,7 @@ def _add_limit(joint: ET.Element, span: tuple[float, float], velocity: float, ef
     ET.SubElement(joint, "limit", bounds, velocity=number(velocity), effort=number(effort))
 
 
-def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> None:
+def _add_link(robot: ET.Element, arm: DrivenArm, name: str, revolute: Revolute) -> None:
     link = ET.SubElement(robot, "link", name=name)
     if not revolute.carries_link:
         return
@@ -124,7 +144,7 @@ def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> Non
         _add_capsule(link, arm, "collision", begin)
 
 
-def _add_capsule(link: ET.Element, arm: Arm, purpose: str, begin: float) -> None:
+def _add_capsule(link: ET.Element, arm: DrivenArm, purpose: str, begin: float) -> None:
     """A cylinder along the link, from ``begin`` to its end, and a sphere at either end."""
     radius = number(visual_radius(arm))
     shape = _add_shape(link, purpose, (0.5 * (begin + arm.link_length), 0.0, 0.0))
@@ -139,7 +159,7 @@ def _add_shape(link: ET.Element, purpose: str, centre: tuple[float, float, float
     return ET.SubElement(body, "geometry")
 
 
-def _add_joint(robot: ET.Element, arm: Arm, parent: str, child: str, revolute: Revolute, limits: Limits) -> None:
+def _add_joint(robot: ET.Element, arm: DrivenArm, parent: str, child: str, revolute: Revolute, limits: Limits) -> None:
     joint = ET.SubElement(robot, "joint", name=revolute.name, type="revolute")
     shift = arm.link_length if revolute.starts_ball and revolute.ball > 1 else 0.0
     _place(joint, parent, child, (shift, 0.0, 0.0))

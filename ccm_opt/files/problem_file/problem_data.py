@@ -17,6 +17,7 @@ from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import METRES, LengthUnit, in_unit
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import (
     Disturbances,
     Goal,
@@ -124,12 +125,19 @@ def obstacle_in_unit(obstacle: Obstacle, unit: LengthUnit) -> Table:
 
 def arm_table(arm: Arm, unit: LengthUnit) -> Table:
     """An arm as ``[arm]``."""
+    base: Table = {"base": _lengths(arm.base, unit), "base_heading_deg": _degrees(arm.base_heading)}
+    chain = chain_table(arm, unit)
+    # In the order of the pages on problem files.
+    measures = {key: chain.pop(key) for key in ("links", "link_length", "radius")}
+    return measures | base | chain
+
+
+def chain_table(arm: DrivenArm, unit: LengthUnit) -> Table:
+    """What ``[arm]`` says of an arm in the plane or in space, but for its base."""
     table: Table = {
         "links": int(arm.links),
         "link_length": in_unit(arm.link_length, unit),
         "radius": in_unit(arm.radius, unit),
-        "base": _lengths(arm.base, unit),
-        "base_heading_deg": _degrees(arm.base_heading),
         "joint_limit_deg": _degrees(arm.joint_limit),
         "base_limit_deg": _degrees(arm.base_limit),
         "self_collision": bool(arm.self_collision),

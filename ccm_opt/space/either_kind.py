@@ -1,0 +1,11 @@
+"""Problems and plans of either kind, in the plane or in space, for whoever hands them on."""
+
+from typing import TypeAlias
+
+from ccm_opt.problem import Problem
+from ccm_opt.solution import Solution
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.space_solution import SpaceSolution
+
+AnyProblem: TypeAlias = Problem | SpaceProblem
+AnySolution: TypeAlias = Solution | SpaceSolution

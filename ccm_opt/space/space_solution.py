@@ -1,0 +1,141 @@
+"""A verified plan of an arm in space with everything computed on the way."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import millimetres
+from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
+from ccm_opt.solution import (
+    Check,
+    JointPath,
+    JointStates,
+    JointTrajectory,
+    RoomRecord,
+    SimulatedMotion,
+    SurvivedError,
+    TryRecord,
+)
+from ccm_opt.solution.presenting import presenter
+from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+
+
+@dataclass(frozen=True)
+class GoalErrors:
+    """How the last link of a motion lies at its goal.
+
+    Attributes:
+        position: distance of the tip from where it should be [m]; None for a goal of joints.
+        direction: angle between where the last link points and where it should [rad]; None where any will do.
+        roll: by which the last link is turned about its own axis, against the base turned to the same direction by the
+            shortest turn [rad]; it follows from the bends.
+    """
+
+    position: float | None
+    direction: float | None
+    roll: float
+
+
+@dataclass(frozen=True, repr=False)
+class SpaceSolution:
+    """A verified plan in space; its attributes are called as those of ``Solution``.
+
+    Attributes:
+        problem: what was asked.
+        path: the way, without time.
+        trajectory: the same in time; the bends of a joint stand side by side.
+        joints: the same for the drives.
+        simulation: what the simulated arm did.
+        checks: of the verifier; all hold.
+        metrics: figures of merit, named with their units.
+        timings: CPU time by stage [s].
+        versions: of Python and of the packages that the plan was made with.
+        room: how much room the motion keeps; None where nobody asked.
+        tolerance: errors that the motion survives; none where nobody asked.
+        tries: what came of every try, where several were asked for.
+        not_checked: what nothing was held against, though one might think so, a clause each; none as a rule.
+    """
+
+    problem: SpaceProblem
+    path: JointPath
+    trajectory: JointTrajectory
+    joints: JointStates
+    simulation: SimulatedMotion
+    checks: tuple[Check, ...]
+    metrics: Mapping[str, float]
+    timings: Mapping[str, float]
+    versions: Mapping[str, str] = field(default_factory=dict)
+    room: RoomRecord | None = None
+    tolerance: tuple[SurvivedError, ...] = ()
+    tries: tuple[TryRecord, ...] = ()
+    not_checked: tuple[str, ...] = ()
+
+    @property
+    def joint_positions(self) -> FloatArray:
+        """Joint and tip positions at every sample, shape (T, links + 1, 3) [m]."""
+        return joint_positions(self.problem.arm, self.trajectory.positions)
+
+    @property
+    def goal_errors(self) -> GoalErrors:
+        """How the last link lies at the end of the motion."""
+        return goal_errors(self.problem, self.trajectory.positions[-1])
+
+    def __repr__(self) -> str:
+        arm = self.problem.arm
+        gap = self.metrics.get("least_wall_clearance_m", np.inf)
+        near = f", walls no nearer than {millimetres(gap)}" if np.isfinite(gap) else ""
+        motion = f"{arm.links} links, {self.trajectory.duration:.2f} s{near}"
+        return f"<SpaceSolution of '{self.problem.name}': {motion}, {len(self.checks)} checks hold>"
+
+    def plot(self) -> Any:
+        """Draw the plan, see ``ccm_opt.plot``; a matplotlib figure."""
+        return presenter().plot(self)
+
+    def animate(self, file: str | Path) -> Path:
+        """Write a film of the plan, see ``ccm_opt.animate``."""
+        return presenter().animate(self, file)
+
+    def save(self, folder: str | Path) -> Path:
+        """Save the plan to a folder, see ``ccm_opt.save``."""
+        return presenter().save(self, folder)
+
+
+def goal_errors(problem: SpaceProblem, last: FloatArray) -> GoalErrors:
+    """How the last link lies against the goal of a problem in a configuration, shape (c,) [rad, m]."""
+    arm = problem.arm
+    turn = link_rotations(arm, last)[-1]
+    roll = roll_against(arm.base_rotation, turn)
+    if not isinstance(problem.goal, SpaceTipGoal):
+        return GoalErrors(None, None, roll)
+    off = float(np.linalg.norm(joint_positions(arm, last)[-1] - problem.goal.position))
+    wanted = problem.goal.direction
+    return GoalErrors(off, None if wanted is None else angle_between(turn[:, 0], wanted), roll)
+
+
+def angle_between(first: FloatArray, second: FloatArray) -> float:
+    """The angle between two vectors, shape (3,), exact for small ones too [rad]."""
+    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))
+
+
+def roll_against(base: FloatArray, turn: FloatArray) -> float:
+    """Turn about x of a frame against another one that is turned to its x by the shortest turn [rad].
+
+    Args:
+        base: the other frame, its axes as columns, shape (3, 3).
+        turn: the frame, likewise.
+    """
+    start = base[:, 0]
+    end = turn[:, 0]
+    axis = np.cross(start, end)
+    cos = float(start @ end)
+    if 1.0 + cos < np.finfo(np.float64).eps:
+        # Every half turn is as short as any other: that about the base's z axis is taken.
+        moved = 2.0 * np.outer(base[:, 2], base[:, 2]) @ base - base
+    else:
+        cross = np.cross(np.eye(3), axis)  # the matrix of x ↦ axis × x
+        moved = base + cross @ base + cross @ cross @ base / (1.0 + cos)
+    return float(np.arctan2(turn[:, 1] @ moved[:, 2], turn[:, 1] @ moved[:, 1]))
