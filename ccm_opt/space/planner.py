@@ -14,6 +14,7 @@ from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.solution import JointPath
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.goal import TipPose
+from ccm_opt.space.motion.optimisation.optimise import optimise
 from ccm_opt.space.motion.search import find_motion
 from ccm_opt.space.motion.settings import SpaceMotionSettings
 from ccm_opt.space.motion.smooth_path import certified_spline
@@ -49,6 +50,8 @@ class SpacePlanner:
             refuse_ends(problem, task)
         with self.stages("motion"):
             motion = find_motion(task)
+        with self.stages("optimisation"):
+            motion = optimise(motion, task)
         with self.stages("smooth path"):
             return joint_path(task, motion)
 
@@ -77,10 +80,21 @@ def space_task(
         wanted_gap=problem.wanted_gap,
         box=reach_box(arm, problem.workspace.bounds),
         names=problem.workspace.soup.names,
+        slowness=slowness(problem),
         deadline=deadline,
         seed=problem.planner.seed,
         settings=settings,
     )
+
+
+def slowness(problem: SpaceProblem) -> FloatArray:
+    """How dear a unit of each coordinate is: the usual speed of a bend over that of the coordinate, shape (c,)."""
+    arm = problem.arm
+    speeds = problem.limits.of_coordinates(arm.coordinates).velocity
+    usual = float(np.median(speeds[: 2 * arm.links]))
+    # A feed without a limit counts as one that goes a nominal link while a joint bends by a radian.
+    speeds = np.where(np.isfinite(speeds), speeds, usual * arm.length / 24.0)
+    return np.asarray(usual / speeds)
 
 
 def reach_box(arm: SpaceArm, bounds: FloatArray | None) -> FloatArray:

@@ -172,3 +172,38 @@ PUBLIC void chain(ChainQuery *q)
         }
     }
 }
+
+typedef struct {
+    int64_t joints, knots;
+    double first, spacing, length; /* arc length of the first knot, spacing of the knots, length of a link */
+    const double *places;          /* arc lengths of the joints, (joints,) */
+    double *shapes;                /* out: turns by a unit of curvature at each knot, (joints, knots) */
+} ShapeQuery;
+
+static inline double ramp(double x) { return x > 0.0 ? x * x * x : 0.0; }
+
+static inline double square(double x) { return x > 0.0 ? x * x : 0.0; }
+
+/* Six times the twice integrated hat of a knot, at so many spacings beyond the first knot. */
+static double hat(double top, int64_t knot, int64_t knots)
+{
+    if (knot == 0) return 3.0 * square(top) - ramp(top) + ramp(top - 1.0);
+    double x = top - (double)knot;
+    if (knot == knots - 1) return ramp(x + 1.0) - ramp(x) - 3.0 * square(x);
+    return ramp(x + 1.0) - 2.0 * ramp(x) + ramp(x - 1.0);
+}
+
+PUBLIC void curve_shapes(ShapeQuery *q)
+{
+    double scale = q->spacing * q->spacing / (6.0 * q->length), step = q->length / q->spacing;
+    for (int64_t j = 0; j < q->joints; j++) {
+        double top = (q->places[j] - q->first) / q->spacing;
+        for (int64_t k = 0; k < q->knots; k++) {
+            /* A joint knows the curvature within a link of its place alone. */
+            double x = top - (double)k, turn = 0.0;
+            if (x > -1.0 - step && x < 1.0 + step)
+                turn = scale * (hat(top + step, k, q->knots) - 2.0 * hat(top, k, q->knots) + hat(top - step, k, q->knots));
+            q->shapes[j * q->knots + k] = turn;
+        }
+    }
+}

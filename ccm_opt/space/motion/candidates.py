@@ -75,7 +75,7 @@ class TipWays:
             yield TipWay("round another side", way, settings.close)
 
     def _ends(self, approach: float) -> list[FloatArray]:
-        """The places at the end of a way: where the straight approach along the goal's direction begins, and the goal."""
+        """The last places of a way: where the straight approach along the wanted direction begins, and the goal."""
         if self.direction is None or approach == 0.0:
             return [*self.task.via, self.goal]
         return [*self.task.via, self._before_goal(approach), self.goal]

@@ -2,14 +2,13 @@
 
 import ctypes
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.compiled_source import compiled_source, pointer_to
+from ccm_opt.ground.compiled_source import pointer_to
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.space.motion.link_motion import SYMBOLS
+from ccm_opt.space.motion.arm_library import arm_library
 
 
 class _ChainStruct(ctypes.Structure):
@@ -60,7 +59,7 @@ class Chains:
 
     def __init__(self, arm: SpaceArm) -> None:
         self._arm = arm
-        self._library = compiled_source(Path(__file__).with_name("arm_motion.c"), SYMBOLS)
+        self._library = arm_library()
         self._start = np.ascontiguousarray(arm.base, dtype=np.float64)
         self._base = np.ascontiguousarray(arm.base_rotation, dtype=np.float64)
         self._fed = len(arm.base_axes)

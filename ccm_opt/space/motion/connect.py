@@ -5,14 +5,13 @@ Two trees grow in turn, each by an edge towards a draw and then as far as it goe
 """
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.space.motion.curve_map import free_before
 from ccm_opt.space.motion.goal import stepper_metric
+from ccm_opt.space.motion.pieces import edge_is_safe, in_pieces
 from ccm_opt.space.motion.pose import SpacePose
 from ccm_opt.space.motion.settings import ConnectSettings
 from ccm_opt.space.motion.step import Stepper
@@ -77,16 +76,9 @@ class Connect:
                 if met is not None:
                     leaves = (reached, met) if from_start else (met, reached)
                     way = [*first.branch(leaves[0])[::-1], *second.branch(leaves[1])[1:]]
-                    return [self.stepper.pose(v) for v in self._in_pieces(way)]
+                    return [self.stepper.pose(v) for v in in_pieces(self.stepper, np.stack(way))]
             from_start = not from_start
         return None
-
-    def _in_pieces(self, way: list[FloatArray]) -> list[FloatArray]:
-        """The way with edges in the pieces in which they are certified."""
-        found = [way[0]]
-        for before, after in pairwise(way):
-            found.extend(pieces(self.stepper, before, after)[1:])
-        return found
 
     def _draw(self) -> FloatArray:
         """Unknowns between and around the start and the goals."""
@@ -107,20 +99,11 @@ class Connect:
         if length < 1e-9:
             return near
         v = tree.leaves[near] + way * min(1.0, self.settings.extension / length)
-        if not self._certified(tree.leaves[near], v):
+        if not edge_is_safe(self.stepper, tree.leaves[near], v, self.stepper.settings.certificate.step_depth):
             return None
         tree.leaves.append(v)
         tree.parents.append(near)
         return len(tree.leaves) - 1
-
-    def _certified(self, before: FloatArray, after: FloatArray) -> bool:
-        """Whether an edge keeps all limits and is safe."""
-        stepper = self.stepper
-        depth = stepper.settings.certificate.step_depth
-        places = [stepper.curve.configuration(v) for v in pieces(stepper, before, after)]
-        if not all(stepper.within_limits(q) for q in places):
-            return False
-        return all(stepper.certificate.safe(p, q, depth) for p, q in pairwise(places))
 
     def _connected(self, tree: _Tree, target: FloatArray) -> int | None:
         """Number of the leaf at which a tree meets a target; None where it does not."""
@@ -130,13 +113,3 @@ class Connect:
                 return None
             if float(np.linalg.norm((tree.leaves[reached] - target) @ self._root)) < 1e-6:
                 return reached
-
-
-def pieces(stepper: Stepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-    """Unknowns along an edge, so near that no joint bends in between while the guide tube of a fed arm holds it."""
-    arm = stepper.curve.arm
-    count = 1
-    if arm.base_axes:
-        fed = abs(float(stepper.curve.configuration(after)[-1] - stepper.curve.configuration(before)[-1]))
-        count = max(1, int(np.ceil(fed / (stepper.settings.step.feed * free_before(arm)))))
-    return [before + k / count * (after - before) for k in range(count + 1)]

@@ -10,16 +10,29 @@ Unknowns v: where the base is fixed its two turns, then the curvatures about the
 the feed. They are scaled so that every one turns the joints by about as much.
 """
 
+import ctypes
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.compiled_source import pointer_to
 from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.space.motion.arm_library import arm_library
 
 KNOTS = 11
 NOMINAL_LINKS = 24
 """Nominal links to the length of an arm, the unit of length of all weights in planning."""
+
+
+class _ShapeStruct(ctypes.Structure):
+    """``ShapeQuery`` of arm_motion.c."""
+
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ("joints", "knots")),
+        *((name, ctypes.c_double) for name in ("first", "spacing", "length")),
+        *((name, ctypes.c_void_p) for name in ("places", "shapes")),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +165,11 @@ class CurveMap:
         return replace(self, offset=own, offset_at=grid, blend=at_grid), np.append(v, 1.0)
 
     @property
+    def feed_column(self) -> int:
+        """Number of the unknown that carries the base of a fed arm."""
+        return 2 * self.knots
+
+    @property
     def curvature_rows(self) -> FloatArray:
         """The curvature at the knots about the first and then about the second axis, shape (2 knots, p) [1/m]."""
         turned = 0 if self.arm.base_axes else 2
@@ -195,11 +213,20 @@ class CurveMap:
 
     def _shapes(self, places: FloatArray) -> FloatArray:
         """Turns of joints at places by a unit of curvature at each knot, shape (links, knots) [m]."""
+        library = arm_library()
         l = self.arm.link_length
-        ahead = self._twice_integrated(places + l)
-        here = self._twice_integrated(places)
-        behind = self._twice_integrated(places - l)
-        return (ahead - 2.0 * here + behind) / l
+        if library is None:
+            ahead = self._twice_integrated(places + l)
+            here = self._twice_integrated(places)
+            behind = self._twice_integrated(places - l)
+            return (ahead - 2.0 * here + behind) / l
+        places = np.ascontiguousarray(places)
+        shapes = np.empty((len(places), self.knots))
+        query = _ShapeStruct(len(places), self.knots, self.first, self.spacing, l)
+        query.places = places.ctypes.data
+        query.shapes = shapes.ctypes.data
+        library.curve_shapes(pointer_to(query))
+        return shapes
 
     def _twice_integrated(self, s: FloatArray) -> FloatArray:
         """∫∫ of every knot's hat from the first knot to places, shape (places, knots) [m²]."""

@@ -10,15 +10,14 @@ most c_k = Σ_{j<k} l (S_j² + D_j), and since its mean velocity is the chord fr
 
 import ctypes
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.ground.compiled_source import compiled_source, pointer_to
+from ccm_opt.ground.compiled_source import pointer_to
 from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.space.motion.arm_library import arm_library
 
-SYMBOLS = ("motion_bounds", "near_links", "chain")
 _FIRST_CAPACITY = 256
 
 
@@ -76,7 +75,7 @@ class LinkMotion:
 
     def __init__(self, arm: SpaceArm) -> None:
         self._arm = arm
-        self._library = compiled_source(Path(__file__).with_name("arm_motion.c"), SYMBOLS)
+        self._library = arm_library()
         n = arm.links
         self._first_pair = arm.first_self_pair if arm.self_collision else n
         self._base = np.ascontiguousarray(arm.base_rotation, dtype=np.float64)

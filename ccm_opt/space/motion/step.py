@@ -47,7 +47,8 @@ class Stepper:
         return self.curve.arm.radius + self.certificate.gap
 
     @cached_property
-    def _chains(self) -> Chains:
+    def chains(self) -> Chains:
+        """Places and rotations of the links."""
         return Chains(self.curve.arm)
 
     @cached_property
@@ -59,7 +60,7 @@ class Stepper:
         """The pose of unknowns."""
         q = self.curve.configuration(v)
         slopes = self._fixed_slopes if self._fixed_slopes is not None else self.curve.slopes(v)
-        return SpacePose(v, q, slopes, self._chains.at(q, slopes))
+        return SpacePose(v, q, slopes, self.chains.at(q, slopes))
 
     @cached_property
     def _fixed_slopes(self) -> FloatArray | None:

@@ -32,6 +32,7 @@ class SpaceTask:
         wanted_gap: room beyond that which motions keep where there is so much [m].
         box: where the tip may go, lower and upper corner, shape (2, 3) [m].
         names: of the owners of surfaces.
+        slowness: how dear a unit of each coordinate is, by the speed that it allows, shape (c,); of bends about 1.
         deadline: when to stop.
         seed: of draws.
         settings: numbers of the search.
@@ -47,6 +48,7 @@ class SpaceTask:
     wanted_gap: float
     box: FloatArray
     names: tuple[str, ...]
+    slowness: FloatArray
     deadline: Deadline
     seed: int = 0
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)

@@ -1,0 +1,1 @@
+"""Makes a certified motion in space shorter, smoother and roomier, all keyframes at once."""

@@ -1,0 +1,179 @@
+"""Sequential convex programming over all keyframes of a motion in space; every iterate is certified.
+
+A step that the certificate refuses is shortened, then damped, and what an interval lacks becomes dearer; so the motion
+stays in its homotopy class, and the last iterate is always fit for use.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.space.motion.goal import TipPose, stepper_metric
+from ccm_opt.space.motion.optimisation.cost import MotionCost
+from ccm_opt.space.motion.optimisation.program import KeyframeProgram, QuadraticStep
+from ccm_opt.space.motion.optimisation.rows import SpaceRows, motion_rows, tightest
+from ccm_opt.space.motion.optimisation.sweep import SpaceSweep
+from ccm_opt.space.motion.pieces import failing_edges
+from ccm_opt.space.motion.settings import OptimisationSettings
+from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.task import SpaceTask
+
+
+@dataclass(frozen=True, eq=False)
+class _Iterate:
+    """Where the iteration is.
+
+    Attributes:
+        sweep: the motion, certified.
+        damping: of the next step.
+        prices: of slack in each interval, shape (K,).
+        gained: by which the last step lowered the cost, as a share.
+    """
+
+    sweep: SpaceSweep
+    damping: float
+    prices: FloatArray
+    gained: float = 1.0
+
+
+@dataclass(eq=False)
+class SequentialConvex:
+    """Optimises a certified motion.
+
+    Args:
+        task: what the motion is for.
+        stepper: of its unknowns.
+        end_fixed: whether the last keyframe has to stay.
+    """
+
+    task: SpaceTask
+    stepper: Stepper
+    end_fixed: bool
+    _cost: MotionCost = field(init=False)
+
+    def __post_init__(self) -> None:
+        settings = self.task.settings
+        self._cost = MotionCost(self.task.slowness, settings.objective)
+
+    @property
+    def _settings(self) -> OptimisationSettings:
+        return self.task.settings.optimisation
+
+    def optimised(self, unknowns: FloatArray, rounds: int) -> FloatArray:
+        """The unknowns of a better motion, shape (K + 1, p), certified; the same where none is found.
+
+        Args:
+            unknowns: at the keyframes, shape (K + 1, p); certified.
+            rounds: most steps.
+        """
+        settings = self._settings
+        sweep = SpaceSweep(self.stepper, unknowns)
+        iterate = _Iterate(sweep, settings.first_damping, np.full(sweep.intervals, settings.price))
+        idle = 0
+        for _ in range(rounds):
+            following = self._round(iterate)
+            if following is None:
+                break
+            iterate = following
+            idle = idle + 1 if iterate.gained < settings.worth else 0
+            if idle >= settings.patience or self.task.deadline.passed():
+                break
+        return iterate.sweep.unknowns
+
+    def _round(self, iterate: _Iterate) -> _Iterate | None:
+        """One accepted step, or None when none is."""
+        settings = self._settings
+        task = self.task
+        sweep = iterate.sweep
+        margin = settings.margin * task.unit
+        rows = motion_rows(sweep, task.wanted_gap, margin, settings)
+        values = rows.values(sweep)
+        near = np.flatnonzero(values > -settings.active * task.unit)
+        group = max(1, -(-task.arm.links // settings.groups))
+        active = rows.take(near).take(tightest(rows.take(near), values[near], group))
+        for _ in range(settings.tries):
+            goal = None if self.end_fixed else task.goal
+            program = KeyframeProgram(sweep, self._cost, active, iterate.prices, iterate.damping, goal, settings)
+            step = program.solve()
+            following = None
+            failing = np.zeros(0, dtype=np.intp)
+            if step is not None:
+                following, failing = self._part_taken(iterate, rows, step)
+            if following is not None:
+                return following
+            if task.deadline.passed():
+                return None
+            prices = iterate.prices.copy()
+            prices[failing] *= settings.price_rise
+            damping = settings.refused_growth * max(iterate.damping, settings.raised_damping)
+            iterate = replace(iterate, damping=damping, prices=prices)
+        return None
+
+    def _part_taken(self, iterate: _Iterate, rows: SpaceRows, step: QuadraticStep) -> tuple[_Iterate | None, IntArray]:
+        """The longest part of a step that gains what was foreseen and is certified, and where longer ones failed."""
+        settings = self._settings
+        start = iterate.sweep
+        failed = np.zeros(0, dtype=np.intp)
+        cost = self._cost.value(start)
+        worst = self._worst(rows, start)
+        before = cost + float(iterate.prices @ worst)
+        foreseen = step.foreseen + float(iterate.prices @ (worst - step.slack))
+        for share in settings.shortenings:
+            unknowns = self._ended(start.unknowns + share * step.change)
+            if unknowns is None:
+                continue
+            sweep = SpaceSweep(self.stepper, unknowns)
+            after = self._cost.value(sweep)
+            worst_after = self._worst(rows, sweep)
+            gain = (before - after - float(iterate.prices @ worst_after)) / max(share * foreseen, 1e-12)
+            # Negated, so that a gain that is not a number is refused.
+            if not gain > settings.sufficient or not all(self.stepper.within_limits(q) for q in sweep.configurations):
+                continue
+            failing = failing_edges(self.stepper, unknowns)
+            if len(failing) == 0:
+                prices = iterate.prices.copy()
+                prices[failed] *= settings.price_rise
+                lacking = worst_after * self.task.unit > settings.lack * self.task.wanted_gap
+                prices[lacking] = np.minimum(settings.lack_rise * prices[lacking], settings.highest_price)
+                gained = (before - after - float(iterate.prices @ worst_after)) / max(before, 1e-12)
+                return _Iterate(sweep, self._damped(iterate.damping, share, gain), prices, gained), failed
+            failed = failing
+        return None, failed
+
+    def _worst(self, rows: SpaceRows, sweep: SpaceSweep) -> FloatArray:
+        """By how much the worst row of every interval is not kept, at least 0, in nominal links, shape (K,)."""
+        worst = np.zeros(sweep.intervals)
+        # Rows at the given start can never be mended.
+        free = np.flatnonzero(rows.interval + rows.side > 0)
+        np.maximum.at(worst, rows.interval[free], rows.values(sweep)[free] / self.task.unit)
+        return worst
+
+    def _ended(self, unknowns: FloatArray) -> FloatArray | None:
+        """The motion with its last keyframe exactly on the goal; None where that fails."""
+        if self.end_fixed or self.task.goal is None:
+            return unknowns
+        onto = onto_goal(self.stepper, self.task.goal, unknowns[-1])
+        return None if onto is None else np.vstack((unknowns[:-1], onto))
+
+    def _damped(self, damping: float, share: float, gain: float) -> float:
+        """More damping after a shortened step, less after a good one."""
+        settings = self._settings
+        if share < 1.0:
+            return max(damping, settings.raised_damping) * settings.shortened_growth
+        if gain > settings.good:
+            return max(damping / settings.good_shrinkage, settings.least_damping)
+        return damping
+
+
+def onto_goal(stepper: Stepper, goal: TipPose, v: FloatArray) -> FloatArray | None:
+    """Unknowns moved exactly onto a goal by Newton's method; None where that fails."""
+    settings = stepper.settings.guide
+    for _ in range(settings.polish_steps):
+        pose = stepper.pose(v)
+        rows, missing = goal.rows(pose, stepper.unit)
+        if np.max(np.abs(missing)) < settings.exact:
+            return v
+        spread = np.linalg.solve(stepper_metric(pose, stepper.unit), rows.T)
+        v = v + spread @ np.linalg.lstsq(rows @ spread, missing, rcond=1e-12)[0]
+    return None

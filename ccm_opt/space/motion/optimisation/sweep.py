@@ -1,0 +1,85 @@
+"""A motion through keyframes, with what its rows and its cost are made of."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.pose import SpacePose
+from ccm_opt.space.motion.step import Stepper
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceSweep:
+    """A motion whose unknowns are linear between K + 1 keyframes.
+
+    Attributes:
+        stepper: makes poses, and knows what certifies them.
+        unknowns: at the keyframes, shape (K + 1, p).
+    """
+
+    stepper: Stepper
+    unknowns: FloatArray
+
+    @property
+    def curve(self) -> CurveMap:
+        """The map of the unknowns."""
+        return self.stepper.curve
+
+    @property
+    def intervals(self) -> int:
+        """K."""
+        return len(self.unknowns) - 1
+
+    @cached_property
+    def poses(self) -> tuple[SpacePose, ...]:
+        """At the keyframes."""
+        return tuple(self.stepper.pose(v) for v in self.unknowns)
+
+    @cached_property
+    def configurations(self) -> FloatArray:
+        """At the keyframes, shape (K + 1, c) [rad, m]."""
+        return np.stack([pose.q for pose in self.poses])
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """Derivatives of the configurations by the unknowns, shape (K + 1, c, p)."""
+        return np.stack([pose.slopes for pose in self.poses])
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Joints and tip at the keyframes, shape (K + 1, links + 1, 3) [m]."""
+        return np.stack([pose.chain.points for pose in self.poses])
+
+    @cached_property
+    def moving(self) -> FloatArray:
+        """Derivatives of the points by the unknowns, shape (K + 1, links + 1, 3, p) [m]."""
+        return np.stack([pose.chain.moving for pose in self.poses])
+
+    @cached_property
+    def turning(self) -> FloatArray:
+        """Angular velocities of the links by the unknowns, shape (K + 1, links, 3, p)."""
+        return np.stack([pose.chain.turning for pose in self.poses])
+
+    @cached_property
+    def middle_points(self) -> FloatArray:
+        """Joints and tip halfway through the intervals, shape (K, links + 1, 3) [m]."""
+        return np.stack([places for places, _ in self._middles])
+
+    @cached_property
+    def bows(self) -> FloatArray:
+        """Bounds on the second derivatives of the points over the intervals, shape (K, links + 1) [m]."""
+        links = self.curve.arm.links
+        motion = self.stepper.certificate.motion
+        turns = np.diff(self.configurations[:, : 2 * links], axis=0)
+        return np.stack(
+            [motion.bows(rotations, turn) for (_, rotations), turn in zip(self._middles, turns, strict=True)]
+        )
+
+    @cached_property
+    def _middles(self) -> list[tuple[FloatArray, FloatArray]]:
+        chains = self.stepper.chains
+        halfway = 0.5 * (self.unknowns[:-1] + self.unknowns[1:])
+        return [chains.places(self.curve.configuration(v)) for v in halfway]

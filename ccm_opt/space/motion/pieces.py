@@ -1,0 +1,42 @@
+"""Straight edges in the unknowns of a curve, in pieces that are nearly straight in configurations too."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.space.motion.curve_map import free_before
+from ccm_opt.space.motion.step import Stepper
+
+
+def pieces(stepper: Stepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:
+    """Unknowns along an edge, so near that no joint bends in between while the guide tube of a fed arm holds it."""
+    arm = stepper.curve.arm
+    count = 1
+    if arm.base_axes:
+        column = stepper.curve.feed_column
+        fed = abs(float(after[column] - before[column])) * float(stepper.curve.scale[column])
+        count = max(1, int(np.ceil(fed / (stepper.settings.step.feed * free_before(arm)) - 1e-9)))
+    return [before + k / count * (after - before) for k in range(count + 1)]
+
+
+def edge_is_safe(stepper: Stepper, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
+    """Whether an edge keeps all limits and is certified."""
+    places = [stepper.curve.configuration(v) for v in pieces(stepper, before, after)]
+    if not all(stepper.within_limits(q) for q in places):
+        return False
+    return all(stepper.certificate.safe(p, q, depth) for p, q in pairwise(places))
+
+
+def failing_edges(stepper: Stepper, unknowns: FloatArray, depth: int | None = None) -> IntArray:
+    """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified."""
+    edges = enumerate(pairwise(unknowns))
+    return np.array([k for k, (a, b) in edges if not edge_is_safe(stepper, a, b, depth)], dtype=np.intp)
+
+
+def in_pieces(stepper: Stepper, unknowns: FloatArray) -> FloatArray:
+    """The motion with all its edges in pieces, shape (m, p)."""
+    found = [unknowns[0]]
+    for before, after in pairwise(unknowns):
+        found.extend(pieces(stepper, before, after)[1:])
+    return np.stack(found)
