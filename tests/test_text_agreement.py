@@ -46,3 +46,30 @@ def test_declarations_are_not_expanded(written: Folder, tmp_path: Path) -> None:
     folder.texts["arm.urdf"] = bomb
     folder.write(tmp_path / "bomb")
     assert check_folders([tmp_path / "bomb"]) == NO_PLAN
+
+
+@pytest.mark.parametrize("name", ["trajectory.csv", "trajectory.yaml"])
+def test_table_and_message_are_held_against_the_arrays_each_for_itself(
+    written: Folder, tmp_path: Path, name: str
+) -> None:
+    """One number less in one row and one more in the next are not made up for by the other file, which is right."""
+    folder = written.copy()
+    lines = folder.texts[name].splitlines()
+    rows = [k for k, line in enumerate(lines) if line.count(",") > 3 and "joint" not in line and "time" not in line]
+    first, second = (rows[0], rows[4] if name.endswith("yaml") else rows[1])
+    shorter, _, last = lines[first].rstrip("]").rpartition(",")
+    ending = "]" if name.endswith("yaml") else ""
+    lines[first] = shorter + ending
+    lines[second] = f"{lines[second].rstrip(']')},{last}{ending}"
+    folder.texts[name] = "\n".join(lines) + "\n"
+    folder.write(tmp_path / name)
+    assert check_folders([tmp_path / name]) == NO_PLAN
+
+
+def test_rows_without_numbers_are_refused(written: Folder, tmp_path: Path) -> None:
+    """A table of times alone is told of in a line, also where warnings are errors."""
+    folder = written.copy()
+    head, *rows = folder.texts["trajectory.csv"].splitlines()
+    folder.texts["trajectory.csv"] = "\n".join([head, *(row.partition(",")[0] for row in rows)])
+    folder.write(tmp_path / "times")
+    assert check_folders([tmp_path / "times"]) == NO_PLAN

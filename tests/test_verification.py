@@ -27,7 +27,7 @@ from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
-from ccm_opt.verification.wall_edges import wall_edges
+from ccm_opt.verification.wall_edges import Boxes, wall_edges
 
 from .arms import plain_arm
 
@@ -496,3 +496,22 @@ def test_runs_of_edges_contain_their_edges(seed: int, vertices: int) -> None:
         assert np.all(away + edges.rounding <= edges.runs.radius[place])
     if vertices < 60:
         assert len(edges.runs.radius) == len(edges.owner)
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 40), width=st.integers(1, 6), at_once=st.integers(1, 50))
+def test_boxes_meet_the_same_walls_however_many_are_asked_for_at_once(
+    seed: int, rows: int, width: int, at_once: int
+) -> None:
+    """All pairs of boxes that meet are found, touching ones too, and no others."""
+    rng = np.random.default_rng(seed)
+    obstacles = tuple(
+        Obstacle(f"wall {k}", shapely.Point(*place), 0.25) for k, place in enumerate(rng.integers(-4, 5, (9, 2)))
+    )
+    runs = wall_edges(Workspace(shapely.box(-5.0, -5.0, 5.0, 5.0), obstacles)).runs
+    low = 0.25 * rng.integers(-20, 20, (rows * width, 2))
+    boxes = Boxes(low, low + 0.25 * rng.integers(0, 6, low.shape))
+    apart = (boxes.low[:, None] > runs.boxes.high) | (boxes.high[:, None] < runs.boxes.low)
+    wanted = np.argwhere(~np.any(apart, axis=2))
+    found = np.column_stack(runs.meeting(boxes, width, at_once))
+    np.testing.assert_array_equal(found[np.lexsort(found.T[::-1])], wanted)

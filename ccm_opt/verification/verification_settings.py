@@ -63,6 +63,8 @@ class VerificationSettings:
         pair_probes: poses at which all pairs of links are measured first, likewise. Taste.
         many_edges: walls with as many edges are looked at in runs of them first. Taste.
         edges_a_run: edges in a run. Taste: their chord is near all of them, and few runs are near the arm.
+        rows_at_once: poses that follow each other whose links are looked for near walls together first. Measured: with
+            16 the search takes half the time that it takes pose by pose, and hardly less with more.
         run_spare: by which the disc that sweeps a run's chord is wider than measured, beside the size of the
             coordinates. Derived: rounding.
     """
@@ -105,6 +107,7 @@ class VerificationSettings:
     pair_probes: int = 24
     many_edges: int = 64
     edges_a_run: int = 16
+    rows_at_once: int = 16
     run_spare: float = 1e-13
 
     def for_problem(self, problem: Problem) -> "VerificationSettings":

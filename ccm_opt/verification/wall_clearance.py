@@ -15,7 +15,7 @@ from ccm_opt.verification.link_motion import ChainMotion, Nodes, unit_rows
 from ccm_opt.verification.rounding import distance_rounding
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-from ccm_opt.verification.wall_edges import WallEdges, wall_edges
+from ccm_opt.verification.wall_edges import Boxes, WallEdges, wall_edges
 
 
 def check_walls(
@@ -136,7 +136,7 @@ def _prove(
     # Walls that are farther away than this at the middle of an interval come no nearer than the nearest known one.
     travel = 0.5 * arm.link_length * motion.turned[:, links + 1]
     look = arm.radius + travel + max(least, min(nearest.gap, max(least, 0.0) + arm.link_length)) + 2.0 * lost
-    pairs = _candidates(poses, edges, exposed, links, look)
+    pairs = _candidates(poses, edges, exposed, links, look, settings)
     return prove_apart(motion, pairs, evaluate, least, nearest, settings)
 
 
@@ -147,17 +147,22 @@ def _axis(poses: FloatArray, node: IntArray, link: IntArray, exposed: FloatArray
     return start + exposed[link, None] * (end - start), end
 
 
-def _candidates(poses: FloatArray, edges: WallEdges, exposed: FloatArray, links: IntArray, look: FloatArray) -> Pairs:
+def _candidates(
+    poses: FloatArray,
+    edges: WallEdges,
+    exposed: FloatArray,
+    links: IntArray,
+    look: FloatArray,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> Pairs:
     """Pairs whose boxes come within ``look``, shape (N, exposed links) [m], at the middle of an interval."""
     node, link = (index.ravel() for index in np.indices(look.shape))
     start, end = _axis(poses, node, links[link], exposed)
     grow = look.reshape(-1, 1)
-    low = np.minimum(start, end) - grow
-    high = np.maximum(start, end) + grow
+    boxes = Boxes(np.minimum(start, end) - grow, np.maximum(start, end) + grow)
     # Boxes decide quickly and err on the safe side: a pair too many costs time, a missing one would break the proof.
-    # The tree asks for boxes alone, and a diagonal, which is made sooner, has the same box as its rectangle.
     runs = edges.runs
-    found, run = runs.tree.query(shapely.linestrings(np.stack((low, high), axis=1)))
+    found, run = runs.meeting(boxes, look.shape[1], settings.rows_at_once)
     # Where runs are long their chords decide again, before all of their edges are looked at.
     long = runs.first[run + 1] - runs.first[run] > 1
     gap = segment_distances(start[found[long]], end[found[long]], runs.start[run[long]], runs.end[run[long]])

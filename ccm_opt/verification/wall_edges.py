@@ -13,6 +13,43 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 
 @dataclass(frozen=True)
+class Boxes:
+    """Boxes with sides along the axes.
+
+    Attributes:
+        low: shape (B, 2) [m].
+        high: shape (B, 2) [m].
+    """
+
+    low: FloatArray
+    high: FloatArray
+
+    @classmethod
+    def around(cls, start: FloatArray, end: FloatArray, radius: FloatArray) -> "Boxes":
+        """Boxes around segments swept by discs; start and end of shape (B, 2), radius of shape (B,) [m]."""
+        grow = radius[:, None]
+        return cls(np.minimum(start, end) - grow, np.maximum(start, end) + grow)
+
+    def tree(self) -> shapely.STRtree:
+        """Spatial index of the boxes."""
+        return shapely.STRtree(shapely.box(self.low[:, 0], self.low[:, 1], self.high[:, 0], self.high[:, 1]))
+
+    def in_groups(self, width: int, first: IntArray) -> "Boxes":
+        """Boxes around several rows each, column by column.
+
+        Args:
+            width: boxes in a row.
+            first: the first row of each group, shape (G,).
+
+        Returns:
+            One box for each group and column, G * width in all.
+        """
+        low, high = (bound.reshape(-1, width, 2) for bound in (self.low, self.high))
+        grown = Boxes(np.minimum.reduceat(low, first), np.maximum.reduceat(high, first))
+        return Boxes(grown.low.reshape(-1, 2), grown.high.reshape(-1, 2))
+
+
+@dataclass(frozen=True)
 class WallEdges:
     """The walls taken apart into straight edges; a circle's centre is an edge of no length.
 
@@ -38,7 +75,7 @@ class WallEdges:
     @cached_property
     def tree(self) -> shapely.STRtree:
         """Spatial index of the edges' boxes, each grown by its rounding."""
-        return _box_tree(self.start, self.end, self.rounding)
+        return Boxes.around(self.start, self.end, self.rounding).tree()
 
     @cached_property
     def lines(self) -> shapely.STRtree:
@@ -68,9 +105,14 @@ class EdgeRuns:
     radius: FloatArray
 
     @cached_property
+    def boxes(self) -> Boxes:
+        """The runs' boxes, each grown by its radius."""
+        return Boxes.around(self.start, self.end, self.radius)
+
+    @cached_property
     def tree(self) -> shapely.STRtree:
-        """Spatial index of the runs' boxes, each grown by its radius."""
-        return _box_tree(self.start, self.end, self.radius)
+        """Spatial index of the boxes."""
+        return self.boxes.tree()
 
     @cached_property
     def lines(self) -> shapely.STRtree:
@@ -79,16 +121,38 @@ class EdgeRuns:
 
     def edges_of(self, runs: IntArray) -> tuple[IntArray, IntArray]:
         """All edges of some runs, shape (k,): each edge's place in ``runs``, and its number; each of shape (m,)."""
-        counts = self.first[runs + 1] - self.first[runs]
-        place = np.repeat(np.arange(len(runs)), counts)
-        within = np.arange(len(place)) - np.repeat(np.cumsum(counts) - counts, counts)
+        place, within = _numbered(self.first[runs + 1] - self.first[runs])
         return place, self.first[runs][place] + within
 
+    def meeting(self, boxes: Boxes, width: int, rows: int) -> tuple[IntArray, IntArray]:
+        """Pairs of a box and a run whose boxes meet.
 
-def _box_tree(start: FloatArray, end: FloatArray, radius: FloatArray) -> shapely.STRtree:
-    low = np.minimum(start, end) - radius[:, None]
-    high = np.maximum(start, end) + radius[:, None]
-    return shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
+        Args:
+            boxes: row after row; those of a column hardly move from one row to the next.
+            width: boxes in a row.
+            rows: how many the tree is asked for at once.
+
+        Returns:
+            Numbers of the boxes and of the runs, each of shape (m,).
+        """
+        count = len(boxes.low) // width
+        first = np.arange(0, count, rows)
+        groups = boxes.in_groups(width, first)
+        # The tree asks for boxes alone, and a diagonal, which is made sooner, has the same box as its rectangle.
+        found, run = self.tree.query(shapely.linestrings(np.stack((groups.low, groups.high), axis=1)))
+        group, column = np.divmod(found, width)
+        place, within = _numbered(np.minimum(rows, count - first[group]))
+        box = (first[group][place] + within) * width + column[place]
+        run = run[place]
+        apart = (boxes.low[box] > self.boxes.high[run]) | (boxes.high[box] < self.boxes.low[run])
+        meets = ~np.any(apart, axis=1)
+        return box[meets], run[meets]
+
+
+def _numbered(counts: IntArray) -> tuple[IntArray, IntArray]:
+    """So many things of each of several kinds: each one's kind, and its number among its kind; each of shape (m,)."""
+    kind = np.repeat(np.arange(len(counts)), counts)
+    return kind, np.arange(len(kind)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _line_tree(start: FloatArray, end: FloatArray) -> shapely.STRtree:

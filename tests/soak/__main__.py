@@ -9,7 +9,6 @@ and files that were not dealt with are kept.
 import argparse
 import itertools
 import random
-import resource
 import subprocess
 import sys
 import time
@@ -19,7 +18,7 @@ from pathlib import Path
 
 from tests.benchmarks.bench_soundness import SOURCES, outcome
 from tests.benchmarks.scene_families import NoSceneError
-from tests.soak import hostile_files, signals
+from tests.soak import hostile_files, memory, signals
 
 ENOUGH_TO_WARM = 100
 """Plans after which memory may not grow any more."""
@@ -41,23 +40,29 @@ class Part:
 
 
 def plans(generator: random.Random) -> Iterator[str]:
-    """Random problems of all families, their plans swept densely; memory is told where it grows."""
-    warm = None
-    families = itertools.cycle(SOURCES.items())
-    for number in itertools.count(1):
-        name, source = next(families)
+    """Random problems of all families, their plans swept densely; memory and the longest wait are told now and then."""
+    warm = 0.0
+    longest = 0.0
+    number = 0
+    for name, source in itertools.cycle(SOURCES.items()):
         seed = generator.randrange(10**6)
         try:
             problem = source(seed, 6.0)
         except NoSceneError:
             continue
+        number += 1
+        begun = time.process_time()
         end = outcome(replace(problem, name=f"{name} {seed}"))
+        longest = max(longest, time.process_time() - begun)
         yield "" if end in {"safe", "no plan"} else f"{name} {seed}: {end}"
-        most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        if number == ENOUGH_TO_WARM:
-            warm = most
-        if warm is not None and number % ENOUGH_TO_WARM == 0:
-            print(f"  memory after {number} plans: {most:.0f} MB, {most - warm:+.0f} since the first {ENOUGH_TO_WARM}")
+        if number % ENOUGH_TO_WARM == 0:
+            rest = memory.at_rest()
+            warm = warm or rest
+            print(
+                f"  after {number} plans: {rest:.0f} MB at rest, {rest - warm:+.0f} since the first {ENOUGH_TO_WARM}; "
+                f"{memory.most():.0f} MB at most; the longest took {longest:.1f} s",
+                flush=True,
+            )
 
 
 def corruptions(generator: random.Random) -> Iterator[str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.continuum.segment import CurvatureSegment
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import ARRAYS, RECORD
 from ccm_opt.ground.arrays import FloatArray
@@ -35,13 +36,33 @@ def recorded_curves(folder: Path, problem: Problem) -> tuple[Configuration, ...]
             headings = arrays["base_headings"]
             feeds = arrays["keyframe_feeds"] if "keyframe_feeds" in arrays.files else np.zeros(len(headings))
         base = problem.arm.base + feeds[:, None] * (problem.arm.feed_direction if problem.arm.feed else np.zeros(2))
-        spans = list(pairwise(offsets.tolist()))
+        turns = _turns(lengths, curvatures, knots)
         return tuple(
-            Configuration.chain(place, float(heading), lengths[a:b].tolist(), list(curvatures[a:b]), list(knots[a:b]))
-            for place, heading, (a, b) in zip(base, headings, spans, strict=True)
+            _curve(
+                place, float(heading) + np.cumsum(turns[a:b]) - turns[a:b], lengths[a:b], curvatures[a:b], knots[a:b]
+            )
+            for place, heading, (a, b) in zip(base, headings, pairwise(offsets.tolist()), strict=True)
         )
     except (OSError, ValueError, KeyError, IndexError) as error:
         raise ProblemError(f"{folder / ARRAYS}: the curves in it are not readable: {error}") from error
+
+
+def _curve(
+    base: FloatArray, headings: FloatArray, lengths: FloatArray, curvatures: FloatArray, knots: FloatArray
+) -> Configuration:
+    """A curve from its arrays, ``headings`` being those at which its segments begin."""
+    parts = zip(lengths.tolist(), headings.tolist(), curvatures, knots.tolist(), strict=True)
+    return Configuration(base, tuple(CurvatureSegment(a, heading, c, tuple(k)) for a, heading, c, k in parts))
+
+
+def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> FloatArray:
+    """By how much segments turn, shape (S,) [rad]: linear in the curvatures, alike for all of the same knots."""
+    kinds, kind = np.unique(knots, axis=0, return_inverse=True)
+    of_kinds = [
+        [CurvatureSegment(1.0, 0.0, unit, tuple(each)).end_heading for unit in np.eye(5)] for each in kinds.tolist()
+    ]
+    shares = np.array(of_kinds).reshape(-1, 5)[kind.ravel()]
+    return np.asarray(lengths * np.einsum("sk,sk->s", shares, curvatures))
 
 
 def recorded_simulation(folder: Path, problem: Problem) -> FloatArray | None:

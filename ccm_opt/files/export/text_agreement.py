@@ -1,10 +1,9 @@
 """Whether the text files of an output folder say what its arrays say: table, ROS message, descriptions of the arm."""
 
-import io
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -44,10 +43,13 @@ def checks_of_texts(folder: Path, problem: AnyProblem, trajectory: JointTrajecto
         trajectory: the motion in the folder's arrays.
         joints: the same for all drives.
     """
+    # Table and message say the same in nearly the same words: what was read of one need not be read of the other.
+    numbers = lru_cache(maxsize=1)(_numbers)
     readers = {
-        "trajectory.csv": partial(_table_defects, time=trajectory.time),
-        "trajectory.yaml": partial(_message_defects, time=trajectory.time),
+        "trajectory.csv": partial(_table_defects, time=trajectory.time, numbers=numbers),
+        "trajectory.yaml": partial(_message_defects, time=trajectory.time, numbers=numbers),
     }
+    described = lru_cache(partial(model_texts, problem))
     found = []
     for name in NAMES:
         if not (folder / name).exists():
@@ -60,16 +62,16 @@ def checks_of_texts(folder: Path, problem: AnyProblem, trajectory: JointTrajecto
             )
             variants = (partial(readers[name], names=names, tables=tables) for names, tables in of_joints)
         else:
-            variants = (partial(_model_defects, wanted=text) for text in _descriptions(problem, name))
+            variants = (partial(_model_defects, wanted=text) for text in _descriptions(described, name))
         found.append(_check(folder / name, variants))
     return found
 
 
-def _descriptions(problem: AnyProblem, name: str) -> Iterator[str]:
+def _descriptions(described: Callable[..., Mapping[str, str]], name: str) -> Iterator[str]:
     """A description as ``solve`` writes it, and as ``ccm-opt export`` may have written it in its place."""
     for bends_only in (False, True):
         for obstacles in (True, False):
-            yield model_texts(problem, obstacles=obstacles, bends_only=bends_only)[name]
+            yield described(obstacles=obstacles, bends_only=bends_only)[name]
 
 
 def _check(path: Path, variants: Iterator[Callable[[str], Iterator[str]]]) -> Check:
@@ -88,25 +90,42 @@ def _check(path: Path, variants: Iterator[Callable[[str], Iterator[str]]]) -> Ch
     return Check(NAMES[path.name], float(bool(said)), 0.0, "defects", said, passed=not said)
 
 
+def _numbers(text: str) -> FloatArray:
+    """Rows of numbers between commas; of one length, else ValueError."""
+    lines = text.splitlines()
+    if not all(lines):
+        raise ValueError("a row has no numbers")
+    return np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
+
+
 def _table_defects(
-    text: str, time: FloatArray, names: Mapping[str, tuple[str, ...]], tables: Mapping[str, FloatArray]
+    text: str,
+    time: FloatArray,
+    names: Mapping[str, tuple[str, ...]],
+    tables: Mapping[str, FloatArray],
+    numbers: Callable[[str], FloatArray],
 ) -> Iterator[str]:
     """What of ``trajectory.csv`` is otherwise than the arrays."""
     head, _, body = text.partition("\n")
-    wanted = ["time", *(column for quantity in tables for column in names[quantity])]
-    if head.rstrip("\r").split(",") != wanted:
+    columns = [column for quantity in tables for column in names[quantity]]
+    if head.rstrip("\r").split(",") != ["time", *columns]:
         yield "its columns are not those of the arm's joints"
         return
-    rows = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2)
-    columns = np.column_stack([time, *tables.values()])
-    if rows.shape != columns.shape:
+    rows = [row.partition(",") for row in body.splitlines()]
+    if len(rows) != len(time):
         yield f"it has {len(rows)} rows for {len(time)} samples"
         return
-    yield from _differing(rows, columns, wanted)
+    times = np.array([float(first) for first, _, _ in rows])
+    yield from _differing(times[:, None], time[:, None], ["time"])
+    yield from _differing(numbers("\n".join([rest for _, _, rest in rows])), _side_by_side(tables), columns)
 
 
 def _message_defects(
-    text: str, time: FloatArray, names: Mapping[str, tuple[str, ...]], tables: Mapping[str, FloatArray]
+    text: str,
+    time: FloatArray,
+    names: Mapping[str, tuple[str, ...]],
+    tables: Mapping[str, FloatArray],
+    numbers: Callable[[str], FloatArray],
 ) -> Iterator[str]:
     """What of ``trajectory.yaml`` is otherwise than the arrays."""
     lists: dict[str, list[str]] = {}
@@ -126,20 +145,32 @@ def _message_defects(
     late = np.abs(seconds @ (1.0, 1e-9) - time)
     if np.max(late) > 1e-9:
         yield f"time_from_start of point {int(np.argmax(late)) + 1} is not that of its sample"
-    for field, (quantity, table) in zip(ROS_FIELDS, tables.items(), strict=True):
-        rows = [row.removeprefix("[").removesuffix("]") for row in lists.get(field, [])]
-        if len(rows) != len(time):
-            yield f"it has {len(rows)} lists of {field} for {len(time)} samples"
+    fields = [lists.get(field, []) for field in ROS_FIELDS]
+    for field, values in zip(ROS_FIELDS, fields, strict=True):
+        if len(values) != len(time):
+            yield f"it has {len(values)} lists of {field} for {len(time)} samples"
             return
-        values = np.loadtxt(io.StringIO("\n".join(rows)), delimiter=",", ndmin=2)
-        if values.shape != table.shape:
+        # One list too long would else make up for one that is too short.
+        if any(value.count(",") != len(joints) - 1 for value in values):
             yield f"its {field} are not as many as the arm has joints"
             return
-        yield from _differing(values, table, names[quantity])
+    rows = [
+        ",".join([value.removeprefix("[").removesuffix("]") for value in values])
+        for values in zip(*fields, strict=True)
+    ]
+    columns = [column for quantity in tables for column in names[quantity]]
+    yield from _differing(numbers("\n".join(rows)), _side_by_side(tables), columns)
 
 
-def _differing(rows: FloatArray, columns: FloatArray, names: list[str] | tuple[str, ...]) -> Iterator[str]:
-    """The value that differs most from the arrays, if one does."""
+def _side_by_side(tables: Mapping[str, FloatArray]) -> FloatArray:
+    return np.column_stack(tuple(tables.values()))
+
+
+def _differing(rows: FloatArray, columns: FloatArray, names: Sequence[str]) -> Iterator[str]:
+    """The first value that differs from the arrays, if one does."""
+    if rows.shape != columns.shape:
+        yield f"it has {rows.shape[1]} numbers a sample, not {columns.shape[1]}"
+        return
     off = np.abs(rows - columns)
     # What is no number differs: it is not less than any bound.
     wrong = ~(off <= TEXT_TOLERANCE * np.maximum(np.abs(columns), np.abs(rows)) + np.finfo(np.float64).tiny)
