@@ -53,10 +53,24 @@ def test_every_way_gives_the_same_distances(seed: int, count: int, reach: float,
     rng = np.random.default_rng(seed)
     scene = random_triangles(rng, count)
     segments = random_segments(rng, 20)
-    expected = NumpySearch(boxes_by_numpy(scene.triangles, scene.rounding, count)).distances(segments, reach)
+    expected = NumpySearch(boxes_by_numpy(scene.triangles, scene.rounding, count)).distances(segments, reach, 0.0)
     for tree in trees(scene, leaf):
         np.testing.assert_allclose(tree.distances(segments, reach), expected, atol=1e-8)
         np.testing.assert_allclose(tree.nearest(segments, reach).gap, expected, atol=1e-8)
+
+
+@settings(max_examples=60)
+@given(seed=seeds, count=st.integers(1, 300), reach=reaches, slack=st.sampled_from((1e-3, 0.02, 0.3)))
+def test_slack_lowers_distances_by_no_more(seed: int, count: int, reach: float, slack: float) -> None:
+    """With slack no distance is above the least, and none is below by more than the slack."""
+    rng = np.random.default_rng(seed)
+    scene = random_triangles(rng, count)
+    segments = random_segments(rng, 20)
+    for tree in trees(scene):
+        exact = tree.distances(segments, reach)
+        lowered = tree.distances(segments, reach, slack)
+        assert np.all(lowered <= exact + 1e-12)
+        assert np.all(lowered >= exact - slack - 1e-12)
 
 
 @settings(max_examples=60)
@@ -79,7 +93,7 @@ def test_witnesses_are_where_the_gap_is(seed: int, count: int, reach: float) -> 
                 own = scene.owner == owner
                 alone = soup(scene.triangles[own], scene.rounding[own], scene.owner[own])
                 boxes = boxes_by_numpy(alone.triangles, alone.rounding, 4)
-                assert NumpySearch(boxes).distances(segment[None], reach)[0] == pytest.approx(gap, abs=1e-8)
+                assert NumpySearch(boxes).distances(segment[None], reach, 0.0)[0] == pytest.approx(gap, abs=1e-8)
 
 
 @settings(max_examples=60)
@@ -202,6 +216,9 @@ def faces_below(boxes: SurfaceBoxes, number: int) -> list[int]:
     corners = boxes.corners[faces].reshape(-1, 3)
     assert np.all((corners >= node["low"]) & (corners <= node["high"]))
     assert np.all(boxes.rounding[faces] <= node["rounding"])
+    heights = corners @ node["normal"].astype(np.float64)
+    assert np.all((heights >= node["beneath"]) & (heights <= node["above"]))
+    assert np.linalg.norm(node["normal"].astype(np.float64)) <= 1.0
     return faces
 
 

@@ -39,7 +39,7 @@ class _NearestStruct(ctypes.Structure):
         ("surfaces", _SurfacesStruct),
         ("count", _LONG),
         ("segments", _POINTER),
-        ("reach", _DOUBLE),
+        *((name, _DOUBLE) for name in ("reach", "slack")),
         *((name, _POINTER) for name in ("gap", "share", "point", "normal", "face")),
     )
 
@@ -101,10 +101,10 @@ class CompiledSearch:
         arrays = (boxes.nodes, boxes.corners, boxes.rounding)
         self._surfaces = _SurfacesStruct(*(array.ctypes.data for array in arrays))
 
-    def distances(self, segments: FloatArray, reach: float) -> FloatArray:
+    def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
         """Least gap of each segment, or the reach; not a number where the segment is none."""
         gap = np.empty(len(segments))
-        query = _NearestStruct(self._surfaces, len(segments), segments.ctypes.data, reach, gap.ctypes.data)
+        query = _NearestStruct(self._surfaces, len(segments), segments.ctypes.data, reach, slack, gap.ctypes.data)
         self._nearest(ctypes.byref(query))
         return gap
 
@@ -115,7 +115,7 @@ class CompiledSearch:
         found = Witnesses(np.empty(count), np.empty(count), np.zeros((count, 3)), np.zeros((count, 3)), face)
         arrays = (found.gap, found.share, found.point, found.normal, found.owner)
         addresses = (array.ctypes.data for array in arrays)
-        query = _NearestStruct(self._surfaces, count, segments.ctypes.data, reach, *addresses)
+        query = _NearestStruct(self._surfaces, count, segments.ctypes.data, reach, 0.0, *addresses)
         self._nearest(ctypes.byref(query))
         return found
 

@@ -15,7 +15,7 @@ class DistanceSettings:
             the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one a triangle.
     """
 
-    leaf: int = 4
+    leaf: int = 8
     most_planes: int = 14
     behind: float = 0.07
 

@@ -47,7 +47,7 @@ static inline void outward(const Surfaces *surfaces, const Segment *segment, con
     along(segment->start, found->pair.share, segment->line, at);
     minus(at, found->pair.point, normal);
     int flat = plane_of(corners, &plane);
-    size = fmax(size, plane.edge_square);
+    size = larger(size, plane.edge_square);
     double square = dot(normal, normal);
     if (square > 1e-24 * size) {
         for (int d = 0; d < 3; d++) normal[d] /= sqrt(square);
@@ -64,7 +64,8 @@ static inline void outward(const Surfaces *surfaces, const Segment *segment, con
 }
 
 /* The point of the rounded surface, and the direction from it. */
-static inline void witness(const Surfaces *surfaces, const Segment *segment, const Found *found, double *point, double *normal)
+static inline void witness(const Surfaces *surfaces, const Segment *segment, const Found *found, double *point,
+                           double *normal)
 {
     outward(surfaces, segment, found, normal);
     along(found->pair.point, surfaces->rounding[found->face], normal, point);

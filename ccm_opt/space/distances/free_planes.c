@@ -2,11 +2,12 @@
 
    Boxes and triangles are taken in the order of their gaps from the segment (G. R. Hjaltason and H. Samet, Distance
    browsing in spatial databases, 1999). A triangle's plane at its nearest point is kept; all that lies behind a plane
-   that is kept is dropped. */
+   that is kept is dropped. The nearest triangle of all is found first by a walk: along a wall at the same distance there
+   may be thousands of boxes that are hardly nearer, and lie behind its plane. */
 
 #include <stdlib.h>
 
-#include "faces.h"
+#include "surface_walk.h"
 
 typedef struct {
     double gap;   /* of a triangle; of a box the least that what is in it may have */
@@ -63,15 +64,14 @@ static Entry pop(PlaneQuery *q)
     return top;
 }
 
-/* Whether all points at a rounding about some points lie behind one of a segment's planes. */
-static int is_behind(const PlaneQuery *q, int64_t first, const double *points, int count, double rounding)
+/* Whether all points at a rounding about the corners of a triangle lie behind one of a segment's planes. */
+static int is_behind(const PlaneQuery *q, int64_t first, int64_t face)
 {
+    const double *corners = q->surfaces.corners + 9 * face;
     for (int64_t row = first; row < q->rows; row++) {
         const double *normal = q->normal + 3 * row;
-        double limit = dot(normal, q->point + 3 * row) + q->behind - rounding;
-        int k = 0;
-        while (k < count && dot(normal, points + 3 * k) <= limit) k++;
-        if (k == count) return 1;
+        double farthest = larger(larger(dot(normal, corners), dot(normal, corners + 3)), dot(normal, corners + 6));
+        if (farthest + q->surfaces.rounding[face] <= dot(normal, q->point + 3 * row) + q->behind) return 1;
     }
     return 0;
 }
@@ -99,27 +99,27 @@ static int open_node(PlaneQuery *q, const Segment *segment, const Probe *probe, 
 {
     const Surfaces *surfaces = &q->surfaces;
     for (int64_t face = node->first; face < node->first + node->count; face++) {
-        if (is_behind(q, first, surfaces->corners + 9 * face, 3, surfaces->rounding[face])) continue;
+        if (is_behind(q, first, face)) continue;
         Found found = found_at(q, segment, face);
         if (found.face >= 0 && !push(q, found.gap, -1 - face)) return 0;
     }
     if (node->count) return 1;
     for (int64_t child = node->first; child < node->first + 2; child++) {
+        if (is_box_behind(q, first, surfaces->nodes + child)) continue;
         double gap = least_gap(probe, surfaces->nodes + child, q->reach);
         if (gap < q->reach && !push(q, gap, child)) return 0;
     }
     return 1;
 }
 
-static void keep(PlaneQuery *q, int64_t number, const Segment *segment, int64_t face)
+static void keep(PlaneQuery *q, int64_t number, const Segment *segment, const Found *found)
 {
-    Found found = found_at(q, segment, face);
     int64_t row = q->rows++;
     q->segment[row] = number;
-    q->face[row] = face;
-    q->share[row] = found.pair.share;
-    q->gap[row] = found.gap;
-    witness(&q->surfaces, segment, &found, q->point + 3 * row, q->normal + 3 * row);
+    q->face[row] = found->face;
+    q->share[row] = found->pair.share;
+    q->gap[row] = found->gap;
+    witness(&q->surfaces, segment, found, q->point + 3 * row, q->normal + 3 * row);
 }
 
 /* The planes of one segment; returns whether there was memory for it. */
@@ -128,18 +128,21 @@ static int planes_about(PlaneQuery *q, int64_t number)
     Segment segment = segment_between(q->segments + 6 * number);
     Probe probe = probe_of(&segment);
     int64_t first = q->rows;
+    double least;
+    Found found = nearest_face(&q->surfaces, &segment, q->reach, 0.0, &least);
+    if (found.face < 0 || q->most < 1) return 1;
+    keep(q, number, &segment, &found);
     q->size = 0;
-    if (!push(q, least_gap(&probe, q->surfaces.nodes, q->reach), 0)) return 0;
+    if (!push(q, found.gap, 0)) return 0;
     while (q->size && q->rows < first + q->most) {
         Entry next = pop(q);
-        if (next.gap >= q->reach) break;
         int64_t face = -1 - next.what;
         if (next.what >= 0) {
             const Node *node = q->surfaces.nodes + next.what;
-            if (is_box_behind(q, first, node)) continue;
-            if (!open_node(q, &segment, &probe, node, first)) return 0;
-        } else if (!is_behind(q, first, q->surfaces.corners + 9 * face, 3, q->surfaces.rounding[face])) {
-            keep(q, number, &segment, face);
+            if (!is_box_behind(q, first, node) && !open_node(q, &segment, &probe, node, first)) return 0;
+        } else if (!is_behind(q, first, face)) {
+            found = found_at(q, &segment, face);
+            keep(q, number, &segment, &found);
         }
     }
     return 1;

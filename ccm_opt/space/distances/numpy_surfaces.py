@@ -42,8 +42,9 @@ class NumpySearch:
 
     boxes: SurfaceBoxes
 
-    def distances(self, segments: FloatArray, reach: float) -> FloatArray:
+    def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
         """Least gap of each segment, or the reach; not a number where the segment is none."""
+        del slack  # all pairs in question are looked at anyway
         gap = np.full(len(segments), reach, dtype=np.float64)
         found = self._near(segments, reach, nearest_only=True)
         np.minimum.at(gap, found.segment, found.gap)

@@ -9,9 +9,12 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 
 NODE = np.dtype(
     [
-        ("low", np.float64, 3),
-        ("high", np.float64, 3),
-        ("rounding", np.float64),
+        ("low", np.float32, 3),
+        ("high", np.float32, 3),
+        ("rounding", np.float32),
+        ("normal", np.float32, 3),
+        ("beneath", np.float32),
+        ("above", np.float32),
         ("first", np.int32),
         ("count", np.int32),
     ]
@@ -53,9 +56,9 @@ def boxes_by_numpy(triangles: FloatArray, rounding: FloatArray, leaf: int) -> Su
     rounding = rounding[order]
     starts = np.arange(0, len(order), leaf)
     level = np.zeros(len(starts), dtype=NODE)
-    level["low"] = np.minimum.reduceat(corners.min(axis=1), starts)
-    level["high"] = np.maximum.reduceat(corners.max(axis=1), starts)
-    level["rounding"] = np.maximum.reduceat(rounding, starts)
+    level["low"] = -_rounded_up(-np.minimum.reduceat(corners.min(axis=1), starts))
+    level["high"] = _rounded_up(np.maximum.reduceat(corners.max(axis=1), starts))
+    level["rounding"] = _rounded_up(np.maximum.reduceat(rounding, starts))
     level["first"] = starts
     level["count"] = np.diff(np.append(starts, len(order)))
     levels = [level]
@@ -72,6 +75,12 @@ def boxes_by_numpy(triangles: FloatArray, rounding: FloatArray, leaf: int) -> Su
         level["rounding"] = pairs["rounding"].max(axis=1)
         levels.append(level)
     return SurfaceBoxes(_joined(levels[::-1]), corners, rounding, order)
+
+
+def _rounded_up(numbers: FloatArray) -> npt.NDArray[np.float32]:
+    """The least numbers of single precision that are not below these."""
+    near = numbers.astype(np.float32)
+    return np.where(near < numbers, np.nextafter(near, np.float32(np.inf)), near)
 
 
 def _joined(levels: list[npt.NDArray[np.void]]) -> npt.NDArray[np.void]:

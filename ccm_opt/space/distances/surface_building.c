@@ -9,6 +9,8 @@
 
 #define CUTS 16
 #define DEEP 60 /* levels after which boxes are cut into halves of equal number */
+#define MOST_IN_SLICE 4096 /* triangles: more are hardly ever flat */
+#define SHORTENED (1.0 - 1e-6)
 
 typedef struct {
     float low[3], high[3]; /* of the triangle with its rounding */
@@ -29,6 +31,10 @@ typedef struct {
     float low[3], high[3];
     int64_t count;
 } Bin;
+
+typedef struct {
+    double low[3], high[3], rounding, area[3]; /* the last is twice the sum of the areas as vectors */
+} Box;
 
 static const Bin EMPTY = {{HUGE_VALF, HUGE_VALF, HUGE_VALF}, {-HUGE_VALF, -HUGE_VALF, -HUGE_VALF}, 0};
 
@@ -107,8 +113,15 @@ static int64_t parted(Item *items, int64_t count)
     return first == 0 || first == count ? count / 2 : first;
 }
 
+/* Areas count without their sides: which side of a triangle is outside is not known. */
+static void add_area(double *sum, const double *area)
+{
+    double sign = dot(sum, area) < 0.0 ? -1.0 : 1.0;
+    for (int d = 0; d < 3; d++) sum[d] += sign * area[d];
+}
+
 /* Put a triangle into its place with the longest edge first, and enclose it. */
-static void place(Building *b, Node *node, int64_t at)
+static void place(Building *b, Box *box, int64_t at)
 {
     int64_t number = b->items[at].number;
     const double *given = b->given + 9 * number;
@@ -123,42 +136,81 @@ static void place(Building *b, Node *node, int64_t at)
             from = k;
         }
     }
-    for (int k = 0; k < 3; k++) memcpy(b->corners + 9 * at + 3 * k, given + 3 * ((from + k) % 3), 3 * sizeof(double));
+    double *corners = b->corners + 9 * at, one[3], other[3], area[3];
+    for (int k = 0; k < 3; k++) memcpy(corners + 3 * k, given + 3 * ((from + k) % 3), 3 * sizeof(double));
     b->rounding[at] = b->given_rounding[number];
     b->order[at] = number;
-    node->rounding = fmax(node->rounding, b->rounding[at]);
+    box->rounding = larger(box->rounding, b->rounding[at]);
     for (int k = 0; k < 9; k++) {
-        node->low[k % 3] = fmin(node->low[k % 3], given[k]);
-        node->high[k % 3] = fmax(node->high[k % 3], given[k]);
+        box->low[k % 3] = smaller(box->low[k % 3], given[k]);
+        box->high[k % 3] = larger(box->high[k % 3], given[k]);
     }
+    minus(corners + 3, corners, one);
+    minus(corners + 6, corners, other);
+    cross(one, other, area);
+    add_area(box->area, area);
 }
 
-static void build_node(Building *b, Node *node, int64_t begin, int64_t end, int level)
+static float rounded_down(double number)
 {
+    float near = (float)number;
+    return near > number ? nextafterf(near, -HUGE_VALF) : near;
+}
+
+static float rounded_up(double number) { return -rounded_down(-number); }
+
+/* The two planes across the mean normal between which some triangles lie. */
+static void slice(const Building *b, Node *node, const double *area, int64_t begin, int64_t end)
+{
+    double length = sqrt(dot(area, area)), normal[3], beneath = HUGE_VAL, above = -HUGE_VAL;
+    int known = end - begin <= MOST_IN_SLICE && length > 0.0 && length < HUGE_VAL;
     for (int d = 0; d < 3; d++) {
-        node->low[d] = HUGE_VAL;
-        node->high[d] = -HUGE_VAL;
+        /* Shorter than a unit vector by more than single precision rounds, so that heights are not above distances.
+           Volatile, since GCC 12 takes the number before it was rounded where it makes one vector of the three. */
+        volatile float rounded = known ? (float)(SHORTENED * area[d] / length) : 0.0F;
+        node->normal[d] = rounded;
+        normal[d] = rounded;
     }
-    node->rounding = 0.0;
+    for (int64_t corner = 3 * begin; known && corner < 3 * end; corner++) {
+        double height = dot(normal, b->corners + 3 * corner);
+        beneath = smaller(beneath, height);
+        above = larger(above, height);
+    }
+    node->beneath = known ? rounded_down(beneath) : 0.0F;
+    node->above = known ? rounded_up(above) : 0.0F;
+}
+
+static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, int level)
+{
+    Box box = {{HUGE_VAL, HUGE_VAL, HUGE_VAL}, {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, 0.0, {0.0, 0.0, 0.0}};
+    Node *node = b->nodes + number;
     if (end - begin <= b->leaf) {
         node->first = (int32_t)begin;
         node->count = (int32_t)(end - begin);
-        for (int64_t at = begin; at < end; at++) place(b, node, at);
-        return;
-    }
-    int64_t half = level < DEEP ? parted(b->items + begin, end - begin) : (end - begin) / 2;
-    node->first = (int32_t)b->count;
-    node->count = 0;
-    b->count += 2;
-    for (int child = 0; child < 2; child++) {
-        Node *below = b->nodes + node->first + child;
-        build_node(b, below, child ? begin + half : begin, child ? end : begin + half, level + 1);
-        node->rounding = fmax(node->rounding, below->rounding);
-        for (int d = 0; d < 3; d++) {
-            node->low[d] = fmin(node->low[d], below->low[d]);
-            node->high[d] = fmax(node->high[d], below->high[d]);
+        for (int64_t at = begin; at < end; at++) place(b, &box, at);
+    } else {
+        int64_t half = level < DEEP ? parted(b->items + begin, end - begin) : (end - begin) / 2;
+        node->first = (int32_t)b->count;
+        node->count = 0;
+        b->count += 2;
+        for (int child = 0; child < 2; child++) {
+            int64_t from = child ? begin + half : begin, to = child ? end : begin + half;
+            Box below = build_node(b, node->first + child, from, to, level + 1);
+            box.rounding = larger(box.rounding, below.rounding);
+            for (int d = 0; d < 3; d++) {
+                box.low[d] = smaller(box.low[d], below.low[d]);
+                box.high[d] = larger(box.high[d], below.high[d]);
+            }
+            add_area(box.area, below.area);
         }
     }
+    for (int d = 0; d < 3; d++) {
+        node->low[d] = rounded_down(box.low[d]);
+        node->high[d] = rounded_up(box.high[d]);
+    }
+    node->rounding = rounded_up(box.rounding);
+    slice(b, node, box.area, begin, end);
+    return box;
 }
 
 PUBLIC void build_surfaces(Building *b)
@@ -169,14 +221,14 @@ PUBLIC void build_surfaces(Building *b)
     for (int64_t k = 0; k < b->triangles; k++) {
         const double *corners = b->given + 9 * k;
         for (int d = 0; d < 3; d++) {
-            double low = fmin(fmin(corners[d], corners[3 + d]), corners[6 + d]);
-            double high = fmax(fmax(corners[d], corners[3 + d]), corners[6 + d]);
+            double low = smaller(smaller(corners[d], corners[3 + d]), corners[6 + d]);
+            double high = larger(larger(corners[d], corners[3 + d]), corners[6 + d]);
             b->items[k].low[d] = (float)(low - b->given_rounding[k]);
             b->items[k].high[d] = (float)(high + b->given_rounding[k]);
         }
         b->items[k].number = k;
     }
     b->count = 1;
-    build_node(b, b->nodes, 0, b->triangles, 0);
+    build_node(b, 0, 0, b->triangles, 0);
     free(b->items);
 }

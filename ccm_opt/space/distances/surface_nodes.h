@@ -16,9 +16,10 @@
 #define DEEPEST 128 /* levels of a tree: building stops long before */
 
 typedef struct {
-    double low[3], high[3];
-    double rounding;      /* the largest in it */
-    int32_t first, count; /* of its triangles; without any, the first of its two children */
+    float low[3], high[3];            /* rounded outwards, as is the rest */
+    float rounding;                   /* the largest in it */
+    float normal[3], beneath, above;  /* its triangles lie between two planes; none where the normal is zero */
+    int32_t first, count;             /* of its triangles; without any, the first of its two children */
 } Node;
 
 typedef struct {
@@ -54,7 +55,7 @@ static inline double tangent_bound(const Probe *probe, const double *centre, con
     *slope = *curvature = 0.0;
     for (int d = 0; d < 3; d++) {
         double offset = probe->middle[d] + at * probe->half[d] - centre[d];
-        double beyond = fmax(fabs(offset) - size[d], 0.0);
+        double beyond = larger(fabs(offset) - size[d], 0.0);
         value += beyond * beyond;
         *slope += 2.0 * beyond * (offset < 0.0 ? -probe->half[d] : probe->half[d]);
         *curvature += beyond > 0.0 ? 2.0 * probe->half[d] * probe->half[d] : 0.0;
@@ -68,22 +69,35 @@ static inline double squared_bound(const Probe *probe, const Node *node, double 
 {
     double centre[3], size[3], apart = 0.0, at = 0.0, slope, curvature;
     for (int d = 0; d < 3; d++) {
-        centre[d] = 0.5 * (node->low[d] + node->high[d]);
-        size[d] = 0.5 * (node->high[d] - node->low[d]);
+        centre[d] = 0.5 * ((double)node->low[d] + node->high[d]);
+        size[d] = 0.5 * ((double)node->high[d] - node->low[d]);
         double offset = centre[d] - probe->middle[d];
-        double gap = fmax(fabs(offset) - size[d] - probe->reach[d], 0.0);
+        double gap = larger(fabs(offset) - size[d] - probe->reach[d], 0.0);
         apart += gap * gap;
         at += offset * probe->half[d];
     }
     if (apart >= limit) return apart;
-    at = probe->square > 0.0 ? fmin(fmax(at / probe->square, -1.0), 1.0) : 0.0;
-    double bound = fmax(apart, tangent_bound(probe, centre, size, at, &slope, &curvature));
+    at = probe->square > 0.0 ? smaller(larger(at / probe->square, -1.0), 1.0) : 0.0;
+    double bound = larger(apart, tangent_bound(probe, centre, size, at, &slope, &curvature));
     /* A step of Newton's: the squared distance is quadratic but for few kinks. */
     if (curvature > 0.0 && bound < limit) {
-        at = fmin(fmax(at - slope / curvature, -1.0), 1.0);
-        bound = fmax(bound, tangent_bound(probe, centre, size, at, &slope, &curvature));
+        at = smaller(larger(at - slope / curvature, -1.0), 1.0);
+        bound = larger(bound, tangent_bound(probe, centre, size, at, &slope, &curvature));
     }
     return bound;
+}
+
+/* Distance that a segment has from the planes between which the triangles lie, or less. A wall that is meshed finely
+   lies in thin slices, but in thick boxes where it is oblique. */
+static inline double slice_bound(const Probe *probe, const Node *node)
+{
+    double height = 0.0, reach = 0.0;
+    for (int d = 0; d < 3; d++) {
+        height += node->normal[d] * probe->middle[d];
+        reach += node->normal[d] * probe->half[d];
+    }
+    reach = fabs(reach);
+    return larger(node->beneath - height - reach, height - reach - node->above);
 }
 
 /* The least gap that a segment may have from what is in a box; the limit is a gap that is of no interest any more. */
@@ -91,8 +105,10 @@ static inline double least_gap(const Probe *probe, const Node *node, double limi
 {
     double far = limit + node->rounding;
     if (far <= 0.0) return limit;
+    double slice = slice_bound(probe, node);
+    if (slice >= far) return limit;
     double bound = squared_bound(probe, node, far * far);
-    return sqrt(bound) - node->rounding;
+    return larger(slice, sqrt(bound)) - node->rounding;
 }
 
 #endif

@@ -9,8 +9,8 @@ from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
 class SurfaceSearch(Protocol):
     """Searches a hierarchy of boxes; the owner in its answers is a place among the triangles of the leaves."""
 
-    def distances(self, segments: FloatArray, reach: float) -> FloatArray:
-        """Least gap of each segment (k, 2, 3), or the reach where it is more, shape (k,) [m]."""
+    def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
+        """Least gap of each segment (k, 2, 3), or less by the slack at most, cut off at the reach, shape (k,) [m]."""
         ...
 
     def nearest(self, segments: FloatArray, reach: float) -> Witnesses:
@@ -18,5 +18,5 @@ class SurfaceSearch(Protocol):
         ...
 
     def planes(self, segments: FloatArray, reach: float, most: int, behind: float) -> PlaneRows:
-        """At most so many half-spaces about each segment (k, 2, 3)."""
+        """At most so many half-spaces about each segment (k, 2, 3), the nearest first."""
         ...

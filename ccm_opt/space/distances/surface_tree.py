@@ -60,19 +60,21 @@ class SurfaceTree:
             search = NumpySearch(boxes)
         return cls(soup.owner[boxes.order], search, settings)
 
-    def distances(self, segments: FloatArray, reach: float) -> FloatArray:
+    def distances(self, segments: FloatArray, reach: float, slack: float = 0.0) -> FloatArray:
         """Least distance of each segment from the surfaces.
 
         Args:
             segments: ends, shape (k, 2, 3) [m].
             reach: distances are cut off here [m].
+            slack: by how much distances may be told less than they are, never more [m]. Along walls that are meshed
+                finely a little of it saves most of the time.
 
         Returns:
             Distances, at most the reach, negative inside a rounding, shape (k,) [m].
         """
         if self.search is None:
             return np.full(len(segments), float(reach))
-        return self.search.distances(np.ascontiguousarray(segments, dtype=np.float64), reach)
+        return self.search.distances(np.ascontiguousarray(segments, dtype=np.float64), reach, slack)
 
     def nearest(self, segments: FloatArray, reach: float) -> Witnesses:
         """Where each segment is nearest to a surface, as ``distances``; the owner is −1 where nothing is in reach."""

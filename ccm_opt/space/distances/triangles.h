@@ -107,7 +107,7 @@ static inline int segment_to_inside(const Segment *segment, const Plane *plane, 
     double from[3], at[3], point[3];
     minus(segment->start, plane->corner, from);
     double begins = dot(from, plane->normal), ends = begins + dot(segment->line, plane->normal);
-    double least = fmin(fabs(begins), fabs(ends));
+    double least = smaller(fabs(begins), fabs(ends));
     int parted = begins * ends > 0.0;
     if (parted && least * least >= best->square) return 0;
     if (!parted && begins != ends) {

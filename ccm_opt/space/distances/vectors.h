@@ -5,6 +5,10 @@
 
 #include <math.h>
 
+/* Not fmax and fmin, which compilers leave to the library because of what is not a number. */
+static inline double larger(double a, double b) { return a > b ? a : b; }
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+
 static inline double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static inline void minus(const double *a, const double *b, double *difference)

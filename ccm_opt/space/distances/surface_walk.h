@@ -1,0 +1,70 @@
+/* A walk through the boxes about the triangles of a scene, the nearest first. */
+
+#ifndef SURFACE_WALK_H
+#define SURFACE_WALK_H
+
+#include "faces.h"
+
+/* Nodes that a walk has still to see, the nearest on top. */
+typedef struct {
+    int64_t waiting[DEEPEST], node; /* the latter is where the walk is */
+    double bounds[DEEPEST];
+    double least; /* bound below which nothing has been passed by */
+    int top;
+} Walk;
+
+static inline void step_to(Walk *walk, int64_t node, double bound)
+{
+    walk->bounds[walk->top] = bound;
+    walk->waiting[walk->top++] = node;
+}
+
+/* Go on to the next node that may hold something nearer than the limit; returns whether there is one. */
+static inline int next_node(Walk *walk, double limit)
+{
+    while (walk->top) {
+        walk->top--;
+        walk->node = walk->waiting[walk->top];
+        if (walk->bounds[walk->top] < limit) return 1;
+        walk->least = smaller(walk->least, walk->bounds[walk->top]);
+    }
+    return 0;
+}
+
+/* Put the children of a node on top, the nearer one last. */
+static inline void step_down(Walk *walk, const Surfaces *surfaces, const Probe *probe, const Node *node, double limit)
+{
+    double bounds[2];
+    for (int child = 0; child < 2; child++) {
+        bounds[child] = least_gap(probe, surfaces->nodes + node->first + child, limit);
+        if (bounds[child] >= limit) walk->least = smaller(walk->least, bounds[child]);
+    }
+    int nearer = bounds[1] < bounds[0];
+    for (int k = 0; k < 2; k++) {
+        int child = k == 0 ? 1 - nearer : nearer;
+        if (bounds[child] < limit) step_to(walk, node->first + child, bounds[child]);
+    }
+}
+
+/* The nearest triangle; no triangle is nearer than the least, which is below its gap by the slack at most. */
+static inline Found nearest_face(const Surfaces *surfaces, const Segment *segment, double reach, double slack,
+                                 double *least)
+{
+    Found found = {reach, {0.0, 0.0, {0.0, 0.0, 0.0}}, -1};
+    Probe probe = probe_of(segment);
+    Walk walk = {0};
+    walk.least = reach;
+    step_to(&walk, 0, least_gap(&probe, surfaces->nodes, reach));
+    double limit = reach;
+    while (next_node(&walk, limit)) {
+        const Node *node = surfaces->nodes + walk.node;
+        for (int64_t face = node->first; face < node->first + node->count; face++)
+            look_at(surfaces, segment, face, &found);
+        if (found.face >= 0) limit = found.gap - slack;
+        if (node->count == 0) step_down(&walk, surfaces, &probe, node, limit);
+    }
+    *least = smaller(walk.least, found.gap);
+    return found;
+}
+
+#endif
