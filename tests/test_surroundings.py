@@ -1,5 +1,6 @@
 """Closed streams, letters that nobody knows, warnings as errors, little memory: a result or one line, no traceback."""
 
+import json
 import os
 import resource
 import subprocess
@@ -11,23 +12,32 @@ from pathlib import Path
 import pytest
 import tomlkit
 
+from ccm_opt.cli.outcome import NO_PLAN
+
 from .conftest import PROBLEMS
 
 OPEN_SPACE = PROBLEMS / "open-space.toml"
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 """A locale in which files have no names but in ASCII."""
 SILENT = """
+import ctypes
 import time
+from pathlib import Path
+from ccm_opt.cli.failure_record import failure_recorder
+from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.cli.display_settings import WatchdogSettings
 from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.files.problem_file import load_problem
 
 problem = load_problem({file!r})
-with ended_when_silent(problem, lambda news: None, WatchdogSettings(0.0, {grace})) as told:
+settings = WatchdogSettings(0.0, {grace})
+clock = StageClock()
+record = failure_recorder(problem, Path({out!r}), clock, pictures=False)
+with ended_when_silent(problem.name, problem.planner, lambda news: None, record, settings) as told:
     for _ in range({times}):
         time.sleep(0.2)
         told("a stage")
-    time.sleep({silence})
+    ctypes.PyDLL(None).sleep({silence})  # as C does that keeps the interpreter's lock
 print("done")
 """
 
@@ -132,11 +142,14 @@ def test_little_memory_is_told_in_a_line(tmp_path: Path, megabytes: int) -> None
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process beside it")
 def test_planning_that_falls_silent_is_ended_from_outside(tmp_path: Path) -> None:
     """What tells of itself goes on for as long as it likes; what does not is killed, and one line says so."""
-    script = SILENT.format(file=str(OPEN_SPACE), grace=1.5, times=12, silence=0.0)
+    script = SILENT.format(file=str(OPEN_SPACE), out=str(tmp_path), grace=1.5, times=12, silence=0)
     run = ended("-c", script, cwd=tmp_path)
     assert (run.returncode, run.stdout, run.stderr) == (0, "done\n", "")
-    script = SILENT.format(file=str(OPEN_SPACE), grace=0.5, times=0, silence=60.0)
+    script = SILENT.format(file=str(OPEN_SPACE), out=str(tmp_path), grace=0.5, times=0, silence=60)
     run = ended("-c", script, cwd=tmp_path)
-    assert run.returncode == -9
+    assert run.returncode == NO_PLAN
     assert "error: open-space: nothing was heard of planning for 0.5 s, so it was ended" in run.stderr
     assert len(run.stderr.splitlines()) == 1
+    record = json.loads((tmp_path / "open-space" / "solution.json").read_text())
+    assert record["status"] == "timed-out"
+    assert "nothing was heard" in record["diagnosis"]["reason"]

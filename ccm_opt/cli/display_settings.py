@@ -38,11 +38,13 @@ class WatchdogSettings:
     Attributes:
         limits: times the time limit. Derived: planning ends after three times as much wall time by itself.
         grace: further time [s]. Taste: far longer than any stage that no time limit ends has taken.
+        patience: time within which a process that was told to end ends, before it is killed [s]. Taste.
     """
 
     limits: float = 3.0
     grace: float = 60.0
+    patience: float = 2.0
 
 
 WATCHDOG = WatchdogSettings()
-"""What ``ccm-opt solve`` goes by."""
+"""What every command that plans goes by."""

@@ -3,7 +3,7 @@
 An earlier plan of the same name stays as it is; whatever is no whole result of its own is then written beside it.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,30 @@ from ccm_opt.files.export.failure_folder import write_failure
 from ccm_opt.files.export.folder import solution_files, write_folder
 from ccm_opt.files.report.failure_page import failure_html
 from ccm_opt.problem import Problem
+
+
+def failure_recorder(
+    problem: Problem, out: Path, clock: StageClock, *, pictures: bool
+) -> Callable[[str, Diagnosis], None]:
+    """What writes the record of a problem without a plan, given its status and diagnosis.
+
+    Args:
+        problem: what is solved.
+        out: directory of the output folders.
+        clock: knows the stages so far.
+        pictures: whether the page is drawn too.
+    """
+
+    def record(status: str, diagnosis: Diagnosis) -> None:
+        # The record first: it must be there whatever becomes of the page.
+        folder = write_failure(problem, status, diagnosis, out, clock.timings)
+        # Who has pressed Ctrl-C is not to wait for a page.
+        if pictures and status != "cancelled":
+            page = failure_html(problem, status, diagnosis, clock.timings)
+            folder = write_failure(problem, status, diagnosis, out, clock.timings, {"report.html": page.encode()})
+        tell_where(folder, out / problem.name, "why there is no new one is recorded")
+
+    return record
 
 
 @contextmanager
@@ -33,16 +57,7 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock, *, picture
         VerificationError: likewise.
         KeyboardInterrupt: a record with the status ``cancelled`` is written, or the plan where there is one already.
     """
-
-    def record(status: str, diagnosis: Diagnosis) -> None:
-        # The record first: it must be there whatever becomes of the page.
-        folder = write_failure(problem, status, diagnosis, out, clock.timings)
-        # Who has pressed Ctrl-C is not to wait for a page.
-        if pictures and status != "cancelled":
-            page = failure_html(problem, status, diagnosis, clock.timings)
-            folder = write_failure(problem, status, diagnosis, out, clock.timings, {"report.html": page.encode()})
-        tell_where(folder, out / problem.name, "why there is no new one is recorded")
-
+    record = failure_recorder(problem, out, clock, pictures=pictures)
     try:
         yield
     except NoPlanFound as error:

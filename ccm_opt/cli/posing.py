@@ -13,6 +13,7 @@ from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.stage_clock import StageClock, stage_display
 from ccm_opt.cli.tables import report_console, stage_line, units_of, value_table
 from ccm_opt.cli.term_references import NO_TERMS, TermReferences
+from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.errors import Diagnosis, NoPlanFound
 from ccm_opt.files.export.failure_folder import write_pose_failure
 from ccm_opt.files.export.folder import POSE_RECORD, check_target
@@ -83,7 +84,8 @@ def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: Te
         tell_where(folder, out / problem.name, "why there is no new one is recorded")
 
     try:
-        return find_pose(problem, progress=clock, **arguments)
+        with ended_when_silent(problem.name, problem.planner, clock, record) as progress:
+            return find_pose(problem, progress=progress, **arguments)
     except NoPlanFound as error:
         record(error.status, error.diagnosis)
         raise

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,10 +16,12 @@ from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, report_console
+from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.files.export.folder import REACH_RECORD, check_target
 from ccm_opt.files.export.reach_folder import reach_json, write_reach
 from ccm_opt.ground.cluster import DaskWorkers
 from ccm_opt.ground.executors import LocalWorkers, ThisProcess, Workers
+from ccm_opt.problem import Problem
 from ccm_opt.solution import ReachMap
 
 
@@ -69,7 +71,7 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
         check_target(options.out / problem.name, REACH_RECORD)
         from ccm_opt.driver.reach_mapping import reach_map  # noqa: PLC0415 - loads casadi
 
-        with _display(problem.name) as progress:
+        with _display(problem.name) as shown, _guarded(problem, options, shown) as progress:
             found = reach_map(
                 problem, step=options.step, headings=options.headings, workers=options.crew, progress=progress
             )
@@ -79,6 +81,15 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
         return print_result(lambda: _print(found, folder), SOLVED, lambda: _data(found, folder))
 
     return run_all(files, reach_one)
+
+
+def _guarded(
+    problem: Problem, options: ReachOptions, progress: Callable[[int, int], None]
+) -> AbstractContextManager[Callable[..., None]]:
+    """Ended when this process looks at a cell without end; other processes are waited for."""
+    if isinstance(options.crew, ThisProcess):
+        return ended_when_silent(problem.name, problem.planner, progress)
+    return nullcontext(progress)
 
 
 @contextmanager

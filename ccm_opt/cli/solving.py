@@ -8,7 +8,7 @@ from pathlib import Path
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.choices import FigureKind
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
-from ccm_opt.cli.failure_record import failures_recorded, kept_without_pictures
+from ccm_opt.cli.failure_record import failure_recorder, failures_recorded, kept_without_pictures
 from ccm_opt.cli.named_problems import NamedProblems
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
 from ccm_opt.cli.pareto_table import print_pareto
@@ -76,7 +76,8 @@ def _solve(problem: Problem, options: SolveOptions) -> int:
 
         arguments = options.terms.loaded()
         recorded = failures_recorded(problem, options.out, clock, pictures=options.pictures)
-        with recorded, ended_when_silent(problem, clock) as progress:
+        of_silence = failure_recorder(problem, options.out, clock, pictures=False)
+        with recorded, ended_when_silent(problem.name, problem.planner, clock, of_silence) as progress:
             solution = solve(problem, progress=progress, explain=options.explain, **arguments)
         clock.begin("writing")
         files = solution_files(solution)
@@ -99,7 +100,8 @@ def _solve_several(problem: Problem, options: SolveOptions) -> int:
 
         arguments = options.terms.loaded()
         recorded = failures_recorded(problem, options.out, clock, pictures=options.pictures)
-        with recorded, ended_when_silent(problem, clock) as progress:
+        of_silence = failure_recorder(problem, options.out, clock, pictures=False)
+        with recorded, ended_when_silent(problem.name, problem.planner, clock, of_silence) as progress:
             found = pareto(
                 problem,
                 progress=progress,

@@ -1,55 +1,71 @@
 """Ends a command that does not end itself: a process beside it that listens for how far it has come.
 
 Time limits are kept by code that looks at the clock. IPOPT does not where memory runs out: it spins inside its linear
-solver, where neither Python nor a signal's handler gets a turn. So a small process, forked while planning lasts, is
+solver, where neither Python nor a handler of Python's gets a turn. So a small process, forked while planning lasts, is
 told of every stage and every candidate; when it has heard nothing for far longer than the time limit, it says so in a
-line and kills the command.
+line, leaves the record of a problem that was timed out, and ends the command with exit code 3.
 """
 
+import ctypes
 import os
 import select
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import NoReturn
 
 from ccm_opt.cli.display_settings import WATCHDOG, WatchdogSettings
-from ccm_opt.ground.progress import Progress
-from ccm_opt.problem import Problem
+from ccm_opt.errors import Diagnosis, TimeLimitReached
+from ccm_opt.problem import PlannerOptions
+
+Recorder = Callable[[str, Diagnosis], None]
+"""Writes the record of a status and its diagnosis."""
+ENDING = signal.SIGQUIT if hasattr(signal, "SIGQUIT") else signal.SIGTERM
+"""Ends planning while the guard stands. Its number is the exit code of a problem without a plan."""
 
 
 @contextmanager
 def ended_when_silent(
-    problem: Problem, progress: Callable[[Progress], None], settings: WatchdogSettings = WATCHDOG
-) -> Iterator[Callable[[Progress], None]]:
-    """Plan inside it; the process is killed when it has told nothing for too long.
+    name: str,
+    planner: PlannerOptions,
+    progress: Callable[..., None],
+    record: Recorder | None = None,
+    settings: WatchdogSettings = WATCHDOG,
+) -> Iterator[Callable[..., None]]:
+    """Work inside it; the process is ended when it has told nothing for too long.
 
     Args:
-        problem: whose time limit counts.
+        name: of the problem.
+        planner: whose time limit counts.
         progress: told of the progress, too.
+        record: leaves the record of why there is no result, if one is to be left.
         settings: how long the silence may last.
 
     Yields:
-        What is to be told how far planning has come.
+        What is to be told how far the work has come.
     """
     if not hasattr(os, "fork"):  # not on every system
         yield progress
         return
-    silence = settings.limits * problem.planner.time_limit + settings.grace
+    silence = settings.limits * planner.time_limit + settings.grace
     hears, tells = os.pipe()
+    command = os.getpid()
     listener = os.fork()
     if listener == 0:
         os.close(tells)
-        _listen(hears, silence, f"{problem.name}: nothing was heard of planning for {silence:g} s, so it was ended")
+        _listen(command, hears, silence, name, record, settings)
     os.close(hears)
 
-    def told(news: Progress) -> None:
+    def told(*news: object) -> None:
         with suppress(OSError):
             os.write(tells, b".")
-        progress(news)
+        progress(*news)
 
     try:
-        yield told
+        with _ended_by_signal():
+            yield told
     finally:
         # Whoever hears the end of the pipe has nothing more to do.
         os.close(tells)
@@ -58,21 +74,70 @@ def ended_when_silent(
             os.waitpid(listener, 0)
 
 
-def _listen(hears: int, silence: float, message: str) -> None:
+@contextmanager
+def _ended_by_signal() -> Iterator[None]:
+    """Within it a signal ends the process at once, its number being the exit code, whatever C code runs.
+
+    The handler is the C library's own ``_exit``: where a solver spins, none of Python's would ever be called.
+    """
+    try:
+        usual = signal.getsignal(ENDING)
+        library = ctypes.CDLL(None)
+        library.signal.argtypes = (ctypes.c_int, ctypes.c_void_p)
+        library.signal.restype = ctypes.c_void_p
+        if usual is signal.SIG_DFL:
+            library.signal(ENDING, ctypes.cast(library._exit, ctypes.c_void_p))  # noqa: SLF001 - its name in C
+    except (OSError, AttributeError, TypeError, ValueError):
+        usual = None  # then the process is killed
+    try:
+        yield
+    finally:
+        if usual is signal.SIG_DFL:
+            with suppress(ValueError):  # not in the main thread
+                signal.signal(ENDING, usual)
+
+
+def _listen(
+    command: int, hears: int, silence: float, name: str, record: Recorder | None, settings: WatchdogSettings
+) -> NoReturn:
     """The process that listens; it never returns."""
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        command = os.getppid()
         # Who reads what the command prints is not to wait for this process.
         nothing = os.open(os.devnull, os.O_RDWR)
         os.dup2(nothing, 1)
         while True:
             ready, _, _ = select.select([hears], [], [], silence)
             if not ready:
-                os.write(2, f"error: {message}; memory may have run out\n".encode(sys.stderr.encoding, "replace"))
-                os.kill(command, signal.SIGKILL)
+                _end(command, name, silence, record, settings)
                 break
             if not os.read(hears, 65536):
                 break
     finally:
         os._exit(0)
+
+
+def _end(command: int, name: str, silence: float, record: Recorder | None, settings: WatchdogSettings) -> None:
+    """Say why, leave the record, and end the command, which is the last that anybody waits for."""
+    reason = f"nothing was heard of planning for {silence:g} s, so it was ended; memory may have run out"
+    os.write(2, f"error: {name}: {reason}\n".encode(sys.stderr.encoding, "replace"))
+    try:
+        if record is not None:
+            advice = ("more memory: solving takes 0.6 to 1 GB of address space, and more for many links",)
+            record(TimeLimitReached.unproved_status, Diagnosis(reason, "planning", advice=advice))
+    finally:
+        for ending in (ENDING, signal.SIGKILL):
+            with suppress(ProcessLookupError):
+                os.kill(command, ending)
+            if _has_ended(command, settings.patience):
+                break
+
+
+def _has_ended(command: int, patience: float) -> bool:
+    """Whether a process, whose child this is, has ended within a time [s]."""
+    until = time.monotonic() + patience
+    while os.getppid() == command:
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.01)
+    return True
