@@ -215,6 +215,8 @@ class OptimisationSettings:
         tries: programs of one round before it is given up.
         near_limit: coordinates nearer to their limit than this are limited in the program [rad, m].
         spare_turn: of the limits that rows leave [rad, m].
+        knot_bend: bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint
+            takes the mean about its place, which is less.
         slack_curvature: curvature of slack, so that the Hessian is definite.
         tolerance: of the program's solution.
         iterations: of the program.
@@ -224,8 +226,8 @@ class OptimisationSettings:
     many: float = 1.5
     leg_depth: int = 3
     first_stride: int = 8
-    rounds: int = 12
-    first_rounds: int = 4
+    rounds: int = 10
+    first_rounds: int = 3
     margin: float = 0.02
     active: float = 0.8
     most_travel: float = 1.5
@@ -247,11 +249,12 @@ class OptimisationSettings:
     shortenings: tuple[float, ...] = (1.0, 0.5, 0.25)
     sufficient: float = 0.1
     good: float = 0.6
-    worth: float = 3e-3
-    patience: int = 2
+    worth: float = 0.02
+    patience: int = 1
     tries: int = 4
     near_limit: float = 0.3
     spare_turn: float = 0.004
+    knot_bend: float = 1.1
     slack_curvature: float = 1e-6
     tolerance: float = 1e-5
     iterations: int = 60

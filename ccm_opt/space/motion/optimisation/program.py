@@ -157,6 +157,7 @@ class KeyframeProgram:
         high = np.maximum(room_up[at, coordinate] - spare, 0.0)
         low = np.maximum(room_down[at, coordinate] - spare, 0.0)
 
+        knot_rows, knot_low, knot_high = self._knot_rows()
         matrix = sp.csc_matrix(
             (
                 np.concatenate((data, limit_rows.ravel())),
@@ -164,4 +165,22 @@ class KeyframeProgram:
             ),
             shape=(m + len(at), count * width),
         )
-        return matrix, np.concatenate((np.full(m, -_FAR), -low)), np.concatenate((upper, high))
+        lower = np.concatenate((np.full(m, -_FAR), -low, knot_low))
+        return sp.vstack((matrix, knot_rows)).tocsc(), lower, np.concatenate((upper, high, knot_high))
+
+    def _knot_rows(self) -> tuple[Any, FloatArray, FloatArray]:
+        """Bounds on the curvature at the knots of a fed arm; no rows for others.
+
+        Between two keyframes the feed carries joints past knots at which no joint is at either of them.
+        """
+        sweep = self.sweep
+        arm = sweep.curve.arm
+        count = sweep.intervals
+        p = sweep.unknowns.shape[1]
+        if not arm.base_axes:
+            return sp.csc_matrix((0, count * (p + 1))), np.zeros(0), np.zeros(0)
+        rows = arm.link_length * sweep.curve.curvature_rows
+        now = sweep.unknowns[1:] @ rows.T
+        most = np.maximum(self.settings.knot_bend * arm.joint_limit, np.abs(now))
+        block = np.hstack((rows, np.zeros((len(rows), 1))))
+        return sp.kron(sp.eye(count), block).tocsc(), (-most - now).ravel(), (most - now).ravel()

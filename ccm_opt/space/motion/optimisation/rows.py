@@ -2,7 +2,7 @@
 
 A row has the form need − n·(P_a − P_b) ≤ 0 with points at one end of an interval. Of a wall P_b stands still, and the
 plane through it bounds a half-space free of walls about where the link is halfway; of a pair of links both points move.
-Between the keyframes a point leaves its chord by at most an eighth of the bound on its second derivative.
+What a point is nearer halfway than the mean of the ends is asked for beside.
 """
 
 from dataclasses import dataclass, fields
@@ -74,31 +74,65 @@ def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: Optim
 
 
 def _wall_rows(sweep: SpaceSweep, room: float, settings: OptimisationSettings) -> SpaceRows:
-    """Rows of half-spaces about the links halfway through every interval."""
-    arm = sweep.curve.arm
-    links = arm.links
-    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
-    beyond = links - first
-    middles = sweep.middle_points[:, first:]
-    segments = np.stack((middles[:, :-1], middles[:, 1:]), axis=2).reshape(-1, 2, 3)
+    """Rows of half-spaces about the links halfway through every interval, and about the links at every keyframe.
+
+    A link that passes an edge within an interval lies on both sides of some plane about its middle. Such a plane says
+    nothing of the way past the edge, and is left to the planes at the keyframes.
+    """
     chords = np.linalg.norm(np.diff(sweep.points, axis=0), axis=2)
-    travel = 0.5 * float(np.max(chords)) if len(chords) else 0.0
+    travel = min(0.5 * float(np.max(chords, initial=0.0)), settings.most_travel * sweep.stepper.unit)
     kept = sweep.stepper.kept + room
-    reach = kept + min(travel, settings.most_travel * sweep.stepper.unit) + settings.active * sweep.stepper.unit
-    planes = sweep.stepper.tree.planes(segments, reach, settings.planes)
-    interval = planes.link // beyond
-    link = planes.link % beyond + first
-    foot = np.einsum("md,md->m", planes.normal, planes.point)
+    reach = kept + settings.active * sweep.stepper.unit
+    about_middles = _half_spaces(sweep, sweep.middle_points, reach + travel, settings)
+    about_keyframes = _half_spaces(sweep, sweep.points[1:], reach, settings)
+    interval, link, normal, foot = about_middles
     parts = []
     for side in (0, 1):
         for end in (0, 1):
-            point = link + end
-            need = foot + kept + sweep.bows[interval, link + 1] / 8.0
-            # The first joint cannot be moved unless it is fed.
-            free = np.flatnonzero((point > 0) | bool(arm.base_axes))
-            rows = SpaceRows(interval, np.full(len(link), side), point, np.full(len(link), -1), planes.normal, need)
-            parts.append(rows.take(free))
+            beyond = np.einsum("md,md->m", normal, sweep.points[interval + side, link + end]) - foot
+            fits = np.flatnonzero(beyond > 0.0)
+            bow = _lost(normal, sweep.halfway_off[interval, link + end])
+            rows = _of_points(interval, side, link + end, normal, foot + kept + bow)
+            parts.append(rows.take(np.intersect1d(fits, _free_points(sweep, link + end))))
+    interval, link, normal, foot = about_keyframes
+    for end in (0, 1):
+        rows = _of_points(interval, 1, link + end, normal, foot + kept)
+        parts.append(rows.take(_free_points(sweep, link + end)))
     return SpaceRows(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(SpaceRows)))
+
+
+def _half_spaces(
+    sweep: SpaceSweep, points: FloatArray, reach: float, settings: OptimisationSettings
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Half-spaces n·x ≥ b about the links of several poses.
+
+    Args:
+        sweep: the motion.
+        points: joints and tip of the poses, shape (k, links + 1, 3) [m].
+        reach: surfaces farther away are left out [m].
+        settings: of the optimisation.
+
+    Returns:
+        Numbers of the poses and of the links, each of shape (m,), n, shape (m, 3), and b, shape (m,) [m].
+    """
+    arm = sweep.curve.arm
+    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
+    beyond = arm.links - first
+    looked_at = points[:, first:]
+    segments = np.stack((looked_at[:, :-1], looked_at[:, 1:]), axis=2).reshape(-1, 2, 3)
+    planes = sweep.stepper.tree.planes(segments, reach, settings.planes)
+    foot = np.einsum("md,md->m", planes.normal, planes.point)
+    return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
+
+
+def _of_points(interval: IntArray, side: int, point: IntArray, normal: FloatArray, need: FloatArray) -> SpaceRows:
+    """Rows of points that have to keep off planes."""
+    return SpaceRows(interval, np.full(len(point), side), point, np.full(len(point), -1), normal, need)
+
+
+def _free_points(sweep: SpaceSweep, point: IntArray) -> IntArray:
+    """Which points can be moved: not the first joint unless it is fed."""
+    return np.flatnonzero((point > 0) | bool(sweep.curve.arm.base_axes))
 
 
 def _pair_rows(sweep: SpaceSweep, room: float, settings: OptimisationSettings) -> SpaceRows:
@@ -114,8 +148,9 @@ def _pair_rows(sweep: SpaceSweep, room: float, settings: OptimisationSettings) -
         kept = 2.0 * arm.radius + np.minimum(
             room, settings.pair_share * _slack_between(sweep, near.second - near.first)
         )
-        bow = (sweep.bows[k, near.second + 1] - sweep.bows[k, near.first]) / 8.0
-        columns.append((np.full(len(near.first), k), near.first, near.second, near.normal, kept + bow))
+        off = sweep.halfway_off[k]
+        bows = [_lost(near.normal, off[near.first + s] - off[near.second + t]) for s in (0, 1) for t in (0, 1)]
+        columns.append((np.full(len(near.first), k), near.first, near.second, near.normal, kept + np.max(bows, axis=0)))
     if not columns:
         none = np.zeros(0, dtype=np.intp)
         return SpaceRows(none, none, none, none, np.zeros((0, 3)), np.zeros(0))
@@ -127,6 +162,11 @@ def _pair_rows(sweep: SpaceSweep, room: float, settings: OptimisationSettings) -
         for t in (0, 1)
     ]
     return SpaceRows(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(SpaceRows)))
+
+
+def _lost(normal: FloatArray, off: FloatArray) -> FloatArray:
+    """By how much points come nearer halfway than at the mean of the ends, shape (m,) [m]."""
+    return np.asarray(np.maximum(-np.einsum("md,md->m", normal, off), 0.0))
 
 
 def _slack_between(sweep: SpaceSweep, apart: IntArray) -> FloatArray:

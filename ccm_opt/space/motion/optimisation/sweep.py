@@ -64,22 +64,12 @@ class SpaceSweep:
         return np.stack([pose.chain.turning for pose in self.poses])
 
     @cached_property
+    def halfway_off(self) -> FloatArray:
+        """How far the points are off the mean of the interval's ends halfway, shape (K, links + 1, 3) [m]."""
+        return np.asarray(self.middle_points - 0.5 * (self.points[:-1] + self.points[1:]))
+
+    @cached_property
     def middle_points(self) -> FloatArray:
         """Joints and tip halfway through the intervals, shape (K, links + 1, 3) [m]."""
-        return np.stack([places for places, _ in self._middles])
-
-    @cached_property
-    def bows(self) -> FloatArray:
-        """Bounds on the second derivatives of the points over the intervals, shape (K, links + 1) [m]."""
-        links = self.curve.arm.links
-        motion = self.stepper.certificate.motion
-        turns = np.diff(self.configurations[:, : 2 * links], axis=0)
-        return np.stack(
-            [motion.bows(rotations, turn) for (_, rotations), turn in zip(self._middles, turns, strict=True)]
-        )
-
-    @cached_property
-    def _middles(self) -> list[tuple[FloatArray, FloatArray]]:
-        chains = self.stepper.chains
         halfway = 0.5 * (self.unknowns[:-1] + self.unknowns[1:])
-        return [chains.places(self.curve.configuration(v)) for v in halfway]
+        return np.stack([self.stepper.chains.places(self.curve.configuration(v))[0] for v in halfway])
