@@ -55,6 +55,12 @@ class SplinePieces:
         inner = self.first / 2 + t * (slope / 6 + t * (self.first_moment / 24 + t * jerk))
         return t * (self.heading + t * inner)
 
+    def turn_after(self, t: ca.SX) -> ca.SX:
+        """∫ κ over the first t of each piece: a quartic, shape (m, 1) [rad]."""
+        slope = (self.last - self.first) / self.width - self.width * (2 * self.first_moment + self.last_moment) / 6
+        jerk = (self.last_moment - self.first_moment) / (24 * self.width)
+        return t * (self.first + t * (slope / 2 + t * (self.first_moment / 6 + t * jerk)))
+
     def turn(self) -> ca.SX:
         """∫ κ over each whole piece, shape (m, 1) [rad]."""
         moments = self.first_moment + self.last_moment
@@ -86,9 +92,11 @@ class LiftedCurve:
 
     Attributes:
         segments: number of curvature segments K.
+        shared_arcs: arc lengths of the knots where they are another curve's, shape (4 K + 1, 1); its own when None.
     """
 
     segments: int
+    shared_arcs: ca.SX | None = None
 
     @property
     def count(self) -> int:
@@ -98,7 +106,7 @@ class LiftedCurve:
     @cached_property
     def arcs(self) -> ca.SX:
         """σ, shape (4 K + 1, 1)."""
-        return ca.SX.sym("arc", self.count + 1)
+        return self.shared_arcs if self.shared_arcs is not None else ca.SX.sym("arc", self.count + 1)
 
     @cached_property
     def curvatures(self) -> ca.SX:

@@ -5,11 +5,14 @@ may pass joints while the NLP is solved: Θ(s) is summed over the pieces about t
 which is smooth as often as the curve itself is.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import casadi as ca
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve
+from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve, SplinePieces
 from ccm_opt.nlp.constraints import RowBlock, equal_to_zero, not_negative
 
 
@@ -22,37 +25,77 @@ def mapping_rows(curve: LiftedCurve, link_headings: ca.SX, window: int) -> tuple
         window: pieces looked at on either side of the one in which a joint lies while knots are even.
     """
     links = link_headings.numel()
-    arcs = np.arange(links + 1) / links
-    middle = np.minimum((arcs * curve.count).astype(int), curve.count - 1)
-    first = np.maximum(middle - window, 0)
-    last = np.minimum(middle + window, curve.count - 1)
-    joint, piece = _pairs(first, last)
-    looked_at = curve.pieces.take(piece.tolist())
-    # What a piece adds to Θ(s): nothing before it, all of it behind it.
-    inside = ca.fmin(ca.fmax(ca.DM(arcs[joint]) - looked_at.start, 0), looked_at.width)
-    shares = ca.DM.triplet(joint.tolist(), list(range(len(joint))), ca.DM.ones(len(joint)), links + 1, len(joint))
-    integrals = curve.integrals[first.tolist()] + shares @ looked_at.integral_after(inside)
+    joints = JointsAmongPieces.of(curve, links, window)
+    integrals = joints.integrals()
     mapped = links * (integrals[1:] - integrals[:-1])
     ties = equal_to_zero(tuple(f"mapping of link {j + 1}" for j in range(links)), mapped - link_headings)
-    return ties, _kept_among(curve, arcs, first, last)
+    return ties, joints.kept_among()
 
 
-def _pairs(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
-    """Every joint with every piece from its first to its last, as two arrays."""
-    counts = last - first + 1
-    joint = np.repeat(np.arange(len(first)), counts)
-    piece = np.arange(len(joint)) - np.repeat(np.cumsum(counts) - counts, counts) + first[joint]
-    return joint, piece
+@dataclass(frozen=True, eq=False)
+class JointsAmongPieces:
+    """Sums over a curve up to every joint and the tip, whatever piece the joint lies on.
 
+    Attributes:
+        curve: the curve.
+        arcs: of the joints and the tip, shape (links + 1,).
+        first: of every joint the first piece that is looked at, shape (links + 1,).
+        last: the last, likewise.
+    """
 
-def _kept_among(curve: LiftedCurve, arcs: FloatArray, first: IntArray, last: IntArray) -> RowBlock:
-    """Every joint lies behind the start of its first piece and before the end of its last."""
-    behind = np.flatnonzero(first > 0)
-    before = np.flatnonzero(last < curve.count - 1)
-    rows = ca.vertcat(
-        ca.DM(arcs[behind]) - curve.arcs[first[behind].tolist()],
-        curve.arcs[(last[before] + 1).tolist()] - ca.DM(arcs[before]),
-    )
-    names = [f"joint {j}: knot {first[j]} stays before it" for j in behind]
-    names += [f"joint {j}: knot {last[j] + 1} stays behind it" for j in before]
-    return not_negative(tuple(names), rows)
+    curve: LiftedCurve
+    arcs: FloatArray
+    first: IntArray
+    last: IntArray
+
+    @classmethod
+    def of(cls, curve: LiftedCurve, links: int, window: int) -> "JointsAmongPieces":
+        """All joints of an arm; arguments as of ``mapping_rows``."""
+        arcs = np.arange(links + 1) / links
+        middle = np.minimum((arcs * curve.count).astype(int), curve.count - 1)
+        return cls(curve, arcs, np.maximum(middle - window, 0), np.minimum(middle + window, curve.count - 1))
+
+    def integrals(self) -> ca.SX:
+        """Θ at every joint, shape (links + 1, 1)."""
+        looked_at, inside = self._inside
+        return self.curve.integrals[self.first.tolist()] + self._shares @ looked_at.integral_after(inside)
+
+    def turns(self) -> ca.SX:
+        """θ at every joint, shape (links + 1, 1)."""
+        looked_at, inside = self._inside
+        return self.curve.headings[self.first.tolist()] + self._shares @ looked_at.turn_after(inside)
+
+    def kept_among(self) -> RowBlock:
+        """Every joint lies behind the start of its first piece and before the end of its last."""
+        behind = np.flatnonzero(self.first > 0)
+        before = np.flatnonzero(self.last < self.curve.count - 1)
+        rows = ca.vertcat(
+            ca.DM(self.arcs[behind]) - self.curve.arcs[self.first[behind].tolist()],
+            self.curve.arcs[(self.last[before] + 1).tolist()] - ca.DM(self.arcs[before]),
+        )
+        names = [f"joint {j}: knot {self.first[j]} stays before it" for j in behind]
+        names += [f"joint {j}: knot {self.last[j] + 1} stays behind it" for j in before]
+        return not_negative(tuple(names), rows)
+
+    @cached_property
+    def _pairs(self) -> tuple[IntArray, IntArray]:
+        """Every joint with every piece from its first to its last, as two arrays."""
+        counts = self.last - self.first + 1
+        joint = np.repeat(np.arange(len(self.first)), counts)
+        piece = np.arange(len(joint)) - np.repeat(np.cumsum(counts) - counts, counts) + self.first[joint]
+        return joint, piece
+
+    @cached_property
+    def _inside(self) -> tuple[SplinePieces, ca.SX]:
+        """The pieces of these pairs, and how much of each lies before its joint: nothing or all, except in one."""
+        joint, piece = self._pairs
+        looked_at = self.curve.pieces.take(piece.tolist())
+        return looked_at, ca.fmin(ca.fmax(ca.DM(self.arcs[joint]) - looked_at.start, 0), looked_at.width)
+
+    @cached_property
+    def _shares(self) -> ca.DM:
+        """Sums what belongs to the same joint."""
+        joint, _ = self._pairs
+        return ca.DM.triplet(
+            joint.tolist(), list(range(len(joint))), ca.DM.ones(len(joint)), len(self.arcs), len(joint)
+        )
