@@ -13,9 +13,10 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.space.distances.segment_pairs import segment_distances
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.chain import Chains
-from ccm_opt.space.motion.link_motion import LinkMotion, segment_distances
+from ccm_opt.space.motion.link_motion import LinkMotion
 from ccm_opt.space.motion.settings import CertificateSettings
 
 
