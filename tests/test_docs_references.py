@@ -13,9 +13,12 @@ from ccm_opt.files.problem_file import schema
 from ccm_opt.files.problem_file.schema.table import Table
 
 DOCS = Path(__file__).parent.parent / "docs"
-PAGE = (DOCS / "problem-file.md").read_text()
+PAGE = (DOCS / "problem-file.md").read_text() + (DOCS / "space.md").read_text()
 TABLES = [table for _, table in inspect.getmembers(schema, inspect.isclass) if issubclass(table, Table)]
-WRITTEN_OUT = {"CircleTable", "WallTable", "InertiaTable", "GainsTable", "PoseTable", "StartTable", "Table"}
+WRITTEN_OUT = {
+    *("CircleTable", "WallTable", "InertiaTable", "GainsTable", "PoseTable", "StartTable", "Table"),
+    *("ChainTable", "SphereTable", "BarTable", "BaseTable", "SpacePoseTable", "SpaceStartTable"),
+}
 """Tables whose keys stand in the row of the key that holds them, and those that others are made from."""
 
 

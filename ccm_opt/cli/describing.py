@@ -16,6 +16,7 @@ from ccm_opt.files.problem_file.problem_data import problem_data
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import dh_table, joint_names
 from ccm_opt.problem import Limits, Problem
+from ccm_opt.space.problem import in_the_plane
 
 _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
 """Columns of a revolute's drive."""
@@ -31,7 +32,12 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
     Returns:
         The exit code.
     """
-    return run_all(files, lambda file: _describe(load_problem(file, changes=changes, allow_outside=outside_allowed())))
+
+    def describe(file: Path) -> int:
+        problem = load_problem(file, changes=changes, allow_outside=outside_allowed())
+        return _describe(in_the_plane(problem, "ccm-opt describe"))
+
+    return run_all(files, describe)
 
 
 def _describe(problem: Problem) -> int:

@@ -5,10 +5,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ccm_opt.cli.drawing_notes import tell_of_drawing
+from ccm_opt.cli.mesh_notes import tell_of_meshes
 from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import Problem
+from ccm_opt.space.problem import AnyProblem, SpaceProblem, in_the_plane
 
 
 @dataclass
@@ -23,8 +25,20 @@ class NamedProblems:
     changes: Sequence[str] = ()
     taken: dict[str, Path] = field(default_factory=dict)
 
-    def read(self, file: Path) -> Problem:
-        """The problem of a file; what became of its drawing is told.
+    def read_planar(self, file: Path, what: str) -> Problem:
+        """The problem of a file, which must be in the plane.
+
+        Args:
+            file: the problem file.
+            what: what knows the plane alone, for the refusal.
+
+        Raises:
+            ProblemError: as for ``read``, or it is in space.
+        """
+        return in_the_plane(self.read(file), what)
+
+    def read(self, file: Path) -> AnyProblem:
+        """The problem of a file; what became of its drawing, or of its meshes, is told.
 
         Raises:
             ProblemError: the file is wrong, or names its problem as an earlier file does.
@@ -33,5 +47,8 @@ class NamedProblems:
         first = self.taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
-        tell_of_drawing(problem)
+        if isinstance(problem, SpaceProblem):
+            tell_of_meshes(problem)
+        else:
+            tell_of_drawing(problem)
         return problem

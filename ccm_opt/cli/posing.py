@@ -49,7 +49,7 @@ def pose_files(
     problems = NamedProblems(changes)
 
     def pose_one(file: Path) -> int:
-        problem = problems.read(file)
+        problem = problems.read_planar(file, "ccm-opt pose")
         return _pose(problem, out, terms, pictures=pictures)
 
     return run_all(files, pose_one)

@@ -67,7 +67,7 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
     problems = NamedProblems(changes)
 
     def reach_one(file: Path) -> int:
-        problem = problems.read(file)
+        problem = problems.read_planar(file, "ccm-opt reach")
         check_target(options.out / problem.name, REACH_RECORD)
         from ccm_opt.driver.reach_mapping import reach_map  # noqa: PLC0415 - loads casadi
 

@@ -64,7 +64,7 @@ def solve_files(files: Sequence[Path], options: SolveOptions) -> int:
     """
     problems = NamedProblems(options.changes)
     solve = _solve_several if options.several else _solve
-    return run_all(files, lambda file: solve(problems.read(file), options))
+    return run_all(files, lambda file: solve(problems.read_planar(file, "ccm-opt solve"), options))
 
 
 def _solve(problem: Problem, options: SolveOptions) -> int:

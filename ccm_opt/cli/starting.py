@@ -17,6 +17,8 @@ from ccm_opt.files.problem_file import parse_problem
 
 TEMPLATE = "template.toml"
 """The commented problem that ``ccm-opt new`` writes, beside the reader of problem files."""
+SPACE_FOLDER = "space"
+"""Where the problems in space are."""
 _NAME = re.compile(r"\bNAME\b")
 
 
@@ -36,7 +38,7 @@ def _write_new(file: Path) -> int:
     place = file if file.suffix == ".toml" else file.with_name(f"{file.name}.toml")
     text = _NAME.sub(place.stem, (files("ccm_opt.files.problem_file") / TEMPLATE).read_text(encoding="utf-8"))
     parse_problem(text, str(place))  # refuses names that cannot be a folder's
-    _write(place, text)
+    _write(place, text.encode())
     return print_result(
         lambda: report_console().print(
             escape(f"written to {place}; solve it with: ccm-opt solve {shlex.quote(str(place))}"), soft_wrap=True
@@ -56,10 +58,15 @@ def show_problems(names: Sequence[str], out: Path) -> int:
     Returns:
         The exit code.
     """
-    known = {file.stem: file for file in sorted(shared_folder().rglob("*.toml"), key=lambda file: file.stem)}
+    known = {_listed_name(file): file for file in sorted(shared_folder().rglob("*.toml"), key=_listed_name)}
     if not names:
         return run_all(["problems"], lambda _: _list(known))
     return run_all(names, lambda name: _copy(name, known, out))
+
+
+def _listed_name(file: Path) -> str:
+    """What a problem is called here: those in space may be called as others in the plane are."""
+    return f"{SPACE_FOLDER}/{file.stem}" if file.parent.name == SPACE_FOLDER else file.stem
 
 
 def _list(known: dict[str, Path]) -> int:
@@ -81,22 +88,21 @@ def _list(known: dict[str, Path]) -> int:
 
 
 def _copy(name: str, known: dict[str, Path], out: Path) -> int:
-    """Copy one problem, and the drawing that it may need.
+    """Copy one problem, and the drawing or the meshes that it may need.
 
     Raises:
-        ProblemError: there is none of that name, or a file is in the place of one of the two.
+        ProblemError: there is none of that name, or a file is in the place of one of them.
     """
     if name not in known:
         raise ProblemError(f"there is no problem '{name}'; there are {', '.join(known)}")
-    text = known[name].read_text(encoding="utf-8")
-    place = out / f"{name}.toml"
-    drawing = tomllib.loads(text).get("workspace", {}).get("file")
+    original = known[name]
+    place = out / original.name
     copies = [place]
-    if drawing is not None:
-        copies.insert(0, out / drawing)
-        _write(out / drawing, (known[name].parent / drawing).read_text(encoding="utf-8"))
-    _write(place, text)
-    words = " and ".join(str(file) for file in reversed(copies))
+    for beside in _needed_files(original):
+        _write(out / beside, (original.parent / beside).read_bytes())
+        copies.append(out / beside)
+    _write(place, original.read_bytes())
+    words = " and ".join(str(file) for file in copies)
     return print_result(
         lambda: report_console().print(f"written to {escape(words)}", soft_wrap=True),
         SOLVED,
@@ -104,7 +110,14 @@ def _copy(name: str, known: dict[str, Path], out: Path) -> int:
     )
 
 
-def _write(place: Path, text: str) -> None:
+def _needed_files(file: Path) -> list[str]:
+    """The drawing and the meshes of a problem file, each once, by their paths beside it."""
+    workspace = tomllib.loads(file.read_text(encoding="utf-8")).get("workspace", {})
+    named = [workspace.get("file"), *(entry.get("mesh") for entry in workspace.get("obstacles", []))]
+    return list(dict.fromkeys(name for name in named if name is not None))
+
+
+def _write(place: Path, content: bytes) -> None:
     """Write a file that is not there yet.
 
     Raises:
@@ -112,8 +125,8 @@ def _write(place: Path, text: str) -> None:
     """
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        with place.open("x", encoding="utf-8") as file:
-            file.write(text)
+        with place.open("xb") as file:
+            file.write(content)
     except FileExistsError:
         raise ProblemError(f"{place} is there already, and nothing of yours is replaced; choose another name") from None
     except OSError as error:

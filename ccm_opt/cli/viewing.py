@@ -12,6 +12,7 @@ from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
 from ccm_opt.files.problem_file import load_problem
+from ccm_opt.space.problem import in_the_plane
 
 if TYPE_CHECKING:
     from ccm_opt.cli.view.app import ViewerApp
@@ -63,7 +64,7 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
     from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi
 
     folder = item.is_dir()
-    problem = load_recorded_problem(item) if folder else load_problem(item)
+    problem = load_recorded_problem(item) if folder else in_the_plane(load_problem(item), "ccm-opt view")
     with stage_display(problem.name) as clock:
         clock.begin("planning")
         live = LivePlan(problem) if LivePlan.suits(problem) else None

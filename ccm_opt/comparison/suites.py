@@ -11,6 +11,7 @@ from ccm_opt.comparison.scenes import Scene, clutter, corridor, open_space
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.problem import Problem
+from ccm_opt.space.problem import in_the_plane
 
 SHARED = "shared"
 """The suite of the problem files that come with the package."""
@@ -107,7 +108,7 @@ def cases_of_files(files: Sequence[Path]) -> tuple[Case, ...]:
     """
     cases = []
     for file in files:
-        problem = load_problem(file)
+        problem = in_the_plane(load_problem(file), "ccm-opt compare")
         # By content: a file of the same name that was edited is another problem.
         fingerprint = hashlib.sha256(problem.source.encode()).hexdigest()
         cases.append(Case(name=problem.name, suite="files", given=problem, fingerprint=fingerprint))

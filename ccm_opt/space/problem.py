@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import LengthUnit
 from ccm_opt.ground.length_words import metres
 from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.problem import PlannerOptions, SimulationOptions, Tolerances, VerificationOptions
+from ccm_opt.problem import PlannerOptions, Problem, SimulationOptions, Tolerances, VerificationOptions
 from ccm_opt.problem.definition import CONTACT_SHARE_OF_LENGTH, WANTED_SHARE_OF_LENGTH, WANTED_SHARE_OF_RADIUS
 from ccm_opt.space.scene.scene import SpaceWorkspace
 
@@ -135,3 +136,22 @@ class SpaceProblem:
         goals = f", {len(self.stops) + 1} goals" if self.stops else ""
         room = f"{len(self.workspace.obstacles)} obstacles"
         return f"<SpaceProblem '{self.name}': {arm.links} links, {metres(arm.length)} long, {room}{goals}>"
+
+
+AnyProblem: TypeAlias = Problem | SpaceProblem
+"""A problem in the plane or in space."""
+
+
+def in_the_plane(problem: AnyProblem, what: str) -> Problem:
+    """Refuse a problem in space where the plane alone is known.
+
+    Args:
+        problem: a problem.
+        what: what knows the plane alone, for example "ccm-opt pose".
+
+    Raises:
+        ProblemError: it is in space.
+    """
+    if isinstance(problem, SpaceProblem):
+        raise ProblemError(f"{what} works in the plane alone, and '{problem.name}' is in space (space = 3)")
+    return problem

@@ -22,6 +22,7 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory
+from ccm_opt.space.problem import in_the_plane
 
 POSITION_TOLERANCE = 1e-9
 """Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
@@ -136,7 +137,8 @@ def load_recorded_problem(folder: Path) -> Problem:
         ProblemError: when there is no readable record, or the problem in it is not usable.
         VerificationError: when the record says that there is no plan.
     """
-    return problem_from_mapping(load_problem_data(folder), str(folder / RECORD))
+    problem = problem_from_mapping(load_problem_data(folder), str(folder / RECORD))
+    return in_the_plane(problem, "what reads plans back")
 
 
 def recorded_results(folder: Path) -> tuple[Mapping[str, float | None], Mapping[str, Bounds], str]:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.keypath import KeyPath
 from ccm_opt.files.problem_file.reading_settings import READING, ReadingSettings
-from ccm_opt.files.problem_file.schema import ArmTable, InertiaTable, LimitsTable, PoseTable
+from ccm_opt.files.problem_file.schema import ArmTable, ChainTable, InertiaTable, LimitsTable, PoseTable
 
 
-def check_arm_lists(arm: ArmTable, issues: Issues) -> None:
+def check_arm_lists(arm: ChainTable, issues: Issues) -> None:
     """Masses and moments of inertia given as lists need one value a link."""
     _one_each(arm.masses, ("arm", "masses"), (arm.links,), "link", issues)
     for key in ("rotor_inertia", "friction"):
@@ -20,14 +20,14 @@ def check_arm_lists(arm: ArmTable, issues: Issues) -> None:
         _one_each(inertia.transverse, ("arm", "inertia", "transverse"), (arm.links,), "link", issues)
 
 
-def check_limit_lists(arm: ArmTable, limits: LimitsTable, issues: Issues) -> None:
+def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
     """Limits given as lists need one value a ball joint or one a revolute."""
     for key in ("velocity", "acceleration", "jerk", "torque"):
         _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
 
 
 def check_limited_points(
-    arm: ArmTable, limits: LimitsTable, issues: Issues, settings: ReadingSettings = READING
+    arm: ChainTable, limits: LimitsTable, issues: Issues, settings: ReadingSettings = READING
 ) -> None:
     """Points whose motion is limited stand on the arm, and something of them is limited."""
     length = arm.links * arm.link_length

@@ -10,6 +10,7 @@ from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.files.problem_file.named_poses import folded_bends, straight_bends
 from ccm_opt.files.problem_file.schema import (
     ArmTable,
+    ChainTable,
     DisturbancesTable,
     FeedTable,
     GoalTable,
@@ -76,13 +77,13 @@ def build_problem(tables: Tables, source: str) -> Problem:
         description=tables.root.description,
         workspace=build_workspace(tables.workspace, tables.obstacles),
         arm=arm,
-        limits=_limits(tables.limits, arm.links),
+        limits=build_limits(tables.limits, arm.links),
         start=build_pose(tables.start, arm),
         goal=build_goal(last, arm),
         tolerances=build_tolerances(last),
         stops=tuple(Stop(build_goal(stop, arm), build_tolerances(stop), stop.pause) for stop in stops),
         planner=build_options(tables.planner),
-        simulation=_simulation(tables.simulation),
+        simulation=build_simulation(tables.simulation),
         joint_error=tables.tolerance.joint_error_deg,
         verification=VerificationOptions(tables.verification.contact_tolerance),
         source=source,
@@ -115,8 +116,8 @@ def _box(corners: Sequence[float]) -> shapely.Polygon:
 
 def build_arm(table: ArmTable) -> Arm:
     """The arm; its links are solid cylinders unless the inertia is given."""
-    masses = _masses(table)
-    axial, transverse = _inertia(table, masses)
+    masses = link_masses(table)
+    axial, transverse = link_inertia(table, masses)
     return Arm(
         links=table.links,
         link_length=table.link_length,
@@ -131,42 +132,43 @@ def build_arm(table: ArmTable) -> Arm:
         inertia_axial=axial,
         inertia_transverse=transverse,
         axes=table.axes,
-        feed=None if table.feed is None else _feed(table.feed),
+        feed=None if table.feed is None else build_feed(table.feed),
         payload=table.payload,
-        rotor_inertia=_each_revolute(table.rotor_inertia, table.links),
-        friction=_each_revolute(table.friction, table.links),
+        rotor_inertia=each_revolute(table.rotor_inertia, table.links),
+        friction=each_revolute(table.friction, table.links),
     )
 
 
-def _masses(table: ArmTable) -> FloatArray:
+def link_masses(table: ChainTable) -> FloatArray:
     """One mass a link: from the list, else the same for all, shape (links,) [kg]."""
     if table.masses is not None:
         return _each(table.masses, table.links)
     return _each(DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass, table.links)
 
 
-def _feed(table: FeedTable) -> Feed:
+def build_feed(table: FeedTable) -> Feed:
     """The feed axis; its guide tube ends where the base stands at full feed unless the file says otherwise."""
     low, high = table.range
     return Feed(low, high, high if table.hole is None else table.hole)
 
 
-def _inertia(table: ArmTable, masses: FloatArray) -> tuple[FloatArray, FloatArray]:
+def link_inertia(table: ChainTable, masses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Given, or a solid cylinder's."""
     if table.inertia is not None:
         return _each(table.inertia.axial, table.links), _each(table.inertia.transverse, table.links)
     return cylinder_inertia(masses, table.radius, table.link_length)
 
 
-def _limits(table: LimitsTable, links: int) -> Limits:
+def build_limits(table: LimitsTable, links: int) -> Limits:
+    """The limits of an arm of so many links."""
     return Limits(
-        _each_revolute(table.velocity, links),
-        _each_revolute(table.acceleration, links),
-        None if table.torque is None else _each_revolute(table.torque, links),
+        each_revolute(table.velocity, links),
+        each_revolute(table.acceleration, links),
+        None if table.torque is None else each_revolute(table.torque, links),
         table.feed_velocity,
         table.feed_acceleration,
         table.feed_force,
-        None if table.jerk is None else _each_revolute(table.jerk, links),
+        None if table.jerk is None else each_revolute(table.jerk, links),
         table.feed_jerk,
         _point_limits(table),
     )
@@ -228,7 +230,8 @@ def build_options(table: PlannerTable) -> PlannerOptions:
     return PlannerOptions(**values, weights=weights)
 
 
-def _simulation(table: SimulationTable) -> SimulationOptions:
+def build_simulation(table: SimulationTable) -> SimulationOptions:
+    """How the motion is simulated."""
     return SimulationOptions(
         gravity=np.array(table.gravity),
         step=table.step,
@@ -250,7 +253,7 @@ def _each(value: float | Sequence[float], links: int) -> FloatArray:
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (links,)).copy()
 
 
-def _each_revolute(value: float | Sequence[float], links: int) -> FloatArray:
+def each_revolute(value: float | Sequence[float], links: int) -> FloatArray:
     """One value a revolute, shape (3 * links,); a ball joint's value holds for its three."""
     values = np.asarray(value, dtype=np.float64)
     if values.shape == (links,):

@@ -52,10 +52,11 @@ def recorded_data(problem: Problem) -> Table:
     if not problem.source:
         return written
     try:
-        read_again = problem_data(parse_problem(problem.source))
+        read_again = parse_problem(problem.source)
     except ProblemFileError:
         return written
-    return tomllib.loads(problem.source) if read_again == written else written
+    same = isinstance(read_again, Problem) and problem_data(read_again) == written
+    return tomllib.loads(problem.source) if same else written
 
 
 def problem_data(problem: Problem) -> Table:

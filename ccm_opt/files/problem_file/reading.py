@@ -14,24 +14,27 @@ from ccm_opt.files.problem_file.changed_keys import with_keys_set
 from ccm_opt.files.problem_file.input_bounds import BOUNDS, content_defect, size_defect, text_defect
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.lines import locate_keys
+from ccm_opt.files.problem_file.space_reading import check_space_data
 from ccm_opt.files.problem_file.table_reading import check_data
 from ccm_opt.ground.expected import expect, expect_that
-from ccm_opt.problem import Problem
+from ccm_opt.space.problem import AnyProblem
 
 STANDARD_INPUT = "-"
 """Stands for standard input in the place of a file."""
+IN_SPACE = 3
+"""What the key ``space`` says where the arm leaves the plane."""
 
 
-def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside: bool = False) -> Problem:
+def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside: bool = False) -> AnyProblem:
     """Read a problem from a TOML file.
 
     Args:
         path: the file, or ``-`` for standard input; paths in that begin in the working folder.
         changes: keys that are set to other values than the file's, each ``key.path=value``, see ``with_keys_set``.
-        allow_outside: whether ``workspace.file`` may lie outside the problem's folder.
+        allow_outside: whether ``workspace.file`` and meshes may lie outside the problem's folder.
 
     Returns:
-        The problem, in SI units and radians.
+        The problem, in SI units and radians; a ``SpaceProblem`` where the file says ``space = 3``.
 
     Raises:
         ProblemFileError: with every defect of the file, its key path and its line.
@@ -54,35 +57,38 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside
 
 def parse_problem(
     text: str, path_name: str = "problem", folder: Path | None = None, *, allow_outside: bool = False
-) -> Problem:
+) -> AnyProblem:
     """Read a problem from TOML text.
 
     Args:
         text: the text of a problem file.
         path_name: what messages call it.
-        folder: where the path of ``workspace.file`` begins; None refuses that key.
+        folder: where the paths of ``workspace.file`` and of meshes begin; None refuses those keys.
         allow_outside: as for ``load_problem``.
 
     Returns:
-        The problem, in SI units and radians.
+        The problem, in SI units and radians; a ``SpaceProblem`` where the text says ``space = 3``.
 
     Raises:
         ProblemFileError: with every defect of the text, its key path and its line.
     """
     data = _parse_toml(text, path_name)
     issues = Issues()
-    problem = check_data(data, issues, text, folder, allow_outside=allow_outside)
+    problem = _checked(data, issues, text, folder, allow_outside=allow_outside)
     if problem is None:
         raise ProblemFileError(path_name, issues.located(locate_keys(text)))
     return problem
 
 
-def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem") -> Problem:
+def problem_from_mapping(
+    data: Mapping[str, object], path_name: str = "problem", folder: Path | None = None
+) -> AnyProblem:
     """Rebuild a problem from the data of a problem file, for example from the copy in ``solution.json``.
 
     Args:
         data: what a TOML parser makes of a problem file.
         path_name: what messages call it.
+        folder: where the paths of meshes begin; None refuses them.
 
     Returns:
         The problem, in SI units and radians; its ``source`` is TOML text with the same data.
@@ -92,10 +98,18 @@ def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem")
     """
     text = _to_toml(data, path_name)
     issues = Issues()
-    problem = check_data(_parse_toml(text, path_name), issues, text)
+    problem = _checked(_parse_toml(text, path_name), issues, text, folder)
     if problem is None:
         raise ProblemFileError(path_name, issues.located({}))
     return problem
+
+
+def _checked(
+    data: Mapping[str, object], issues: Issues, text: str, folder: Path | None, *, allow_outside: bool = False
+) -> AnyProblem | None:
+    """The problem of parsed data, or None when there are issues."""
+    check = check_space_data if data.get("space") == IN_SPACE else check_data
+    return check(data, issues, text, folder, allow_outside=allow_outside)
 
 
 def _read_text(path: Path) -> str:

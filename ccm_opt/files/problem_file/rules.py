@@ -4,7 +4,14 @@ from collections.abc import Mapping, Sequence
 
 from ccm_opt.files.problem_file.issues import Issues, closest
 from ccm_opt.files.problem_file.keypath import KeyPath, lookup
-from ccm_opt.files.problem_file.schema import GoalTable, ObstacleTable, WorkspaceTable
+from ccm_opt.files.problem_file.schema import (
+    GoalTable,
+    ObstacleTable,
+    SpaceGoalTable,
+    SpaceObstacleTable,
+    SpaceWorkspaceTable,
+    WorkspaceTable,
+)
 
 OBSTACLE_KINDS = ("polygon", "box", "circle", "wall")
 """Of which every obstacle has exactly one."""
@@ -14,26 +21,30 @@ START_KINDS = ("shape", "joints_deg", "segments")
 """Of which the start has exactly one."""
 GOAL_KINDS = ("position", "joints_deg", "shape", "segments")
 """Of which every goal has exactly one."""
-KNOWN = frozenset((*WorkspaceTable.model_fields, *ObstacleTable.model_fields, *GoalTable.model_fields))
+KNOWN = frozenset(
+    key
+    for table in (WorkspaceTable, ObstacleTable, GoalTable, SpaceWorkspaceTable, SpaceObstacleTable, SpaceGoalTable)
+    for key in table.model_fields
+)
 """Keys of the tables that offer alternatives; none of them is a misspelling."""
 
 
 def check_alternatives(data: Mapping[str, object], issues: Issues) -> None:
     """Every table that offers alternatives must take exactly one, and a heading needs something to apply to."""
-    _exactly_one(data, ("workspace",), ROOM_KINDS, issues)
+    exactly_one(data, ("workspace",), ROOM_KINDS, issues)
     obstacles = lookup(data, ("workspace", "obstacles"))
     if isinstance(obstacles, list):
         for k in range(len(obstacles)):
-            _exactly_one(data, ("workspace", "obstacles", k), OBSTACLE_KINDS, issues)
-        _different_names(obstacles, issues)
-    _exactly_one(data, ("start",), START_KINDS, issues)
+            exactly_one(data, ("workspace", "obstacles", k), OBSTACLE_KINDS, issues)
+        refuse_equal_names(obstacles, issues)
+    exactly_one(data, ("start",), START_KINDS, issues)
     _heading_applies(data, ("start",), ("segments",), issues)
     for path in goal_paths(data):
-        _exactly_one(data, path, GOAL_KINDS, issues)
+        exactly_one(data, path, GOAL_KINDS, issues)
         _heading_applies(data, path, ("position", "segments"), issues)
-    _masses(data, issues)
-    _feed(data, issues)
-    _tries(data, issues)
+    check_masses(data, issues)
+    check_feed_keys(data, issues)
+    check_tries(data, issues)
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
@@ -46,7 +57,8 @@ def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> l
     return [kind for kind in kinds if lookup(data, (*path, kind)) is not None]
 
 
-def _exactly_one(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str], issues: Issues) -> None:
+def exactly_one(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str], issues: Issues) -> None:
+    """A table has one of some keys, and no more."""
     if not isinstance(lookup(data, path), Mapping):
         return
     given = _given(data, path, kinds)
@@ -66,7 +78,7 @@ def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -
     return any(closest(key, kinds) is not None for key in unknown)
 
 
-def _different_names(obstacles: list[object], issues: Issues) -> None:
+def refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
     """No two obstacles may have the same name, given or by their place: messages call them by it."""
     first: dict[object, int] = {}
     for k, entry in enumerate(obstacles):
@@ -85,19 +97,20 @@ def _heading_applies(data: Mapping[str, object], path: KeyPath, kinds: Sequence[
         issues.add((*path, "heading_deg"), f"only allowed together with {' or '.join(kinds)}")
 
 
-def _masses(data: Mapping[str, object], issues: Issues) -> None:
+def check_masses(data: Mapping[str, object], issues: Issues) -> None:
+    """Masses are given for all links or for each."""
     if len(_given(data, ("arm",), ("link_mass", "masses"))) == 2:
         issues.add(("arm", "masses"), "expected only one of link_mass, masses; got both")
 
 
-def _tries(data: Mapping[str, object], issues: Issues) -> None:
+def check_tries(data: Mapping[str, object], issues: Issues) -> None:
     """Several tries need a planner that draws something."""
     tries = lookup(data, ("planner", "tries"))
     if isinstance(tries, int) and tries > 1 and lookup(data, ("planner", "method")) == "hill-climbing":
         issues.add(("planner", "tries"), '"hill-climbing" draws nothing, so that all tries would be the same; use 1')
 
 
-def _feed(data: Mapping[str, object], issues: Issues) -> None:
+def check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
     """A feed axis needs its limits, and nothing may speak of one that is not there."""
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
     limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "jerk", "force")]

@@ -3,7 +3,6 @@
 What follows, the copy in ``solution.json`` included, sees plain obstacles and needs the drawing no more.
 """
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import shapely
 
 from ccm_opt.errors import ProblemError
+from ccm_opt.files.problem_file.beside_file import place_beside
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.schema import SceneTable
 from ccm_opt.freespace.obstacle import Obstacle
@@ -63,22 +63,8 @@ def _place_of(scene: SceneTable, folder: Path | None, issues: Issues, *, allow_o
     if scene.file is None:
         issues.add(("workspace", next(iter(scene.model_fields_set))), "only allowed together with file")
         return None
-    if folder is None:
-        issues.add(("workspace", "file"), "a path beside the problem file, but this problem was not read from a file")
-        return None
-    if os.path.isdir(folder / scene.file):  # noqa: PTH112 - pathlib's raises where the user may not look
-        issues.add(("workspace", "file"), f"{scene.file!r} is a directory; expected a drawing, for example 'scene.svg'")
-        return None
-    place = folder / scene.file
-    # A problem file from somebody else must not read what lies elsewhere, by a link neither.
-    if not allow_outside and not os.path.realpath(place).startswith(os.path.join(os.path.realpath(folder), "")):  # noqa: PTH118
-        issues.add(
-            ("workspace", "file"),
-            f"{scene.file!r} is outside the folder of the problem file; copy it there, or allow it by --allow-outside "
-            "(in Python allow_outside=True)",
-        )
-        return None
-    return place
+    kind = "a drawing, for example 'scene.svg'"
+    return place_beside(scene.file, folder, ("workspace", "file"), kind, issues, allow_outside=allow_outside)
 
 
 def _imported(

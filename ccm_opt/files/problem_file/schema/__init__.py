@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from ccm_opt.files.problem_file.schema.arm_keys import ArmTable, FeedTable, InertiaTable
+from ccm_opt.files.problem_file.schema.arm_keys import ArmTable, ChainTable, FeedTable, InertiaTable
 from ccm_opt.files.problem_file.schema.limit_keys import LimitsTable, PointLimitTable
 from ccm_opt.files.problem_file.schema.planning_keys import (
     PlannerTable,
@@ -27,11 +27,26 @@ from ccm_opt.files.problem_file.schema.room_keys import (
     WorkspaceTable,
 )
 from ccm_opt.files.problem_file.schema.simulation_keys import DisturbancesTable, GainsTable, SimulationTable
+from ccm_opt.files.problem_file.schema.space_keys import (
+    BarTable,
+    BaseTable,
+    PlacementTable,
+    SpaceArmTable,
+    SpaceGoalTable,
+    SpaceObstacleTable,
+    SpacePoseTable,
+    SpaceStartTable,
+    SpaceWorkspaceTable,
+    SphereTable,
+)
 from ccm_opt.files.problem_file.schema.table import Table
 from ccm_opt.problem import LengthUnit
 
 __all__ = [
     "ArmTable",
+    "BarTable",
+    "BaseTable",
+    "ChainTable",
     "CircleTable",
     "DisturbancesTable",
     "FeedTable",
@@ -40,6 +55,7 @@ __all__ = [
     "InertiaTable",
     "LimitsTable",
     "ObstacleTable",
+    "PlacementTable",
     "PlannerTable",
     "PointLimitTable",
     "PoseTable",
@@ -47,6 +63,13 @@ __all__ = [
     "SceneTable",
     "SegmentTable",
     "SimulationTable",
+    "SpaceArmTable",
+    "SpaceGoalTable",
+    "SpaceObstacleTable",
+    "SpacePoseTable",
+    "SpaceStartTable",
+    "SpaceWorkspaceTable",
+    "SphereTable",
     "StartTable",
     "ToleranceTable",
     "VerificationTable",
@@ -72,6 +95,8 @@ class RootTable(Table):
 
     schema_version: Literal[1] = Field(alias="schema")
     """Version of the format."""
+    space: Literal[2, 3] = 2
+    """3 for an arm that [leaves the plane](space.md)."""
     name: Annotated[str, AfterValidator(_folder_name)]
     """Also the name of the output folder: letters, digits, `-`, `_`, `+`, and `.` or blanks inside."""
     description: str = ""

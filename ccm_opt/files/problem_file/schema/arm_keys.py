@@ -57,8 +57,8 @@ class FeedTable(Table):
         return ends
 
 
-class ArmTable(Table):
-    """The arm."""
+class ChainTable(Table):
+    """What arms in the plane and in space have in common."""
 
     links: Annotated[int, Field(ge=2, le=MAX_LINKS), AfterValidator(_even)]
     """Equal links, with a ball joint at the base of each; an even number."""
@@ -66,14 +66,10 @@ class ArmTable(Table):
     """Of a link."""
     radius: NonNegativeLength
     """Of the discs swept along the links."""
-    base: Point
-    """Of the first joint; it may touch a wall, not stand inside one."""
-    base_heading_deg: Degrees = 0.0
-    """Heading of the straight arm."""
     joint_limit_deg: BendLimitDegrees
-    """Bound on the bend of every joint but the first."""
+    """Bound on the bend of every joint but the first; in space on each of its two bends."""
     base_limit_deg: PositiveDegrees = 2.0 * math.pi
-    """Bound on the bend of the first joint."""
+    """Bound on the bend of the first joint; in space on each of its two bends."""
     self_collision: bool = True
     """Whether links with at least max(2 l, π r) of arm between them keep their axes 2 r apart."""
     mount_length: NonNegativeLength | None = None
@@ -84,8 +80,6 @@ class ArmTable(Table):
     """Mass of each link [kg], in place of `link_mass`."""
     inertia: InertiaTable | None = None
     """`{ axial = …, transverse = … }` about a link's centre [kg m²]. Default: solid cylinders."""
-    axes: Axes = Arm.axes
-    """Order of a ball's revolutes; `"zyz"` as in the paper's table."""
     payload: NonNegative = 0.0
     """Mass of a point at the tip [kg]."""
     rotor_inertia: NonNegativeEach = 0.0
@@ -94,4 +88,15 @@ class ArmTable(Table):
     """Viscous friction of the joints [N m s/rad], given likewise."""
     feed: FeedTable | None = None
     """`{ range = [least, greatest], hole = … }`: an axis that carries the base along the base heading
-    ([below](#feed-axis)). Default: the base is fixed."""
+    ([how](problem-file.md#feed-axis)). Default: the base is fixed."""
+
+
+class ArmTable(ChainTable):
+    """The arm in its plane."""
+
+    base: Point
+    """Of the first joint; it may touch a wall, not stand inside one."""
+    base_heading_deg: Degrees = 0.0
+    """Heading of the straight arm."""
+    axes: Axes = Arm.axes
+    """Order of a ball's revolutes; `"zyz"` as in the paper's table."""

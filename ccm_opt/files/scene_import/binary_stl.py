@@ -1,0 +1,39 @@
+"""Binary STL, the commonest format of meshes, which needs no library: a count, and fifty bytes a triangle."""
+
+import numpy as np
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.scene_import.mesh_settings import MeshSettings
+from ccm_opt.files.scene_import.raw_mesh import RawMesh
+
+_HEADER = 80
+"""Bytes of free text in front."""
+_COUNT = 4
+"""Bytes of the number of triangles behind it."""
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def is_text_stl(content: bytes) -> bool:
+    """Whether an STL file is of the kind that is text; the free text of binary ones may begin with ``solid`` too."""
+    return content.lstrip()[:5].lower() == b"solid" and b"facet" in content[:2000].lower()
+
+
+def read_binary_stl(content: bytes, settings: MeshSettings) -> RawMesh:
+    """The mesh of a binary STL file.
+
+    Raises:
+        ProblemError: the file is shorter than it says, or has too many triangles.
+    """
+    start = _HEADER + _COUNT
+    if len(content) < start:
+        raise ProblemError(f"not readable as STL: it has {len(content)} bytes, and its header alone has {start}")
+    count = int.from_bytes(content[_HEADER:start], "little")
+    held = (len(content) - start) // _TRIANGLE.itemsize
+    if held < count:
+        raise ProblemError(
+            f"not readable as STL: its header says {count} triangles, but it ends after {held}; was it cut short?"
+        )
+    if count > settings.most_triangles:
+        raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} can be used; simplify it")
+    records = np.frombuffer(content, dtype=_TRIANGLE, count=count, offset=start)
+    return RawMesh.of_corners(records["corners"].astype(np.float64))

@@ -1,0 +1,220 @@
+"""Meshes: every format gives the same surface, broken files get one clear error, and what is mended is told."""
+
+import io
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ccm_opt
+from ccm_opt.errors import ProblemFileError
+from ccm_opt.files.scene_import.mesh_file import read_mesh_file
+from ccm_opt.files.scene_import.mesh_mending import mended_mesh
+from ccm_opt.files.scene_import.mesh_settings import MeshSettings
+from ccm_opt.files.scene_import.mesh_simplifying import simplified_mesh
+from ccm_opt.files.scene_import.raw_mesh import RawMesh
+from ccm_opt.space.scene.bodies import BOX_FACES
+from ccm_opt.space.scene.point_distances import distance_from_triangles
+from tests.space_files import CUBE, binary_stl, cube_3mf, three_mf, written
+
+OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in BOX_FACES)
+
+
+def by_trimesh(kind: str) -> bytes:
+    """The unit cube in a format, as trimesh writes it."""
+    import trimesh
+
+    written_out = trimesh.Trimesh(CUBE, BOX_FACES, process=False).export(file_type=kind)
+    return written_out.encode() if isinstance(written_out, str) else bytes(written_out)
+
+
+def volume(mesh: RawMesh) -> float:
+    """What the triangles enclose."""
+    first, second, third = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return float(np.sum(np.einsum("ij,ij->i", first, np.cross(second, third)))) / 6.0
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("cube.stl", binary_stl()),
+        ("CUBE.STL", b"solid made by a program that begins binary files so"[:50].ljust(80) + binary_stl()[80:]),
+        ("cube.stl", by_trimesh("stl_ascii")),
+        ("cube.obj", OBJ.encode()),
+        ("cube.ply", by_trimesh("ply")),
+        ("cube.glb", by_trimesh("glb")),
+        ("cube.3mf", cube_3mf()),
+        ("cube.3mf", cube_3mf(transform='transform="0 1 0 0 0 1 1 0 0 5 6 7"')),
+    ],
+)
+def test_every_format_gives_the_same_surface(tmp_path: Path, name: str, content: bytes) -> None:
+    """A cube is a closed mesh of volume 1 in whichever format it is, and nothing of it is mended."""
+    (tmp_path / name).write_bytes(content)
+    mended = mended_mesh(read_mesh_file(tmp_path / name).mesh)
+    assert (len(mended.mesh.vertices), len(mended.mesh.faces)) == (8, 12)
+    assert (mended.closed, mended.mended) == (True, ())
+    assert volume(mended.mesh) == pytest.approx(1.0)
+
+
+NAN_STL = binary_stl(np.where(CUBE > 0.5, np.nan, CUBE))
+FLAT_STL = binary_stl(np.zeros((8, 3)))
+UNKNOWN = three_mf('<model><resources/><build><item objectid="7"/></build></model>')
+ENTITIES = three_mf(
+    '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaaaaaaaaaaaa">'
+    + "".join(f'<!ENTITY {chr(98 + k)} "{10 * f"&{chr(97 + k)};"}">' for k in range(9))
+    + "]><model>&j;</model>"
+)
+NESTED = [
+    f'<object id="{k}"><components>{2 * f"<component objectid=_{k + 1}_/>"}</components></object>'.replace("_", '"')
+    for k in range(40)
+]
+DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item objectid="0"/></build></model>')
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("part.stl", b"", "part.stl is empty"),
+        ("part.stl", binary_stl()[:300], "header says 12 triangles, but it ends after 4"),
+        ("part.stl", b"solid x\nfacet normal 0 0 0\nouter loop\nvertex 1", "it holds no triangles"),
+        ("part.stl", b"just some words", "not readable as STL"),
+        ("part.stl", b"part".ljust(80) + bytes(4), "it holds no triangles"),
+        ("part.stl", bytes(80) + (3_000_000).to_bytes(4, "little") + bytes(50), "cut short"),
+        ("part.stl", NAN_STL, "vertices are no numbers"),
+        ("part.stl", FLAT_STL, "12 of 12 triangles have no area"),
+        ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "part.obj"),
+        ("part.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "part.obj"),
+        ("part.obj", bytes(range(256)) * 40, "part.obj"),
+        ("part.ply", b"ply\nformat ascii 1.0\nelement vertex 9\nend_header\n", "not readable as PLY"),
+        ("part.glb", b"glTF" + bytes(40), "not readable as GLB"),
+        ("part.3mf", b"PK\3\4 and then nothing", "not readable as 3MF"),
+        ("part.3mf", UNKNOWN, "refers to something that is not there"),
+        ("part.3mf", ENTITIES, "not readable as 3MF"),
+        ("part.3mf", DEEP, "nested more than 20 deep"),
+        ("part.step", b"ISO-10303-21;", "no mesh of a known kind; expected a file that ends in one of .stl, .obj"),
+    ],
+    ids=range(18),
+)
+def test_a_broken_mesh_is_one_clear_error(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    """A mesh that cannot be used is one defect of the file, under the key of the mesh and with its line."""
+    file = written(tmp_path, content, name)
+    with pytest.raises(ProblemFileError) as refused:
+        ccm_opt.load_problem(file)
+    (issue,) = refused.value.issues
+    assert (issue.key, issue.line) == ("workspace.obstacles[0].mesh", 11)
+    assert words in issue.message
+    assert "Traceback" not in issue.message
+
+
+@pytest.mark.parametrize(
+    ("mesh", "words"),
+    [
+        ("../part.stl", "outside the folder"),
+        ("/etc/passwd.stl", "outside the folder"),
+        ("link.stl", "outside the folder"),
+        (".", "is a directory"),
+        ("missing.stl", "does not exist"),
+        ("a\\u0000b.stl", "no path"),
+    ],
+)
+def test_paths_of_meshes(tmp_path: Path, mesh: str, words: str) -> None:
+    """A mesh lies in the folder of its problem file, itself and not by a link alone."""
+    folder = tmp_path / "inner"
+    folder.mkdir()
+    (tmp_path / "part.stl").write_bytes(binary_stl())
+    (folder / "link.stl").symlink_to(tmp_path / "part.stl")
+    file = written(folder, binary_stl())
+    file.write_text(file.read_text().replace('mesh = "part.stl"', f'mesh = "{mesh}"'))
+    with pytest.raises(ProblemFileError, match=words):
+        ccm_opt.load_problem(file)
+    if mesh in {"../part.stl", "link.stl"}:
+        ccm_opt.load_problem(file, allow_outside=True)
+
+
+def test_files_beyond_the_bounds_are_not_read(tmp_path: Path) -> None:
+    """A file of more bytes, or a mesh of more triangles, than is allowed is refused with both figures."""
+    (tmp_path / "cube.stl").write_bytes(binary_stl())
+    for bounds, words in (
+        (MeshSettings(most_bytes=600), "684 bytes, at most 600"),
+        (MeshSettings(most_triangles=11), "12 triangles, at most 11"),
+    ):
+        with pytest.raises(ccm_opt.ProblemError, match=words):
+            read_mesh_file(tmp_path / "cube.stl", bounds)
+
+
+def test_a_packed_bomb_does_not_fill_the_memory(tmp_path: Path) -> None:
+    """Of a 3MF file that unpacks to far more than is allowed no more than that is unpacked."""
+    (tmp_path / "bomb.3mf").write_bytes(three_mf("<model>" + " " * 50_000_000))
+    tracemalloc.start()
+    with pytest.raises(ccm_opt.ProblemError, match="more than 1000000 bytes unpacked"):
+        read_mesh_file(tmp_path / "bomb.3mf", MeshSettings(most_unpacked=1_000_000))
+    assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    tracemalloc.stop()
+
+
+def test_other_files_are_not_read_for_a_mesh(tmp_path: Path) -> None:
+    """Materials that a mesh names in other places are left alone."""
+    (tmp_path / "part.obj").write_text("mtllib ../../secret.mtl\nusemtl x\n" + OBJ)
+    assert len(read_mesh_file(tmp_path / "part.obj").mesh.faces) == 12
+
+
+def test_what_is_mended_is_told() -> None:
+    """Triangles that are there twice, or are an edge of others, are left out; one that is alone stays."""
+    vertices = np.concatenate((CUBE, [[0.5, 0.0, 0.0], [3.0, 0.0, 0.0]]))
+    faces = np.concatenate((BOX_FACES, BOX_FACES[:2], [[0, 8, 1], [1, 1, 0]]))
+    mended = mended_mesh(RawMesh(vertices, faces))
+    assert (len(mended.mesh.faces), mended.closed) == (12, True)
+    assert mended.mended == ("left out 2 triangles without area", "left out 2 triangles that were there twice")
+    alone = mended_mesh(RawMesh(vertices, np.concatenate((faces, [[0, 9, 9]]))))
+    assert (len(alone.mesh.faces), alone.closed) == (13, False)
+    assert not mended_mesh(RawMesh(CUBE, BOX_FACES[1:])).closed
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32), error=st.floats(0.02, 0.4))
+def test_a_simplified_mesh_grown_by_its_error_contains_the_mesh(seed: int, error: float) -> None:
+    """No place of the surface is farther from the simplified one than the error that is told, nor that than asked."""
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(0.0, 1.0, (60, 1, 3)) + rng.normal(0.0, 0.1, (60, 3, 3))
+    mended = mended_mesh(RawMesh.of_corners(corners))
+    simple, moved = simplified_mesh(mended.mesh, error)
+    assert moved <= error * (1.0 + 1e-12)
+    triangles = simple.vertices[simple.faces]
+    shares = rng.dirichlet(np.ones(3), 60)
+    for place in np.einsum("mi,mij->mj", shares, corners):
+        assert distance_from_triangles(place, triangles) <= moved + 1e-12
+
+
+def test_reading_many_triangles(tmp_path: Path) -> None:
+    """A million triangles without area are refused, and a mesh of a quarter million is read and is closed."""
+    flat = np.zeros((1_000_000, 3), dtype=np.intp)
+    (tmp_path / "flat.stl").write_bytes(binary_stl(CUBE, flat))
+    with pytest.raises(ccm_opt.ProblemError, match="1000000 of 1000000 triangles have no area"):
+        mended_mesh(read_mesh_file(tmp_path / "flat.stl").mesh)
+    around = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+    big, small = (grid.ravel() for grid in np.meshgrid(around, around, indexing="ij"))
+    beside = 1.0 + 0.3 * np.cos(small)
+    torus = np.column_stack((beside * np.cos(big), beside * np.sin(big), 0.3 * np.sin(small)))
+    cells = np.arange(360 * 360).reshape(360, 360)
+    right = np.roll(cells, -1, axis=0)
+    corners = [cells, right, np.roll(right, -1, axis=1), np.roll(cells, -1, axis=1)]
+    a, b, c, d = (corner.ravel() for corner in corners)
+    faces = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
+    (tmp_path / "torus.stl").write_bytes(binary_stl(torus, faces))
+    mended = mended_mesh(read_mesh_file(tmp_path / "torus.stl").mesh)
+    assert (len(mended.mesh.faces), mended.closed, mended.mended) == (len(faces), True, ())
+
+
+def test_own_reader_of_stl_agrees_with_trimesh() -> None:
+    """Binary STL files are read as trimesh reads them."""
+    import trimesh
+
+    content = binary_stl(np.random.default_rng(1).normal(size=(8, 3)))
+    from ccm_opt.files.scene_import.binary_stl import read_binary_stl
+
+    own = read_binary_stl(content, MeshSettings())
+    other = trimesh.load_mesh(io.BytesIO(content), file_type="stl", process=False)
+    assert np.array_equal(own.vertices[own.faces], other.vertices[other.faces])
