@@ -5,12 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.driver.simulated_touch import Approaches, Touch, approaches, chain_motion, first_touch
+from ccm_opt.driver.simulated_touch import Seen, Touch, seen_in_plane
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.space_touch import seen_in_space
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.errors import SimulationError
-from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
+from ccm_opt.space.either_kind import AnyProblem
+from ccm_opt.space.problem import SpaceProblem
 
 WALLS = "simulated_least_wall_clearance_m"
 """Figure of the least distance to walls."""
@@ -33,11 +35,11 @@ class JudgedMotion:
 
     Attributes:
         motion: what the arm did.
-        approaches: None when nothing was simulated, or the arm left its plane.
+        seen: None when nothing was simulated, or what it came near to is not known.
     """
 
     motion: SimulatedMotion
-    approaches: Approaches | None
+    seen: Seen | None
 
     @property
     def rank(self) -> int:
@@ -46,7 +48,7 @@ class JudgedMotion:
 
 
 def simulate_and_check(
-    problem: Problem, trajectory: JointTrajectory, joints: JointStates, settings: Settings = DEFAULT_SETTINGS
+    problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
     """Simulate a planned motion and judge it; a motion that is not followed is a result, never an error.
 
@@ -79,11 +81,11 @@ def simulate_and_check(
             break
         before = judged
     motion = best.motion if best is asked else _at_a_smaller_step(best.motion, asked.motion.verdict)
-    return motion, _figures(trajectory, motion, best.approaches)
+    return motion, _figures(trajectory, motion, best.seen)
 
 
 def simulated_once(
-    problem: Problem, trajectory: JointTrajectory, joints: JointStates, settings: Settings = DEFAULT_SETTINGS
+    problem: AnyProblem, trajectory: JointTrajectory, joints: JointStates, settings: Settings = DEFAULT_SETTINGS
 ) -> JudgedMotion:
     """Simulate a planned motion with the problem's own step and judge it; arguments as for ``simulate_and_check``."""
     options = problem.simulation
@@ -92,29 +94,27 @@ def simulated_once(
     except SimulationError as error:
         diagnosis = error.diagnosis
         return JudgedMotion(
-            not_simulated(trajectory, joints, options.step, diagnosis.reason, diagnosis.advice), approaches=None
+            not_simulated(trajectory, joints, options.step, diagnosis.reason, diagnosis.advice), seen=None
         )
-    chain = chain_motion(problem, trajectory, motion)
-    if chain is None:
-        return JudgedMotion(motion, None)
-    found = approaches(problem, chain, settings.verification)
-    # An arm that was stopped out of control stands still from there on, so whatever it touches it touched before.
-    if found.touch is None:
-        return JudgedMotion(motion, found)
-    touch = first_touch(problem, chain, found.touch, settings.verification)
-    return JudgedMotion(replace(motion, verdict=_touched(motion.verdict, touch)), found)
+    if isinstance(problem, SpaceProblem):
+        seen = seen_in_space(problem, trajectory, motion)
+    else:
+        seen = seen_in_plane(problem, trajectory, motion, settings.verification)
+    if seen is None or seen.touch is None:
+        return JudgedMotion(motion, seen)
+    return JudgedMotion(replace(motion, verdict=_touched(motion.verdict, seen.touch)), seen)
 
 
-def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, found: Approaches | None) -> Mapping[str, float]:
+def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen | None) -> Mapping[str, float]:
     """Tracking errors, time at limits, and least clearances at all times; where it touches, those of a contact."""
     figures = {"tracking_error_rad": simulated.tracking_error, "saturated_time_s": simulated.saturated_time}
     errors = np.abs(simulated.base_positions - trajectory.base_positions)
     for name, error in zip(trajectory.coordinates.base_names, errors.T, strict=True):
         figures[f"{name}_tracking_error_m"] = float(np.max(error))
-    if found is not None:
-        figures[WALLS] = np.inf if found.walls is None else found.walls[0].nearest.gap
-        if found.itself is not None:
-            figures[ITSELF] = found.itself.nearest.gap
+    if seen is not None:
+        figures[WALLS] = seen.walls
+        if seen.itself is not None:
+            figures[ITSELF] = seen.itself
     return figures
 
 

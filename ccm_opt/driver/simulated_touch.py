@@ -46,6 +46,45 @@ def chain_motion(problem: Problem, trajectory: JointTrajectory, simulated: Simul
 
 
 @dataclass(frozen=True)
+class Seen:
+    """What was seen of a simulated arm among its obstacles.
+
+    Attributes:
+        touch: where it first touches something; None where it touches nothing.
+        walls: least distance from walls, inf where nothing is near [m]; of no matter beyond a contact.
+        itself: least distance between links; None where links may meet [m].
+    """
+
+    touch: Touch | None
+    walls: float
+    itself: float | None
+
+
+def seen_in_plane(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    simulated: SimulatedMotion,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
+) -> Seen | None:
+    """What a simulated arm comes near to; None when no step was run, or the arm left its plane.
+
+    Args:
+        problem: walls and arm.
+        trajectory: the plan, for its times.
+        simulated: what the arm did.
+        settings: of the proofs that it is free of contact.
+    """
+    chain = chain_motion(problem, trajectory, simulated)
+    if chain is None:
+        return None
+    found = approaches(problem, chain, settings)
+    # An arm that was stopped out of control stands still from there on, so whatever it touches it touched before.
+    touch = None if found.touch is None else first_touch(problem, chain, found.touch, settings)
+    walls = np.inf if found.walls is None else found.walls[0].nearest.gap
+    return Seen(touch, walls, None if found.itself is None else found.itself.nearest.gap)
+
+
+@dataclass(frozen=True)
 class Approaches:
     """The nearest approach of a motion to walls and of the arm to itself; the search for it ends at a contact.
 

@@ -224,7 +224,7 @@ def failed_checks(checks: Sequence[Check]) -> list[str]:
     return [f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed]
 
 
-def _with_hair(settings: TimingSettings, hair: float) -> TimingSettings:
+def with_hair(settings: TimingSettings, hair: float) -> TimingSettings:
     """Timing whose samples may leave the path by so much in any case [m]."""
     return replace(settings, sampling=replace(settings.sampling, hair=hair))
 
@@ -269,6 +269,6 @@ def _timings(leg: Leg, inverse_dynamics: InverseDynamics, settings: Settings) ->
         coordinates=arm.coordinates,
         arm=arm,
         share=problem.planner.effort_share,
-        settings=_with_hair(settings.timing, 0.5 * problem.contact_tolerance),
+        settings=with_hair(settings.timing, 0.5 * problem.contact_tolerance),
         paul=settings.transitions,
     )

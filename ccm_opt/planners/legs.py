@@ -1,5 +1,6 @@
 """Goals in sequence: a problem with stops is planned leg by leg, each from where the one before came to rest."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,9 +71,13 @@ def _of_goal(found: Diagnosis, number: int, count: int) -> Diagnosis:
 
 def whole_path(legs: tuple[Leg, ...]) -> JointPath:
     """The paths of all legs, end to end, each over an equal share of [0, 1]; the spline has a corner at every stop."""
-    if len(legs) == 1:
-        return legs[0].path
-    paths = [leg.path for leg in legs]
+    return end_to_end([leg.path for leg in legs])
+
+
+def end_to_end(paths: Sequence[JointPath]) -> JointPath:
+    """Paths each of which begins where the one before ends, as one path; see ``whole_path``."""
+    if len(paths) == 1:
+        return paths[0]
 
     # Every spline is clamped, so its last control point is the next one's first. Of the knots that both have at the
     # stop as many stay as keep the curve continuous there and nothing more.
@@ -84,7 +89,7 @@ def whole_path(legs: tuple[Leg, ...]) -> JointPath:
         control = np.concatenate((control, spline.c[1:]))
 
     return JointPath(
-        BSpline(knots / len(legs), control, first.k),
+        BSpline(knots / len(paths), control, first.k),
         np.concatenate([path.keyframes for path in paths]),
         tuple(curve for path in paths for curve in path.curves),
         "; ".join(path.candidate for path in paths),

@@ -7,6 +7,7 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.ground.arrays import BoolArray, IntArray
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.jointed.link_chain import HELD_TOLERANCE
 from ccm_opt.planners.following.following_settings import DEFAULT_FOLLOWING, FollowingSettings
 from ccm_opt.problem import Limits
@@ -17,7 +18,7 @@ def travel_between_samples(arm: Arm, limits: Limits, settings: FollowingSettings
     return settings.sample_period * (feed_limits(arm, limits, settings).feed_velocity or 0.0)
 
 
-def feed_limits(arm: Arm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> Limits:
+def feed_limits(arm: DrivenArm, limits: Limits, settings: FollowingSettings = DEFAULT_FOLLOWING) -> Limits:
     """Limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
 
     Joints may bend only once they are out of the guide tube by what the base can travel from one sample to the next, so
