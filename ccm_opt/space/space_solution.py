@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -38,6 +38,30 @@ class GoalErrors:
     position: float | None
     direction: float | None
     roll: float
+
+
+class SpacePlan(Protocol):
+    """What pictures show of a plan in space, whether it was just made or read."""
+
+    @property
+    def problem(self) -> SpaceProblem:
+        """What was asked."""
+        ...
+
+    @property
+    def trajectory(self) -> JointTrajectory:
+        """The motion in time."""
+        ...
+
+    @property
+    def joint_positions(self) -> FloatArray:
+        """Joint and tip positions at every sample, shape (T, links + 1, 3) [m]."""
+        ...
+
+    @property
+    def least_gap(self) -> float | None:
+        """Least gap of the motion beyond radius and clearance [m]; None where nobody measured it."""
+        ...
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,6 +102,11 @@ class SpaceSolution:
     def joint_positions(self) -> FloatArray:
         """Joint and tip positions at every sample, shape (T, links + 1, 3) [m]."""
         return joint_positions(self.problem.arm, self.trajectory.positions)
+
+    @property
+    def least_gap(self) -> float | None:
+        """Least gap of the motion beyond radius and clearance [m]; None where nobody measured it."""
+        return None if self.room is None or not self.room.nearest.link else self.room.nearest.gap
 
     @property
     def goal_errors(self) -> GoalErrors:

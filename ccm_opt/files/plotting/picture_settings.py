@@ -168,6 +168,47 @@ class PaperFigureSettings:
     space_side: float = 3.6
 
 
+@dataclass(frozen=True)
+class SpacePictureSettings:
+    """Sizes of the pictures and of the film of a plan in space; all of them are taste.
+
+    Attributes:
+        most_triangles: of all bodies together; of more, small ones are left out.
+        least_triangles: of one body, however many there are.
+        cell: width of the cells in which corners are joined first, as a share of the scene's extent.
+        round_sides: of balls and bars.
+        glass: opacity of one body.
+        glass_pixels: of the longer side of a view, in which bodies are drawn.
+        sharp: angle between two faces from which on their edge is drawn [rad].
+        poses: between start and end.
+        side: longest side of one view [inch].
+        dots_per_inch: of PNG files.
+        places: along the arm, at which the section measures.
+        section_share: of the arm's length, as far as the section looks for surfaces.
+        film_side: longest side of the film [pixel].
+        film_frames: of the film, at most.
+        film_rate: frames a second.
+        colours: of the film's palette.
+    """
+
+    most_triangles: int = 6000
+    least_triangles: int = 200
+    cell: float = 0.008
+    round_sides: int = 12
+    glass: float = 0.22
+    glass_pixels: int = 700
+    sharp: float = 0.6
+    poses: int = 6
+    side: float = 4.6
+    dots_per_inch: int = 110
+    places: int = 160
+    section_share: float = 0.12
+    film_side: int = 520
+    film_frames: int = 60
+    film_rate: int = 12
+    colours: int = 128
+
+
 PICTURES = PictureSettings()
 """Used where no other settings are given."""
 FILM = FilmSettings()
@@ -177,4 +218,6 @@ PARETO_PICTURE = ParetoPictureSettings()
 COMPARISON_PICTURES = ComparisonPictureSettings()
 """Likewise."""
 PAPER_FIGURES = PaperFigureSettings()
+"""Likewise."""
+SPACE_PICTURES = SpacePictureSettings()
 """Likewise."""

@@ -1,0 +1,171 @@
+"""The picture ``plan.png`` of a plan in space: the motion from three sides, and a section along the arm at its goal."""
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.figure_files import FigureFormat, figure_file
+from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePictureSettings
+from ccm_opt.files.plotting.plan import even_steps
+from ccm_opt.files.plotting.space_section import section_along
+from ccm_opt.files.plotting.space_views import SIDES, SeenScene, Side, window_of
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_units import METRES
+from ccm_opt.ground.length_words import millimetres
+from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.space.space_solution import SpacePlan
+
+
+def space_plan_picture(
+    plan: SpacePlan, kind: FigureFormat = "png", settings: SpacePictureSettings = SPACE_PICTURES
+) -> bytes:
+    """The content of the picture of a plan in space, in some format."""
+    return figure_file(lambda: space_plan_figure(plan, settings), kind)
+
+
+def space_plan_figure(plan: SpacePlan, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
+    """The same picture as a matplotlib figure, made without pyplot."""
+    problem = plan.problem
+    points = plan.joint_positions
+    window = window_of(problem, points)
+    spans = np.ptp(window, axis=0)
+    scale = settings.side / float(np.max(spans))
+    # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
+    widths = [max(scale * spans[0], 1.6), max(scale * spans[1], 2.6)]
+    heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
+    figure = Figure(figsize=(sum(widths) + 1.5, sum(heights) + 2.0), dpi=settings.dots_per_inch)
+    grid = figure.add_gridspec(
+        2,
+        2,
+        width_ratios=widths,
+        height_ratios=heights,
+        left=0.7 / figure.get_figwidth(),
+        right=1.0 - 0.15 / figure.get_figwidth(),
+        bottom=0.8 / figure.get_figheight(),
+        top=1.0 - 0.5 / figure.get_figheight(),
+        wspace=0.65 / np.mean(widths),
+        hspace=0.72 / np.mean(heights),
+    )
+    scene = SeenScene(problem, settings)
+    cells = (grid[0, 0], grid[1, 0], grid[1, 1])
+    for side, cell in zip(SIDES, cells, strict=True):
+        axes = figure.add_subplot(cell)
+        _draw_view(axes, scene, side, plan, points, window)
+    _draw_section(figure.add_subplot(grid[0, 1]), problem, points[-1], settings)
+    gap = "" if plan.least_gap is None else f", least gap {millimetres(plan.least_gap)}"
+    figure.suptitle(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}", x=0.02, ha="left", fontsize=10)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)
+    return figure
+
+
+def _draw_view(
+    axes: Axes, scene: SeenScene, side: Side, plan: SpacePlan, points: FloatArray, window: FloatArray
+) -> None:
+    problem = scene.problem
+    low, high = side(window)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    scene.draw_room(axes, side)
+    scene.draw(axes, side)
+    axes.set_aspect("equal", adjustable="box", anchor="NW")
+    draw_arm(axes, side(points[0]), problem.arm.radius, style.START_EDGE, 0.45, "start")
+    between = points[even_steps(points, scene.settings.poses)]
+    shades = colormaps[style.POSE_COLOURS](np.linspace(0.15, 0.85, len(between)))
+    axes.add_collection(LineCollection(list(side(between)), colors=shades, linewidths=0.9, alpha=0.85, zorder=5))
+    axes.plot([], [], color=shades[len(shades) // 2], linewidth=0.9, label="on the way, early to late")
+    draw_arm(axes, side(points[-1]), problem.arm.radius, style.GOAL_ARM, 0.85, "end")
+    tips = side(points[:, -1])
+    axes.plot(*tips.T, color=style.TIP_PATH, linewidth=1.1, linestyle=(0, (4, 2)), zorder=7, label="path of the tip")
+    draw_goals_in_space(axes, plan, side, points)
+    _dress_view(axes, side, problem)
+
+
+def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: float, label: str) -> None:
+    """The arm in one pose as a band with round ends, as wide as it is in the drawing.
+
+    Args:
+        axes: with their limits and aspect.
+        flat: joints and tip in the picture, shape (links + 1, 2) [m].
+        radius: of the arm [m]; a line stands for zero.
+        colour: of the band.
+        opacity: of the band.
+        label: in the legend.
+    """
+    box = axes.get_window_extent()
+    # The axes have the aspect of their limits only inside their box.
+    pixels_a_metre = min(box.width / np.ptp(axes.get_xlim()), box.height / np.ptp(axes.get_ylim()))
+    width = max(2.0 * radius * pixels_a_metre * 72.0 / SPACE_PICTURES.dots_per_inch, 1.2)
+    axes.plot(
+        *flat.T, color=colour, linewidth=width, alpha=opacity, zorder=6, label=label,
+        solid_capstyle="round", solid_joinstyle="round",
+    )  # fmt: skip
+    axes.plot(*flat.T, color=style.GOAL_ARM_EDGE, linewidth=0.5, marker="o", markersize=1.2, zorder=6.1)
+
+
+def draw_goals_in_space(axes: Axes, plan: SpacePlan, side: Side, points: FloatArray) -> None:
+    """Rings at all goals, with an arrow where a direction is asked for."""
+    samples = [*plan.trajectory.stops, len(points) - 1]
+    for stop, sample in zip(plan.problem.goals, samples, strict=True):
+        goal = stop.goal
+        place = goal.position if isinstance(goal, SpaceTipGoal) else points[sample, -1]
+        label = "goal" if sample == samples[-1] else ""
+        axes.plot(
+            *side(place), marker="o", markersize=8, markerfacecolor="none", markeredgewidth=1.5,
+            color=style.GOAL_MARK, linestyle="none", zorder=9, label=label,
+        )  # fmt: skip
+        if isinstance(goal, SpaceTipGoal) and goal.direction is not None:
+            ahead = side(place + 3.0 * plan.problem.arm.link_length * goal.direction)
+            arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.5, "shrinkA": 0.0, "shrinkB": 0.0}
+            axes.annotate("", xy=tuple(ahead), xytext=tuple(side(place)), arrowprops=arrow, zorder=9)
+        for passed in goal.via if isinstance(goal, SpaceTipGoal) else ():
+            axes.plot(*side(passed), marker="x", markersize=6, color=style.GOAL_MARK, linestyle="none", zorder=9)
+
+
+def _dress_view(axes: Axes, side: Side, problem: SpaceProblem) -> None:
+    unit = problem.length_unit
+    axes.set_title(side.name, fontsize=style.FONT_SIZE, loc="left", pad=3)
+    axes.set_xlabel(f"{side.labels[0]} [{unit}]", fontsize=style.FONT_SIZE)
+    axes.set_ylabel(f"{side.labels[1]} [{unit}]", fontsize=style.FONT_SIZE)
+    in_units = lambda value, _: f"{value / METRES[unit]:g}"  # noqa: E731 - matplotlib wants two arguments
+    axes.xaxis.set_major_formatter(in_units)
+    axes.yaxis.set_major_formatter(in_units)
+    axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def _draw_section(axes: Axes, problem: SpaceProblem, end: FloatArray, settings: SpacePictureSettings) -> None:
+    """What is above, below and beside the straightened arm at its goal."""
+    arm = problem.arm
+    reach = max(settings.section_share * arm.length, 4.0 * arm.radius)
+    section = section_along(problem, end, settings.places, reach)
+    along = section.place / METRES[problem.length_unit]
+    unit = METRES[problem.length_unit]
+    up, left, down, right = section.free.T / unit
+    edge = 1.02 * reach / unit
+    for side, limit, name in ((up, edge, "surface above, below"), (-down, -edge, "")):
+        met = np.abs(side) < reach / unit
+        axes.fill_between(
+            along, side, limit, where=met.tolist(), step="mid", label=name, color=style.WALL, linewidth=0.0, zorder=1
+        )
+    for side, name, colour in ((left, "to the left", style.TIP_PATH), (-right, "to the right", style.PRESSED)):
+        shown = np.where(np.abs(side) < 0.999 * reach / unit, side, np.nan)
+        axes.plot(along, shown, color=colour, linewidth=1.0, linestyle=(0, (3, 1.5)), label=f"surface {name}", zorder=3)
+    radius = max(arm.radius, 0.002 * arm.length) / unit
+    axes.fill_between([0.0, arm.length / unit], -radius, radius, color=style.GOAL_ARM, linewidth=0.0, zorder=2)
+    for limit in (1.0, -1.0):
+        wanted = limit * (radius + (problem.workspace.clearance + problem.wanted_gap) / unit)
+        axes.axhline(wanted, color=style.GOAL_ARM_EDGE, linewidth=0.6, linestyle=(0, (1, 2)), zorder=2)
+    axes.set_xlim(0.0, arm.length / unit)
+    axes.set_ylim(-edge, edge)
+    axes.set_title("section along the arm at its goal", fontsize=style.FONT_SIZE, loc="left", pad=3)
+    axes.set_xlabel(f"from the base [{problem.length_unit}]; dotted: wanted gap", fontsize=style.FONT_SIZE)
+    axes.set_ylabel(f"off the axis [{problem.length_unit}]", fontsize=style.FONT_SIZE)
+    axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
+    axes.legend(loc="upper left", frameon=False, fontsize=style.FONT_SIZE - 1.5, ncols=1, borderpad=0.1)
+    for spine in axes.spines.values():
+        spine.set_visible(False)

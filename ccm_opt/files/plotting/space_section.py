@@ -1,0 +1,101 @@
+"""How much room there is across an arm in space, along its whole length: rays from its axis to the nearest surfaces.
+
+The directions are carried along the arm by the shortest turns from link to link, as the curve's own frame is, so that
+up stays up as far as the arm allows.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.problem import SpaceProblem
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSection:
+    """What rays across the arm meet.
+
+    Attributes:
+        place: along the arm, shape (N,) [m].
+        free: length of the rays in four directions, up, left, down, right, at most the reach, shape (N, 4) [m].
+        reach: how far is looked [m].
+    """
+
+    place: FloatArray
+    free: FloatArray
+    reach: float
+
+
+def section_along(problem: SpaceProblem, points: FloatArray, count: int, reach: float) -> ArmSection:
+    """The section of a pose.
+
+    Args:
+        problem: whose surfaces are met.
+        points: joints and tip, shape (links + 1, 3) [m].
+        count: of places along the arm.
+        reach: how far is looked [m].
+    """
+    arm = problem.arm
+    place = np.linspace(0.0, arm.length, count, endpoint=False) + 0.5 * arm.length / count
+    link = np.minimum((place / arm.link_length).astype(np.intp), arm.links - 1)
+    along = np.diff(points, axis=0) / arm.link_length
+    origins = points[link] + (place - link * arm.link_length)[:, None] * along[link]
+    up = _carried_up(along, arm.up)[link]
+    left = np.cross(up, along[link])
+    rays = np.stack((up, left, -up, -left), axis=1)
+    free = free_lengths(problem.workspace.soup.triangles, np.repeat(origins, 4, axis=0), rays.reshape(-1, 3), reach)
+    return ArmSection(place, free.reshape(count, 4), reach)
+
+
+def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
+    """A direction across each link, carried from link to link by the shortest turn, shape (links, 3)."""
+    found = [first - (first @ along[0]) * along[0]]
+    for before, after in pairwise(along):
+        axis = np.cross(before, after)
+        latest = found[-1]
+        # Rodrigues' formula for the turn that takes one unit vector to the other.
+        turned = latest + np.cross(axis, latest) + np.cross(axis, np.cross(axis, latest)) / (1.0 + before @ after)
+        found.append(turned / np.linalg.norm(turned))
+    return np.stack(found)
+
+
+def free_lengths(triangles: FloatArray, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
+    """Length of each ray to the first triangle that it meets, at most the reach, shape (N,) [m].
+
+    By the intersection of Möller and Trumbore (1997), for all rays with the triangles in reach of them at once.
+
+    Args:
+        triangles: shape (m, 3, 3) [m].
+        origins: shape (N, 3) [m].
+        rays: unit vectors, shape (N, 3).
+        reach: how far is looked [m].
+    """
+    free = np.full(len(origins), reach)
+    low = triangles.min(axis=1)
+    high = triangles.max(axis=1)
+    # Some rays at a time, near each other along the arm, so that few triangles are in their reach.
+    for some in np.array_split(np.arange(len(origins)), max(len(origins) // 16, 1)):
+        box = (origins[some].min(axis=0) - reach, origins[some].max(axis=0) + reach)
+        near = triangles[np.all((high >= box[0]) & (low <= box[1]), axis=1)]
+        if len(near):
+            free[some] = np.minimum(free[some], _first_hits(near, origins[some], rays[some], reach))
+    return free
+
+
+def _first_hits(triangles: FloatArray, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
+    first = triangles[:, 1] - triangles[:, 0]
+    second = triangles[:, 2] - triangles[:, 0]
+    p = np.cross(rays[:, None], second)
+    determinant = np.sum(p * first, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / determinant
+        away = origins[:, None] - triangles[:, 0]
+        u = np.sum(away * p, axis=-1) * inverse
+        q = np.cross(away, first)
+        v = np.sum(rays[:, None] * q, axis=-1) * inverse
+        length = np.sum(second * q, axis=-1) * inverse
+        # What is no number, from triangles without area or along the ray, is no hit either.
+        hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (length > 0.0)
+    return np.asarray(np.min(np.where(hit, length, reach), axis=1, initial=reach))

@@ -1,0 +1,149 @@
+"""Views of a scene in space: its bodies seen through from one side, the arm as a band, in matplotlib's axes."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgb
+from PIL import Image, ImageDraw
+
+from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePictureSettings
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.scene.round_bodies import seen_triangles
+from ccm_opt.space.scene.thin_surfaces import within
+
+
+@dataclass(frozen=True)
+class Side:
+    """A direction in which a scene is looked at.
+
+    Attributes:
+        name: of the view.
+        across: number of the coordinate that grows to the right, or weights of the three, shape (3,).
+        up: likewise of the one that grows upwards.
+        labels: of both axes.
+    """
+
+    name: str
+    across: FloatArray
+    up: FloatArray
+    labels: tuple[str, str]
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Places in the picture, shape (..., 3) to (..., 2) [m]."""
+        return np.stack((points @ self.across, points @ self.up), axis=-1)
+
+
+_X, _Y, _Z = np.eye(3)
+SIDES = (
+    Side("from above", _X, _Y, ("x", "y")),
+    Side("from the front", _X, _Z, ("x", "z")),
+    Side("from the left", _Y, _Z, ("y", "z")),
+)
+"""The three sides of a plan's picture."""
+SLANTED = Side(
+    "slanted",
+    np.array([np.cos(0.6), -np.sin(0.6), 0.0]),
+    np.array([0.42 * np.sin(0.6), 0.42 * np.cos(0.6), np.sqrt(1.0 - 0.42**2)]),
+    ("", ""),
+)
+"""From before and above, as a film shows it."""
+
+
+@dataclass(frozen=True)
+class SeenScene:
+    """The bodies of a problem as triangles that are few enough to be drawn.
+
+    Attributes:
+        problem: what is shown.
+        settings: how many.
+    """
+
+    problem: SpaceProblem
+    settings: SpacePictureSettings = SPACE_PICTURES
+
+    @cached_property
+    def bodies(self) -> list[tuple[FloatArray, IntArray]]:
+        """Corners, shape (v, 3) [m], and faces, shape (m, 3), of every body; the sides of the room are none."""
+        obstacles = self.problem.workspace.obstacles
+        extent = float(np.max(np.ptp(self.problem.workspace.extent, axis=0), initial=self.problem.arm.length))
+        most = max(self.settings.most_triangles // max(len(obstacles), 1), self.settings.least_triangles)
+        surfaces = [seen_triangles(obstacle.body, self.settings.round_sides) for obstacle in obstacles]
+        return [within(*surface, most, self.settings.cell * extent) for surface in surfaces]
+
+    def draw(self, axes: Axes, side: Side) -> None:
+        """Draw every body as one sheet of glass with its edges; the limits of the axes must be set."""
+        low = np.array([axes.get_xlim()[0], axes.get_ylim()[0]])
+        high = np.array([axes.get_xlim()[1], axes.get_ylim()[1]])
+        scale = self.settings.glass_pixels / float(np.max(high - low))
+        size = (max(round(scale * (high[0] - low[0])), 1), max(round(scale * (high[1] - low[1])), 1))
+        clear = np.ones(size[::-1])
+        for vertices, faces in self.bodies:
+            flat = scale * (side(vertices) - low)
+            mask = Image.new("1", size)
+            brush = ImageDraw.Draw(mask)
+            for corners in flat[faces].reshape(-1, 6).tolist():
+                brush.polygon(corners, fill=1, outline=1)
+            clear[np.asarray(mask)] *= 1.0 - self.settings.glass
+            lines = side(vertices[sharp_edges(vertices, faces, self.settings.sharp)])
+            edges = LineCollection(list(lines), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5)
+            axes.add_collection(edges)
+        picture = np.empty((*clear.shape, 4))
+        picture[..., :3] = to_rgb(style.WALL_EDGE)
+        picture[..., 3] = 1.0 - clear
+        extent = (low[0], high[0], low[1], high[1])
+        axes.imshow(picture, extent=extent, origin="lower", interpolation="bilinear", zorder=1, aspect="auto")
+
+    def draw_room(self, axes: Axes, side: Side) -> None:
+        """Draw the outline of the room where there is one."""
+        bounds = self.problem.workspace.bounds
+        if bounds is None:
+            return
+        counted = np.arange(8)[:, None] >> np.arange(3) & 1
+        corners = side(np.where(counted == 1, bounds[1], bounds[0]))
+        edges = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
+        lines = [corners[list(edge)] for edge in edges]
+        axes.add_collection(LineCollection(lines, colors=style.BOUNDARY, linewidths=0.6, alpha=0.5, zorder=0.5))
+
+
+def sharp_edges(vertices: FloatArray, faces: IntArray, angle: float) -> IntArray:
+    """Edges at which a surface ends, or turns by more than an angle [rad]; their corners, shape (k, 2).
+
+    Args:
+        vertices: shape (v, 3) [m]; corners at the same place count as one.
+        faces: shape (m, 3).
+        angle: between the normals of the two faces of an edge [rad].
+    """
+    _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    joined = first[same.reshape(-1)][faces]
+    corners = vertices[joined]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    edges = np.sort(np.concatenate((joined[:, [0, 1]], joined[:, [1, 2]], joined[:, [2, 0]])), axis=1)
+    of_face = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges = edges[order]
+    of_face = of_face[order]
+    starts = np.flatnonzero(np.any(np.diff(edges, axis=0, prepend=-1) != 0, axis=1))
+    counts = np.diff(starts, append=len(edges))
+    pairs = starts[counts == 2]
+    cos = np.abs(np.sum(normals[of_face[pairs]] * normals[of_face[pairs + 1]], axis=1))
+    return np.concatenate((edges[pairs[cos < np.cos(angle)]], edges[starts[counts == 1]]))
+
+
+def window_of(problem: SpaceProblem, points: FloatArray) -> FloatArray:
+    """Corners of the box in which the arm moves, and of what is near it, shape (2, 3) [m]."""
+    margin = 3.0 * max(problem.arm.radius, 0.5 * problem.arm.link_length)
+    low = points.min(axis=(0, 1)) - margin
+    high = points.max(axis=(0, 1)) + margin
+    # Of a duct that the arm goes through so much is shown that one can tell where it leads.
+    extent = problem.workspace.extent
+    near = 0.15 * problem.arm.length
+    if len(problem.workspace.soup):
+        low = np.maximum(np.minimum(low, extent[0]), low - near)
+        high = np.minimum(np.maximum(high, extent[1]), high + near)
+    return np.stack((low, high))
