@@ -2,10 +2,10 @@
 
 from typing import TypeAlias
 
-from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
-from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.problem import AnyProblem
 from ccm_opt.space.space_solution import SpaceSolution
 
-AnyProblem: TypeAlias = Problem | SpaceProblem
+__all__ = ["AnyProblem", "AnySolution"]
+
 AnySolution: TypeAlias = Solution | SpaceSolution

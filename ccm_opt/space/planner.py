@@ -20,6 +20,8 @@ from ccm_opt.space.motion.settings import SpaceMotionSettings
 from ccm_opt.space.motion.smooth_path import certified_spline
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
+from ccm_opt.space.scene.enclosures import Enclosure, deepest_enclosure
+from ccm_opt.space.scene.scene import ROOM_NAME
 
 PLANNING_SHARE = 0.8
 """Of the time limit that planning may take; the rest is for timing, simulation and reasons."""
@@ -114,15 +116,57 @@ def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:
         ProblemError: the start touches something.
         UnreachableGoal: the goal does, or is too far away.
     """
-    contact = contact_of(problem, task, task.start)
+    contact = contact_words(problem, task, task.start)
     if contact:
         raise ProblemError(f"the start is in contact: {contact}")
     if task.goal_pose is not None:
-        contact = contact_of(problem, task, task.goal_pose)
+        contact = contact_words(problem, task, task.goal_pose)
         if contact:
             raise UnreachableGoal(Diagnosis(f"the goal pose is in contact: {contact}", "necessary checks"))
     if task.goal is not None:
+        _refuse_goal_without_room(problem, task, task.goal)
         _refuse_far_goal(task, task.goal)
+
+
+def contact_words(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
+    """What a configuration touches and how deep it is inside of bodies, in words; empty where it is free."""
+    contact = contact_of(problem, task, q)
+    joints = joint_positions(task.arm, q)
+    # An arm that touches nothing is inside of a body as a whole, as its tip tells.
+    first = int(np.ceil(task.arm.mount_length / task.arm.link_length)) if contact else task.arm.links
+    found = deepest_enclosure(problem.workspace, joints[first:])
+    if found is None:
+        return contact
+    number = first + found.number
+    point = "the tip" if number == task.arm.links else f"joint {number + 1}"
+    deep = f"{point} is {_depth_words(found)}"
+    return f"{contact}; {deep}" if contact else deep
+
+
+def _depth_words(found: Enclosure) -> str:
+    where = f"deep inside of '{found.name}'" if found.name else f"outside of the {ROOM_NAME}"
+    place = ", ".join(f"{x:.4g}" for x in found.place)
+    return f"{millimetres(found.depth)} {where}, at ({place}) m"
+
+
+def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: TipPose) -> None:
+    """Refuse a goal for the tip inside of a body, or nearer to a surface than the arm may come."""
+    found = deepest_enclosure(problem.workspace, goal.position[None])
+    if found is not None:
+        reason = f"the goal is {_depth_words(found)}"
+        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal out of it",)))
+    kept = task.arm.radius + task.clearance
+    # Any place within the tolerance will do for a goal.
+    least = kept - problem.tolerances.position
+    near = task.tree.nearest(np.stack((goal.position, goal.position))[None], kept)
+    if near.owner[0] >= 0 and near.gap[0] < least:
+        missing = millimetres(kept - float(near.gap[0]))
+        place = ", ".join(f"{x:.4g}" for x in near.point[0])
+        name = task.names[near.owner[0]]
+        reason = f"the goal leaves the tip no room: it is {missing} too near to '{name}' at ({place}) m"
+        raise UnreachableGoal(
+            Diagnosis(reason, "necessary checks", ("move the goal away from it", "use a thinner arm"))
+        )
 
 
 def contact_of(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:

@@ -1,0 +1,64 @@
+"""Places inside of closed bodies: distances know surfaces alone, and to them a body is as free inside as a room."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.scene.insides import depth_inside, encloses
+from ccm_opt.space.scene.scene import SpaceWorkspace
+
+
+@dataclass(frozen=True)
+class Enclosure:
+    """A place inside of a closed body, or outside of the room.
+
+    Attributes:
+        name: of the body; empty outside of the room.
+        number: of the place among those that were asked of.
+        place: the place, shape (3,) [m].
+        depth: how far it is from the surface [m].
+    """
+
+    name: str
+    number: int
+    place: FloatArray
+    depth: float
+
+
+def deepest_enclosure(workspace: SpaceWorkspace, places: FloatArray) -> Enclosure | None:
+    """Which place is deepest inside of a closed body, or farthest outside of the room; None where none is.
+
+    An arm that touches no surface is inside of a body with all its places or with none, so that one of them tells.
+
+    Args:
+        workspace: the room.
+        places: shape (k, 3) [m].
+    """
+    return max(_enclosures(workspace, places), key=lambda found: found.depth, default=None)
+
+
+def _enclosures(workspace: SpaceWorkspace, places: FloatArray) -> Iterator[Enclosure]:
+    for obstacle in workspace.obstacles:
+        body = obstacle.body
+        if not body.closed:
+            continue
+        triangles = body.triangles
+        low = triangles.min(axis=(0, 1)) - body.rounding
+        high = triangles.max(axis=(0, 1)) + body.rounding
+        for number in np.flatnonzero(np.all((places >= low) & (places <= high), axis=1)):
+            # How deep takes longer to find than whether at all; of what is rounded the depth itself says both.
+            if body.rounding or encloses(body, places[number]):
+                depth = depth_inside(body, places[number])
+                if depth > 0.0:
+                    yield Enclosure(obstacle.name, int(number), places[number], depth)
+    yield from _outside_room(workspace, places)
+
+
+def _outside_room(workspace: SpaceWorkspace, places: FloatArray) -> Iterator[Enclosure]:
+    if workspace.bounds is None:
+        return
+    beyond = np.maximum(np.maximum(workspace.bounds[0] - places, places - workspace.bounds[1]), 0.0)
+    for number in np.flatnonzero(np.any(beyond > 0.0, axis=1)):
+        yield Enclosure("", int(number), places[number], float(np.linalg.norm(beyond[number])))
