@@ -1,0 +1,127 @@
+"""The curve in space as the NLP sees it: two curvatures on the same knots, and its frame from link to link.
+
+Lengths are in units of the arm's length. The turns U_i(s) = ∫ κ_i ds and their integrals over the arc are known on
+every piece of the splines, as in the plane, and tied from knot to knot. The equations of the frame, t' = κ1 n1 + κ2 n2
+and n_i' = −κ_i t, have no such solution; they are shot from joint to joint. Over a link of length h, with Ω_i the turn
+of the whole link and ψ_i the mean over the link of the turn from its beginning, Magnus' series gives the turn
+
+    (ρ, −Ω2, Ω1) in the axes (t, n1, n2),  ρ = ψ1 Ω2 − ψ2 Ω1,
+
+to the fourth order in h; where the curve is plane it is exact. Frames are unit quaternions (w, x, y, z).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+
+from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve
+from ccm_opt.nlp.arm_pose.link_mapping import JointsAmongPieces
+from ccm_opt.nlp.constraints import RowBlock, equal_to_zero
+from ccm_opt.space.nlp.quaternions import product, turned_by
+
+DIRECTIONS = ("left", "up")
+"""What the two curvatures bend the curve to."""
+
+
+@dataclass(frozen=True, eq=False)
+class BishopShooting:
+    """Symbols of a curve in space and the rows that make them one.
+
+    Attributes:
+        segments: number of curvature segments K.
+        links: number of links n, over which the frame is shot.
+    """
+
+    segments: int
+    links: int
+
+    @cached_property
+    def parts(self) -> tuple[LiftedCurve, LiftedCurve]:
+        """Both curvatures with their turns and integrals, on the same knots."""
+        first = LiftedCurve(self.segments)
+        return first, LiftedCurve(self.segments, first.arcs)
+
+    @cached_property
+    def base_turn(self) -> ca.SX:
+        """Turn of the curve at its base, to the left and upwards, shape (2, 1) [rad]."""
+        return ca.SX.sym("base_turn", 2)
+
+    @cached_property
+    def turns(self) -> ca.SX:
+        """Ω of every link, shape (2, n) [rad]."""
+        return ca.SX.sym("turn", 2, self.links)
+
+    @cached_property
+    def means(self) -> ca.SX:
+        """ψ of every link, shape (2, n) [rad]."""
+        return ca.SX.sym("mean", 2, self.links)
+
+    @cached_property
+    def frames(self) -> ca.SX:
+        """Frames of the curve at the beginning of every link, shape (4, n)."""
+        return ca.SX.sym("frame", 4, self.links)
+
+    @property
+    def variables(self) -> ca.SX:
+        """All symbols in one column: knots; each curvature's values, turns, integrals and bows; then the frames'."""
+        first, second = self.parts
+        each = [ca.vertcat(part.curvatures, part.headings, part.integrals, part.bows) for part in (first, second)]
+        flat = [ca.vec(symbols) for symbols in (self.turns, self.means, self.frames)]
+        return ca.vertcat(first.arcs, *each, self.base_turn, *flat)
+
+    def rows(self, least_piece: float, window: int) -> tuple[RowBlock, ...]:
+        """Spline equations, turns and integrals from knot to knot, links' turns, and frames from joint to joint.
+
+        Args:
+            least_piece: least share of its segment that a piece keeps.
+            window: pieces about a joint that are looked at, see ``mapping_rows`` of the plane.
+        """
+        blocks: list[RowBlock] = []
+        for index, (name, part) in enumerate(zip(DIRECTIONS, self.parts, strict=True)):
+            splines, gaps, spacing = part.rows(least_piece)
+            joints = JointsAmongPieces.of(part, self.links, window)
+            blocks += [_named(name, block) for block in (splines, gaps, self._link_turns(index, joints))]
+            if index == 0:  # the knots are shared
+                blocks += [spacing, joints.kept_among()]
+        return (*blocks, self._frame_gaps())
+
+    def directions(self) -> list[ca.SX]:
+        """Mean direction of the curve over each link, in the axes of the frame at its beginning, n of shape (3, 1)."""
+        found = []
+        for link in range(self.links):
+            mean = self.means[:, link]
+            angle = _length(mean)
+            found.append(ca.vertcat(ca.cos(angle), ca.sin(angle) / angle * mean))
+        return found
+
+    def _link_turns(self, index: int, joints: JointsAmongPieces) -> RowBlock:
+        """Ω_i = U(s_(j+1)) − U(s_j) and ψ_i = (1/h) ∫ U ds − U(s_j) of every link."""
+        turns = joints.turns()
+        integrals = joints.integrals()
+        whole = turns[1:] - turns[:-1] - self.turns[index, :].T
+        mean = self.links * (integrals[1:] - integrals[:-1]) - turns[:-1] - self.means[index, :].T
+        kinds = ("turn of link {}", "mean turn of link {}")
+        names = tuple(kind.format(link + 1) for kind in kinds for link in range(self.links))
+        return equal_to_zero(tuple(f"mapping: {name}" for name in names), ca.vertcat(whole, mean))
+
+    def _frame_gaps(self) -> RowBlock:
+        """The frame at a joint is that at the joint before, carried over the link between."""
+        carried = [turned_by(ca.vertcat(0, -self.base_turn[1], self.base_turn[0]))]
+        for link in range(self.links - 1):
+            turn = self.turns[:, link]
+            mean = self.means[:, link]
+            roll = mean[0] * turn[1] - mean[1] * turn[0]
+            step = turned_by(ca.vertcat(roll, -turn[1], turn[0]))
+            carried.append(product(self.frames[:, link], step))
+        names = [f"link {link + 1}: gap in {part} of its frame" for link in range(self.links) for part in "wxyz"]
+        return equal_to_zero(tuple(names), ca.vec(self.frames) - ca.vertcat(*carried))
+
+
+def _named(direction: str, block: RowBlock) -> RowBlock:
+    return replace(block, names=tuple(f"{name}, {direction}" for name in block.names))
+
+
+def _length(vector: ca.SX) -> ca.SX:
+    """Length of a vector, with a smooth least value far below what matters, so that sin(x)/x has a derivative at 0."""
+    return ca.sqrt(ca.sumsqr(vector) + 1e-16)

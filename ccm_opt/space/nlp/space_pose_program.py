@@ -1,0 +1,210 @@
+"""The goal-pose NLP in space as data: symbols, named rows and cost parts, built once a number of links and sides."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.nlp.arm_pose import pose_costs
+from ccm_opt.nlp.constraints import RowBlock
+from ccm_opt.space.nlp.bishop_shooting import DIRECTIONS, BishopShooting
+from ccm_opt.space.nlp.space_pose_rows import (
+    mapping_rows_in_space,
+    place_rows,
+    side_rows,
+    tip_direction_rows,
+    tip_place_row,
+    turning_rows,
+)
+from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
+
+SPACE_PARTS = ("room", "bending", "distance", "knots", "bows")
+"""Names of the parts of the objective, in the order of their weights among the parameters."""
+
+
+@dataclass(frozen=True)
+class SpacePoseSize:
+    """What the symbolic part depends on.
+
+    Attributes:
+        links: number of links.
+        sides: sides of every link's region, padded.
+        segments: curvature segments of the curve.
+        window: pieces about a joint.
+        least_piece: least share of its segment that a piece keeps.
+    """
+
+    links: int
+    sides: int
+    segments: int
+    window: int
+    least_piece: float
+
+    @classmethod
+    def from_settings(cls, links: int, sides: int, settings: SpacePoseSettings) -> "SpacePoseSize":
+        """The size of a question."""
+        return cls(links, sides, settings.segments, settings.window, settings.least_piece)
+
+
+@dataclass(frozen=True, eq=False)
+class SpacePoseParameters:
+    """Symbols of what changes from question to question; lengths in units of the arm's length, axes of its base.
+
+    Attributes:
+        weights: of the parts of the objective, shape (5, 1).
+        wanted_gap: scalar.
+        near: bends to stay near, shape (2, n) [rad].
+        first_shares: where on each link the part begins that must be inside its region, shape (n, 1).
+        goal: middle of the ball that the tip lies in, shape (3, 1).
+        goal_room: its radius, scalar.
+        across: two unit vectors across the direction asked for, shape (3, 2).
+        normals: of the regions' sides, inwards, shape (3, n · sides).
+        offsets: shape (sides, n).
+        gap_shares: shape (sides, n).
+    """
+
+    weights: ca.SX
+    wanted_gap: ca.SX
+    near: ca.SX
+    first_shares: ca.SX
+    goal: ca.SX
+    goal_room: ca.SX
+    across: ca.SX
+    normals: ca.SX
+    offsets: ca.SX
+    gap_shares: ca.SX
+
+    @classmethod
+    def symbols(cls, size: SpacePoseSize) -> "SpacePoseParameters":
+        """Fresh symbols."""
+        return cls(
+            weights=ca.SX.sym("weight", len(SPACE_PARTS)),
+            wanted_gap=ca.SX.sym("wanted_gap"),
+            near=ca.SX.sym("near", 2, size.links),
+            first_shares=ca.SX.sym("first_share", size.links),
+            goal=ca.SX.sym("goal", 3),
+            goal_room=ca.SX.sym("goal_room"),
+            across=ca.SX.sym("across", 3, 2),
+            normals=ca.SX.sym("normal", 3, size.links * size.sides),
+            offsets=ca.SX.sym("offset", size.sides, size.links),
+            gap_shares=ca.SX.sym("gap_share", size.sides, size.links),
+        )
+
+    @property
+    def column(self) -> Any:
+        """All of them in one column."""
+        return ca.vertcat(*(ca.vec(value) for value in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class SpacePoseProgram:
+    """The symbolic part of the goal-pose NLP in space.
+
+    Attributes:
+        size: what it was built for.
+        curve: symbols of the curve.
+        bends: (a, b) of every joint, shape (2, n) [rad].
+        links: quaternions of the links, shape (4, n).
+        points: joint and tip positions, shape (3, n + 1).
+        feed: position of the base, scalar.
+        tip_parts: what the last link has of the axes across the goal's direction, shape (2, 1).
+        gap: g, scalar.
+        parameters: what changes from question to question.
+        rows: all blocks of rows.
+        parts: the parts of the objective by name, unweighted, in the order of ``SPACE_PARTS``; the user's behind them.
+        objective: their weighted sum.
+    """
+
+    size: SpacePoseSize
+    curve: BishopShooting
+    bends: ca.SX
+    links: ca.SX
+    points: ca.SX
+    feed: ca.SX
+    tip_parts: ca.SX
+    gap: ca.SX
+    parameters: SpacePoseParameters
+    rows: tuple[RowBlock, ...]
+    parts: Mapping[str, ca.SX]
+    objective: ca.SX
+
+    @property
+    def variables(self) -> ca.SX:
+        """The curve, the bends, the links, the points, the feed, the tip's parts and the gap in one column."""
+        flat = [ca.vec(symbols) for symbols in (self.bends, self.links, self.points)]
+        return ca.vertcat(self.curve.variables, *flat, self.feed, self.tip_parts, self.gap)
+
+    @cached_property
+    def places(self) -> Mapping[str, slice]:
+        """Where the variables stand in the column, by name."""
+        first, _ = self.curve.parts
+        knots = first.count + 1
+        links = self.size.links
+        sizes = {"arcs": knots}
+        for direction in DIRECTIONS:
+            each = (("curvature", knots), ("turned", knots), ("integral", knots), ("bows", first.bows.numel()))
+            sizes |= {f"{name} {direction}": size for name, size in each}
+        sizes |= {"base turn": 2, "turns": 2 * links, "means": 2 * links, "frames": 4 * links}
+        sizes |= {"bends": 2 * links, "links": 4 * links, "points": 3 * (links + 1)}
+        sizes |= {"feed": 1, "tip parts": 2, "gap": 1}
+        stops = np.cumsum(list(sizes.values())).tolist()
+        return {name: slice(stop - size, stop) for (name, size), stop in zip(sizes.items(), stops, strict=True)}
+
+    @property
+    def constraints(self) -> ca.SX:
+        """All rows in one column."""
+        return ca.vertcat(*(block.expression for block in self.rows))
+
+    @cached_property
+    def parts_function(self) -> ca.Function:
+        """(variables, parameters) to the parts of the objective, unweighted, in one column."""
+        parts = ca.vertcat(*self.parts.values())
+        return ca.Function("parts", [self.variables, self.parameters.column], [parts])
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """What each row says."""
+        return tuple(name for block in self.rows for name in block.names)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds of the rows."""
+        lower = np.concatenate([block.lower for block in self.rows])
+        upper = np.concatenate([block.upper for block in self.rows])
+        return lower, upper
+
+
+@lru_cache(maxsize=16)
+def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
+    """Symbols, rows and objective for a size; nothing is solved."""
+    curve = BishopShooting(size.segments, size.links)
+    bends = ca.SX.sym("bend", 2, size.links)
+    links = ca.SX.sym("link", 4, size.links)
+    points = ca.SX.sym("point", 3, size.links + 1)
+    feed = ca.SX.sym("feed")
+    tip_parts = ca.SX.sym("tip_part", 2)
+    gap = ca.SX.sym("gap")
+    given = SpacePoseParameters.symbols(size)
+    rows = (
+        *curve.rows(size.least_piece, size.window),
+        turning_rows(bends, links),
+        place_rows(links, points, feed),
+        mapping_rows_in_space(curve, links),
+        side_rows(points, given.first_shares, given.normals, given.offsets, given.gap_shares, gap),
+        tip_place_row(points[:, size.links], given.goal, given.goal_room),
+        tip_direction_rows(links[:, size.links - 1], given.across, tip_parts),
+    )
+    first, second = curve.parts
+    parts = {
+        "room": pose_costs.lack_of_room(gap, given.wanted_gap),
+        "bending": pose_costs.bending(first) + pose_costs.bending(second),
+        "distance": ca.sumsqr(bends - given.near),
+        "knots": pose_costs.uneven_knots(first),
+        "bows": pose_costs.rough_curvature(first) + pose_costs.rough_curvature(second),
+    }
+    objective = ca.dot(given.weights, ca.vertcat(*(parts[name] for name in SPACE_PARTS)))
+    return SpacePoseProgram(size, curve, bends, links, points, feed, tip_parts, gap, given, rows, parts, objective)

@@ -1,0 +1,254 @@
+"""Solves the goal-pose NLP in space: numbers for its symbols, a start from a pose, IPOPT, and what came of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import casadi as ca
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.ipopt_call import ipopt_answer
+from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
+from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
+from ccm_opt.space.curve.space_configuration import SpaceConfiguration
+from ccm_opt.space.nlp.pose_reading import curve_from, named_above, shaping_rows
+from ccm_opt.space.nlp.shooting_start import CurveNumbers, start_values
+from ccm_opt.space.nlp.space_pose_program import SPACE_PARTS, SpacePoseProgram
+from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
+from ccm_opt.space.nlp.space_pose_task import SpacePoseTask
+
+_SWITCHES: dict[str, Any] = {
+    **IPOPT_SWITCHES,
+    "calc_lam_p": False,
+    "no_nlp_grad": True,
+    # What the links' chain leaves open adds up along the arm.
+    "ipopt.constr_viol_tol": 1e-10,
+}
+_solvers: WeakKeyDictionary[SpacePoseProgram, dict[SpacePoseSettings, ca.Function]] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceArmPose:
+    """What the goal-pose NLP found.
+
+    Attributes:
+        q: the configuration, shape (c,) [rad, m].
+        curve: the curve whose mean directions its links have.
+        gap: least room of any link in its region beyond radius and clearance, at most the wanted gap [m].
+        costs: weighted parts of the objective by name; they sum to it.
+        multipliers: of the rows that shape the pose, by name, the largest first.
+        status: the solver's own word for how it stopped.
+        iterations: of the solver.
+        violation: largest violation of any row, in units of the arm's length.
+        worst_row: name of that row.
+        position_error: distance of the tip from its place [m].
+        direction_error: angle of the last link to its direction [rad].
+        size: numbers of variables and rows.
+        broken: rows that are violated by more than what counts as kept, by name, the worst first.
+    """
+
+    q: FloatArray
+    curve: SpaceConfiguration
+    gap: float
+    costs: Mapping[str, float]
+    multipliers: Mapping[str, float]
+    status: str
+    iterations: int
+    violation: float
+    worst_row: str
+    position_error: float
+    direction_error: float
+    size: tuple[int, int] = field(default=(0, 0))
+    broken: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def cost(self) -> float:
+        """The objective."""
+        return float(sum(self.costs.values()))
+
+
+@dataclass(frozen=True, eq=False)
+class SpacePoseQuestion:
+    """A task put to a program.
+
+    Attributes:
+        program: symbols, perhaps with user terms.
+        task: the numbers.
+        weights: of the parts of the objective, in the order of ``SPACE_PARTS``, shape (5,).
+        settings: of the solver.
+    """
+
+    program: SpacePoseProgram
+    task: SpacePoseTask
+    weights: FloatArray
+    settings: SpacePoseSettings
+
+    def solve(self, curve: CurveNumbers | None = None) -> SpaceArmPose:
+        """Solve from the task's start; never raises on failure, the result says how it went.
+
+        Args:
+            curve: near the start; the one whose bends come nearest when None.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C was pressed meanwhile.
+        """
+        lower, upper = self._variable_bounds()
+        row_lower, row_upper = self.program.bounds
+        start = np.clip(self._start(curve), lower, upper)
+        bounds = {"lbx": lower, "ubx": upper, "lbg": row_lower, "ubg": row_upper}
+        solver = partial(_built_solver, self.program, self.settings)
+        return self._read(*ipopt_answer(solver, start, p=self._parameters(), **bounds))
+
+    @cached_property
+    def _length(self) -> float:
+        return self.task.arm.length
+
+    @cached_property
+    def _rotation(self) -> FloatArray:
+        """From the axes of the base to the world."""
+        return self.task.arm.base_rotation
+
+    @cached_property
+    def _across(self) -> FloatArray:
+        """Two unit vectors across the goal's direction, in the axes of the base, shape (3, 2)."""
+        direction = self.task.target.direction
+        along = np.array([1.0, 0.0, 0.0]) if direction is None else self._rotation.T @ direction
+        return np.asarray(np.linalg.svd(along[None])[2][1:].T)
+
+    @cached_property
+    def _goal(self) -> FloatArray:
+        return np.asarray((self.task.target.position - self.task.arm.base) @ self._rotation / self._length)
+
+    def _parameters(self) -> FloatArray:
+        """Numbers for ``SpacePoseParameters.column``."""
+        task = self.task
+        size = self.program.size
+        normals, offsets, gap_shares = self._padded_sides()
+        values: list[FloatArray | list[float]] = [
+            self.weights,
+            [task.wanted_gap / self._length],
+            task.arm.bend_pairs(task.near).ravel(),
+            task.first_shares,
+            self._goal,
+            # A tip that is held at its goal by its bounds lies in any ball about it.
+            [task.room[0] / self._length or 1.0],
+            self._across.T.ravel(),
+            normals.reshape(size.links * size.sides, 3).ravel(),
+            offsets.ravel(),
+            gap_shares.ravel(),
+        ]
+        return np.concatenate(values)
+
+    def _padded_sides(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Normals (n, sides, 3), offsets and shares of the gap (n, sides) in the axes of the base.
+
+        Sides that say nothing have no normal, and an offset that is always kept.
+        """
+        task = self.task
+        size = self.program.size
+        normals = np.zeros((size.links, size.sides, 3))
+        offsets = np.full((size.links, size.sides), -1.0)
+        gap_shares = np.zeros((size.links, size.sides))
+        order = np.argsort(task.sides.link, kind="stable")
+        links = task.sides.link[order]
+        place = np.arange(len(links)) - np.searchsorted(links, links)
+        normals[links, place] = task.sides.normals[order] @ self._rotation
+        from_base = task.sides.offsets[order] - task.sides.normals[order] @ task.arm.base
+        offsets[links, place] = from_base / self._length
+        gap_shares[links, place] = task.sides.gap_shares[order]
+        return normals, offsets, gap_shares
+
+    def _variable_bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the variables: the ends of the curve, the limits of the joints, the goal and the gap."""
+        program = self.program
+        task = self.task
+        places = program.places
+        upper = np.full(program.variables.numel(), np.inf)
+        lower = -upper
+        lower[places["arcs"]][[0, -1]] = upper[places["arcs"]][[0, -1]] = (0.0, 1.0)
+        for name in ("turned left", "integral left", "turned up", "integral up"):
+            lower[places[name].start] = upper[places[name].start] = 0.0
+        limits = task.bend_limits(self.settings.limit_share)
+        lower[places["bends"]] = -limits
+        upper[places["bends"]] = limits
+        low, high = task.feed_range
+        lower[places["feed"]] = low / self._length
+        upper[places["feed"]] = high / self._length
+        tip = slice(places["points"].stop - 3, places["points"].stop)
+        lower[tip] = self._goal - task.room[0] / self._length
+        upper[tip] = self._goal + task.room[0] / self._length
+        if task.target.direction is not None:
+            # The square inside the cone's section, so that its corners are within the tolerance too.
+            most = np.sin(task.room[1]) / np.sqrt(2.0)
+            lower[places["tip parts"]] = -most
+            upper[places["tip parts"]] = most
+        upper[places["gap"]] = task.wanted_gap / self._length
+        return lower, upper
+
+    def _start(self, curve: CurveNumbers | None) -> FloatArray:
+        task = self.task
+        near = CurveNumbers.near(task.arm, task.start, self.program.size.segments) if curve is None else curve
+        scale = self.program.curve.parts[0].moment_scale
+        values = start_values(task.arm, task.start, near, scale)
+        last = link_rotations(task.arm, task.start)[-1, :, 0] @ self._rotation
+        gap = min(task.sides.gap(task.first_shares, joint_positions(task.arm, task.start)), task.wanted_gap)
+        return np.concatenate((values, self._across.T @ last, [gap / self._length]))
+
+    def _read(self, answer: Mapping[str, Any], statistics: Mapping[str, Any]) -> SpaceArmPose:
+        program = self.program
+        task = self.task
+        variables = np.asarray(answer["x"], dtype=np.float64).ravel()
+        rows = np.asarray(answer["g"], dtype=np.float64).ravel()
+        lower, upper = program.bounds
+        violation = np.nan_to_num(np.maximum(lower - rows, rows - upper), nan=np.inf)
+        worst = int(np.argmax(violation))
+        bends = variables[program.places["bends"]]
+        q = task.arm.configuration(bends, float(variables[program.places["feed"]][0]) * self._length)
+        q = np.clip(q, task.arm.lower_limits, task.arm.upper_limits)
+        tip = joint_positions(task.arm, q)[-1]
+        return SpaceArmPose(
+            q=q,
+            curve=curve_from(program, variables, task.arm),
+            gap=float(variables[-1]) * self._length,
+            costs=self._costs(variables),
+            multipliers=shaping_rows(
+                program.row_names, np.asarray(answer["lam_g"], dtype=np.float64).ravel(), self.settings.binding
+            ),
+            status=str(statistics["return_status"]),
+            iterations=int(statistics["iter_count"]),
+            violation=max(float(violation[worst]), 0.0),
+            worst_row=program.row_names[worst],
+            position_error=float(np.linalg.norm(tip - task.target.position)),
+            direction_error=task.target.angle(link_rotations(task.arm, q)[-1, :, 0]),
+            size=(len(variables), len(rows)),
+            broken=named_above(program.row_names, violation, self.settings.feasible),
+        )
+
+    def _costs(self, variables: FloatArray) -> dict[str, float]:
+        program = self.program
+        weights = [*self.weights, *np.ones(len(program.parts) - len(SPACE_PARTS))]
+        amounts = np.asarray(program.parts_function(variables, self._parameters()), dtype=np.float64).ravel() * weights
+        return dict(zip(program.parts, amounts.tolist(), strict=True))
+
+
+def _built_solver(program: SpacePoseProgram, settings: SpacePoseSettings) -> ca.Function:
+    """The IPOPT solver of a program; built once, kept as long as the program lives."""
+    kept = _solvers.setdefault(program, {})
+    if settings not in kept:
+        symbols = {
+            "x": program.variables,
+            "p": program.parameters.column,
+            "f": program.objective,
+            "g": program.constraints,
+        }
+        options = {
+            **_SWITCHES,
+            "ipopt.max_iter": settings.iterations,
+            "ipopt.tol": settings.tolerance,
+            "ipopt.mu_init": settings.first_barrier,
+        }
+        kept[settings] = ca.nlpsol("space_goal_pose", "ipopt", symbols, options)
+    return kept[settings]

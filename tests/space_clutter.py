@@ -1,0 +1,76 @@
+"""Problems in space for tests: an arm among balls and boxes drawn at random, with a goal that a free pose reaches."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.drive_limits import Limits
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
+from ccm_opt.space.curve.curve_space import CurveSpace
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.space.scene.bodies import Body, BoxBody, SphereBody
+from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from tests.space_arms import space_arm
+
+
+@dataclass(frozen=True)
+class Clutter:
+    """A problem with the free pose that its goal was made from.
+
+    Attributes:
+        problem: with a goal of position and direction.
+        tree: of its surfaces.
+        seed: a pose at the goal that touches nothing, shape (c,).
+    """
+
+    problem: SpaceProblem
+    tree: SurfaceTree
+    seed: FloatArray
+
+
+def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.004, **changes: object) -> Clutter:
+    """An arm a metre long among bodies, with one of its free poses that has little room; drawn until there is one.
+
+    Args:
+        seed: of the draws.
+        links: of the arm.
+        bodies: balls and boxes.
+        most_gap: room beyond radius and clearance that the pose has at most [m].
+        changes: of the arm.
+    """
+    random = np.random.default_rng(seed)
+    arm = space_arm(links, 1.0 / links, 0.012, **changes)
+    space = CurveSpace.of(arm)
+    for _ in range(2000):
+        workspace = SpaceWorkspace(None, tuple(_obstacle(random, number) for number in range(bodies)), 0.002)
+        tree = SurfaceTree.of(workspace.soup)
+        low, high = arm.limits_at(arm.base_range[1])
+        q = np.clip(space.matrix @ random.normal(0.0, 0.3, space.dimension), 0.9 * low, 0.9 * high)
+        problem = problem_at(arm, workspace, q)
+        if 1e-4 < SpaceGoalPoses(problem, tree).gap(q) < most_gap:
+            return Clutter(problem, tree, q)
+    raise AssertionError("no free pose in this clutter")
+
+
+def problem_at(arm: SpaceArm, workspace: SpaceWorkspace, q: FloatArray) -> SpaceProblem:
+    """A problem whose goal is where the tip of a pose is."""
+    goal = SpaceTipGoal(joint_positions(arm, q)[-1], link_rotations(arm, q)[-1, :, 0])
+    rates = np.ones(3 * arm.links)
+    start = SpaceJointPose(np.zeros((arm.links, 2)))
+    return SpaceProblem("clutter", workspace, arm, Limits(rates, 4.0 * rates), start, goal)
+
+
+def _obstacle(random: np.random.Generator, number: int) -> SpaceObstacle:
+    """A ball or a box, off the base."""
+    while True:
+        center = random.uniform(-0.9, 0.9, 3)
+        size = random.uniform(0.03, 0.09)
+        if np.linalg.norm(center) > 0.2:
+            break
+    half = size * random.uniform(0.5, 1.5, 3)
+    body: Body = SphereBody(center, size) if number % 2 else BoxBody(center - half, center + half)
+    return SpaceObstacle(f"body {number + 1}", body)
