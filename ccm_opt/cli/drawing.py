@@ -12,7 +12,8 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.pareto_folder import folder_of
 from ccm_opt.files.saved_plans import drawn, load
 from ccm_opt.ground.whole_file import put_file
-from ccm_opt.solution import ParetoPlans, Solution
+from ccm_opt.solution import ParetoPlans
+from ccm_opt.space.space_solution import AnySolution, SpaceSolution
 
 if TYPE_CHECKING:
     from ccm_opt.files.plotting.drawn_plan import DrawnPlan
@@ -38,7 +39,7 @@ class DrawOptions:
 
 
 def plan_pictures(
-    solution: Solution, kind: FigureKind = "png", plans: "PlanPages | None" = None
+    solution: AnySolution, kind: FigureKind = "png", plans: "PlanPages | None" = None
 ) -> Mapping[str, bytes]:
     """The pictures of a plan that was just made, by file name.
 
@@ -47,6 +48,8 @@ def plan_pictures(
         kind: format of still pictures.
         plans: of which it is one, where there are several.
     """
+    if isinstance(solution, SpaceSolution):
+        return space_pictures(solution, kind)
     from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
     from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
@@ -57,6 +60,19 @@ def plan_pictures(
         f"plan.{kind}": plan_picture(plan, kind),
         "motion.gif": motion_gif(plan),
         "report.html": report_html(solution, pictures=(f"plan.{kind}", "motion.gif"), plans=plans).encode(),
+    }
+
+
+def space_pictures(solution: SpaceSolution, kind: FigureKind = "png") -> Mapping[str, bytes]:
+    """The pictures of a plan in space that was just made, by file name."""
+    from ccm_opt.files.plotting.space_film import space_motion_gif  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
+    from ccm_opt.files.report.space_page_html import space_report_html  # noqa: PLC0415
+
+    return {
+        f"plan.{kind}": space_plan_picture(solution, kind),
+        "motion.gif": space_motion_gif(solution),
+        "report.html": space_report_html(solution, pictures=(f"plan.{kind}", "motion.gif")).encode(),
     }
 
 

@@ -15,11 +15,11 @@ from ccm_opt.files.export.earlier_results import UNFINISHED, place_beside
 from ccm_opt.files.export.failure_folder import write_failure
 from ccm_opt.files.export.folder import solution_files, write_folder
 from ccm_opt.files.report.failure_page import failure_html
-from ccm_opt.problem import Problem
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 
 def failure_recorder(
-    problem: Problem, out: Path, clock: StageClock, *, pictures: bool
+    problem: AnyProblem, out: Path, clock: StageClock, *, pictures: bool
 ) -> Callable[[str, Diagnosis], None]:
     """What writes the record of a problem without a plan, given its status and diagnosis.
 
@@ -35,15 +35,24 @@ def failure_recorder(
         folder = write_failure(problem, status, diagnosis, out, clock.timings)
         # Who has pressed Ctrl-C is not to wait for a page.
         if pictures and status != "cancelled":
-            page = failure_html(problem, status, diagnosis, clock.timings)
+            page = page_of_failure(problem, status, diagnosis, clock.timings)
             folder = write_failure(problem, status, diagnosis, out, clock.timings, {"report.html": page.encode()})
         tell_where(folder, out / problem.name, "why there is no new one is recorded")
 
     return record
 
 
+def page_of_failure(problem: AnyProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
+    """The page of a problem without a plan, in the plane or in space."""
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.files.report.space_page_html import space_failure_html  # noqa: PLC0415 - most need no view
+
+        return space_failure_html(problem, status, diagnosis, timings)
+    return failure_html(problem, status, diagnosis, timings)
+
+
 @contextmanager
-def failures_recorded(problem: Problem, out: Path, clock: StageClock, *, pictures: bool) -> Iterator[None]:
+def failures_recorded(problem: AnyProblem, out: Path, clock: StageClock, *, pictures: bool) -> Iterator[None]:
     """Plan inside it; a problem without a plan leaves the record of why in the output folder.
 
     Args:

@@ -15,8 +15,9 @@ from ccm_opt.files.report.check_words import CheckWords, checks_in_words
 from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.problem import Problem
-from ccm_opt.solution import RoomRecord, SimulationVerdict, Solution
+from ccm_opt.solution import RoomRecord, SimulationVerdict
+from ccm_opt.space.problem import AnyProblem
+from ccm_opt.space.space_solution import AnySolution
 
 
 def value_table(title: str) -> Table:
@@ -29,7 +30,7 @@ def value_table(title: str) -> Table:
     return table
 
 
-def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
+def print_solution(solution: AnySolution, clock: StageClock, folder: str) -> None:
     """Print what came out of a solved problem, on stdout."""
     problem = solution.problem
     units = units_of(problem)
@@ -54,7 +55,7 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     console.print(escape(f"written to {folder}"), soft_wrap=True)
 
 
-def units_of(problem: Problem) -> PageUnits:
+def units_of(problem: AnyProblem) -> PageUnits:
     """The units in which results of a problem are told: lengths in that of its file."""
     return PageUnits.of_file(problem.length_unit, problem.arm.length)
 

@@ -11,8 +11,7 @@ from ccm_opt.driver.space_touch import seen_in_space
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.errors import SimulationError
 from ccm_opt.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
-from ccm_opt.space.either_kind import AnyProblem
-from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 WALLS = "simulated_least_wall_clearance_m"
 """Figure of the least distance to walls."""

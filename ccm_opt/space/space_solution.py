@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ccm_opt.solution import (
     JointTrajectory,
     RoomRecord,
     SimulatedMotion,
+    Solution,
     SurvivedError,
     TryRecord,
 )
@@ -131,6 +132,10 @@ class SpaceSolution:
     def save(self, folder: str | Path) -> Path:
         """Save the plan to a folder, see ``ccm_opt.save``."""
         return presenter().save(self, folder)
+
+
+AnySolution: TypeAlias = Solution | SpaceSolution
+"""A verified plan in the plane or in space."""
 
 
 def goal_errors(problem: SpaceProblem, last: FloatArray) -> GoalErrors:

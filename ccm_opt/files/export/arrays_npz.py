@@ -12,8 +12,7 @@ from ccm_opt.files.export.export_settings import EXPORT, ExportSettings
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.coordinates import Coordinates
 from ccm_opt.solution import RoomRecord
-from ccm_opt.space.either_kind import AnySolution
-from ccm_opt.space.space_solution import SpaceSolution
+from ccm_opt.space.space_solution import AnySolution, SpaceSolution
 
 
 def solution_arrays(solution: AnySolution) -> dict[str, npt.NDArray[np.generic]]:

@@ -9,11 +9,13 @@ from ccm_opt.files.export.earlier_results import FAILED, place_beside
 from ccm_opt.files.export.folder import POSE_RECORD, RECORD, write_folder
 from ccm_opt.files.export.pose_json import pose_failure_json
 from ccm_opt.files.export.solution_json import failure_json
+from ccm_opt.files.export.space_scene import kept_meshes
 from ccm_opt.problem import Problem
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 
 def write_failure(
-    problem: Problem,
+    problem: AnyProblem,
     status: str,
     diagnosis: Diagnosis,
     out: Path,
@@ -37,7 +39,9 @@ def write_failure(
         ProblemError: when the folder cannot be written, or another folder is in its place.
     """
     record = failure_json(problem, status, diagnosis, timings or {})
-    files = {RECORD: record.encode(), **(pictures or {})}
+    # The problem in the record is read with the meshes beside it.
+    meshes = kept_meshes(problem) if isinstance(problem, SpaceProblem) else {}
+    files = {RECORD: record.encode(), **meshes, **(pictures or {})}
     return write_folder(out / problem.name, files, beside=_FAILED_PLACE)
 
 

@@ -17,8 +17,8 @@ from ccm_opt.files.export.space_scene import KEPT_MESHES, kept_meshes, named_bod
 from ccm_opt.files.export.space_urdf import space_urdf
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
-from ccm_opt.space.either_kind import AnyProblem, AnySolution
-from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.space.space_solution import AnySolution
 
 RECORD = "solution.json"
 """Always there; why there is no plan stands here too."""

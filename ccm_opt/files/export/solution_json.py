@@ -14,9 +14,8 @@ from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.files.export.tolerance_json import tolerance_data
 from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.solution import Check
-from ccm_opt.space.either_kind import AnyProblem, AnySolution
-from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.space_solution import GoalErrors, SpaceSolution
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.space.space_solution import AnySolution, GoalErrors, SpaceSolution
 
 SCHEMA = 1
 """Version of the file's layout."""

@@ -13,7 +13,7 @@ from ccm_opt.files.export.folder import model_texts
 from ccm_opt.files.export.trajectory_text import bending_joints, trajectory_columns
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.space.either_kind import AnyProblem
+from ccm_opt.space.problem import AnyProblem
 
 TEXT_TOLERANCE = 5.1e-12
 """Share by which a number of the table or the message may differ: twelve digits are written, and half of the last."""

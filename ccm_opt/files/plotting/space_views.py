@@ -14,7 +14,7 @@ from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePicture
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.scene.round_bodies import seen_triangles
-from ccm_opt.space.scene.thin_surfaces import within
+from ccm_opt.space.scene.thin_surfaces import sharp_edges, within
 
 
 @dataclass(frozen=True)
@@ -108,31 +108,6 @@ class SeenScene:
         edges = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
         lines = [corners[list(edge)] for edge in edges]
         axes.add_collection(LineCollection(lines, colors=style.BOUNDARY, linewidths=0.6, alpha=0.5, zorder=0.5))
-
-
-def sharp_edges(vertices: FloatArray, faces: IntArray, angle: float) -> IntArray:
-    """Edges at which a surface ends, or turns by more than an angle [rad]; their corners, shape (k, 2).
-
-    Args:
-        vertices: shape (v, 3) [m]; corners at the same place count as one.
-        faces: shape (m, 3).
-        angle: between the normals of the two faces of an edge [rad].
-    """
-    _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
-    joined = first[same.reshape(-1)][faces]
-    corners = vertices[joined]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
-    edges = np.sort(np.concatenate((joined[:, [0, 1]], joined[:, [1, 2]], joined[:, [2, 0]])), axis=1)
-    of_face = np.tile(np.arange(len(faces)), 3)
-    order = np.lexsort((edges[:, 1], edges[:, 0]))
-    edges = edges[order]
-    of_face = of_face[order]
-    starts = np.flatnonzero(np.any(np.diff(edges, axis=0, prepend=-1) != 0, axis=1))
-    counts = np.diff(starts, append=len(edges))
-    pairs = starts[counts == 2]
-    cos = np.abs(np.sum(normals[of_face[pairs]] * normals[of_face[pairs + 1]], axis=1))
-    return np.concatenate((edges[pairs[cos < np.cos(angle)]], edges[starts[counts == 1]]))
 
 
 def window_of(problem: SpaceProblem, points: FloatArray) -> FloatArray:

@@ -5,10 +5,11 @@ from collections.abc import Sequence
 from ccm_opt.files.report.check_words import CheckWords, checks_in_words
 from ccm_opt.files.report.markup import Child, Markup, element, joined, table
 from ccm_opt.files.report.page_units import PageUnits
-from ccm_opt.solution import SimulationVerdict, Solution
+from ccm_opt.solution import SimulationVerdict
+from ccm_opt.space.space_solution import AnySolution
 
 
-def checks_section(solution: Solution, units: PageUnits) -> Markup:
+def checks_section(solution: AnySolution, units: PageUnits) -> Markup:
     """The section with its heading.
 
     Args:

@@ -15,10 +15,11 @@ from ccm_opt.files.report.scene_data import goals_data, scene_data
 from ccm_opt.files.report.stage_section import stage_section
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Goal, Problem, TipGoal
+from ccm_opt.space.problem import AnyProblem
 
 SCRIPTS = (*COMMON, "failure_page")
 """Scripts of the page of a failure, in the order in which they are needed."""
-_STATUS = {
+STATUS = {
     "infeasible": "proved: there is no plan",
     "timed-out": "no plan within the time",
     "cancelled": "cancelled",
@@ -46,12 +47,12 @@ def failure_html(
     """
     units = PageUnits.of_arm(problem.arm.length)
     facts = (
-        _reason_section(diagnosis),
-        _help_section(diagnosis),
+        reason_section(diagnosis),
+        help_section(diagnosis),
         problem_section(problem, units),
-        _search_section(problem, diagnosis, timings or {}),
+        search_section(problem, diagnosis, timings or {}),
     )
-    header = page_header(problem, [badge(_STATUS.get(status, status), good=False)], (), units)
+    header = page_header(problem, [badge(STATUS.get(status, status), good=False)], (), units)
     stage = stage_section(f"The problem {problem.name}, and what stands in its way", moves=False)
     body = joined((header, element("main", stage, element("div", *facts, cls="facts"))))
     return html_document(f"{problem.name}: {status}", body, failure_data(problem, diagnosis, units, settings), SCRIPTS)
@@ -78,7 +79,8 @@ def _end_pose(problem: Problem, goal: Goal) -> FloatArray | None:
     return None if isinstance(goal, TipGoal) else pose_points(problem, goal)
 
 
-def _reason_section(diagnosis: Diagnosis) -> Markup:
+def reason_section(diagnosis: Diagnosis) -> Markup:
+    """Why there is no plan, and what else is in the way."""
     others = [finding for finding in diagnosis.findings if finding.reason != diagnosis.reason]
     first = next((finding for finding in diagnosis.findings if finding.reason == diagnosis.reason), None)
     also = [element("h3", "Also in the way")] if others else []
@@ -105,7 +107,8 @@ def _finding(finding: Finding) -> Markup:
     )
 
 
-def _help_section(diagnosis: Diagnosis) -> Markup:
+def help_section(diagnosis: Diagnosis) -> Markup:
+    """What would help: what was tried, and what was not."""
     solved = [element("li", relaxation.words) for relaxation in diagnosis.relaxations]
     tried = [element("li", line) for line in diagnosis.advice]
     parts: list[Markup] = []
@@ -119,7 +122,8 @@ def _help_section(diagnosis: Diagnosis) -> Markup:
     return element("section", element("h2", "What would help"), *parts)
 
 
-def _search_section(problem: Problem, diagnosis: Diagnosis, timings: Mapping[str, float]) -> Markup:
+def search_section(problem: AnyProblem, diagnosis: Diagnosis, timings: Mapping[str, float]) -> Markup:
+    """How a plan was looked for: options, times, the figures behind the reason."""
     evidence = None
     if diagnosis.evidence:
         text = json.dumps(diagnosis.evidence, indent=2, ensure_ascii=False, default=str)

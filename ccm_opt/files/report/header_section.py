@@ -5,14 +5,14 @@ from math import pi
 
 from ccm_opt.files.report.markup import Markup, element, joined
 from ccm_opt.files.report.page_units import PageUnits
-from ccm_opt.problem import Problem
-from ccm_opt.solution import Solution
+from ccm_opt.space.problem import AnyProblem
+from ccm_opt.space.space_solution import AnySolution
 
 Figure = tuple[str, str]
 """A value with its unit, and what it is."""
 
 
-def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Figure], units: PageUnits) -> Markup:
+def page_header(problem: AnyProblem, badges: Iterable[Markup], figures: Iterable[Figure], units: PageUnits) -> Markup:
     """Name, badges, description and figures.
 
     Args:
@@ -35,7 +35,7 @@ def badge(words: str, *, good: bool) -> Markup:
     return element("span", words, cls="badge" if good else "badge poor")
 
 
-def plan_badges(solution: Solution) -> Markup:
+def plan_badges(solution: AnySolution) -> Markup:
     """What the verifier and the simulation say of a plan."""
     verdict = solution.simulation.verdict
     verified = all(check.passed for check in solution.checks)
@@ -44,7 +44,7 @@ def plan_badges(solution: Solution) -> Markup:
     return first if verdict.followed else joined((first, badge(f"simulation: {verdict.outcome}", good=False)))
 
 
-def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
+def plan_figures(solution: AnySolution, units: PageUnits) -> list[Figure]:
     """The figures of a plan that one looks for first; those that it does not have are left out."""
     metrics = solution.metrics
     found = [(f"{solution.trajectory.duration:.2f} s", "duration")]
@@ -60,13 +60,18 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
     if "heading_error_rad" in metrics:
         turn = units.given(min(solution.problem.tolerances.heading, pi), "rad")
         found.append((units.shown(metrics["heading_error_rad"], "rad"), f"off the goal's heading, of {turn} allowed"))
+    if "direction_error_rad" in metrics:
+        turn = units.given(min(solution.problem.tolerances.heading, pi), "rad")
+        found.append(
+            (units.shown(metrics["direction_error_rad"], "rad"), f"off the goal's direction, of {turn} allowed")
+        )
     found += _peak_torque(solution, units)
     found.append((units.shown(solution.simulation.tracking_error, "rad"), "tracking error, simulated"))
     found.append((f"{sum(solution.timings.values()):.2f} s", "CPU time in all"))
     return found
 
 
-def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
+def _peak_torque(solution: AnySolution, units: PageUnits) -> Iterator[Figure]:
     """The greatest torque, with its limit where there is one."""
     peak = solution.metrics.get("peak_torque_Nm")
     if peak is None:
@@ -81,7 +86,7 @@ def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
     yield units.shown(peak, "N m", limit), f"peak torque, of {allowed}"
 
 
-def _summary(problem: Problem, units: PageUnits) -> str:
+def _summary(problem: AnyProblem, units: PageUnits) -> str:
     arm = problem.arm
     count = len(problem.workspace.obstacles)
     among = "in an empty room" if count == 0 else f"among {count} obstacle{'s' if count > 1 else ''}"

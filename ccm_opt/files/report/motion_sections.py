@@ -18,11 +18,12 @@ def timing_section() -> Markup:
     )
 
 
-def joints_section(groups: Collection[str]) -> Markup:
+def joints_section(groups: Collection[str], *, curvature: bool = True) -> Markup:
     """Every joint over time, the base and the tip, and the curvature along the arm.
 
     Args:
         groups: keys of the groups of curves that there are.
+        curvature: whether there is a chart of the curvature along the arm.
     """
     choice = element("select", element("option", "all joints", value=""), id="joint", aria_label="joint")
     figures = [
@@ -31,7 +32,7 @@ def joints_section(groups: Collection[str]) -> Markup:
     figures += [element("figure", data_group=key) for key in _OTHERS if key in groups]
     return element(
         "section",
-        element("h2", "Joints, curvature, tip"),
+        element("h2", "Joints, curvature, tip" if curvature else "Joints, tip"),
         element(
             "p",
             "Show ",
@@ -39,7 +40,7 @@ def joints_section(groups: Collection[str]) -> Markup:
             " from the base (blue) to the tip (red). Click in a chart to go to a time.",
             cls="no-print",
         ),
-        element("div", element("figure", id="curvature"), *figures, cls="charts"),
+        element("div", element("figure", id="curvature") if curvature else None, *figures, cls="charts"),
     )
 
 

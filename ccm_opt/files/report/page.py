@@ -21,6 +21,7 @@ from ccm_opt.files.report.stage_section import player_bar, stage_section
 from ccm_opt.files.report.time_series import series_data
 from ccm_opt.files.report.tolerance_section import tolerance_section
 from ccm_opt.solution import Solution
+from ccm_opt.space.space_solution import AnySolution
 
 SCRIPTS = (
     *COMMON,
@@ -31,6 +32,7 @@ SCRIPTS = (
     "phase_chart",
     "curvature_chart",
     "player",
+    "timed_page",
     "plan_page",
 )
 """Scripts of the page of a plan, in the order in which they are needed."""
@@ -95,14 +97,14 @@ def plan_data(solution: Solution, units: PageUnits, settings: ReportSettings = R
         "goals": goals_data(problem, list(ends)),
         "routes": route_layers(problem, points[-1], settings),
         "nearest": nearest_mark(solution),
-        "marks": _goal_times(solution),
+        "marks": goal_times(solution),
         "groups": series_data(solution, settings),
         "gaps": None if solution.room is None else gap_data(solution.room, settings),
         "phase": phase_data(solution, settings),
     }
 
 
-def _goal_times(solution: Solution) -> list[dict[str, object]]:
+def goal_times(solution: AnySolution) -> list[dict[str, object]]:
     """When the arm rests at a goal: those on the way, then the last."""
     time = solution.trajectory.time
     numbers = [*solution.trajectory.stops, len(time) - 1]

@@ -13,7 +13,7 @@ from ccm_opt.files.report.delta_coding import coded, step_for
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.thinning import kept_samples
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.solution import Solution
+from ccm_opt.space.space_solution import AnySolution
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class LimitShare:
     drives: tuple[str, ...]
 
 
-def limit_shares(solution: Solution) -> list[LimitShare]:
+def limit_shares(solution: AnySolution) -> list[LimitShare]:
     """How much of every kind of limit a plan uses at each of its samples."""
     states = solution.joints
     limits = solution.problem.limits
@@ -69,7 +69,7 @@ def _share(name: str, values: FloatArray, bounds: FloatArray, drives: tuple[str,
     return LimitShare(name, shares[np.arange(len(shares)), drive], drive, drives)
 
 
-def phase_data(solution: Solution, settings: ReportSettings = REPORT) -> dict[str, object]:
+def phase_data(solution: AnySolution, settings: ReportSettings = REPORT) -> dict[str, object]:
     """The phase plane and the shares of the limits, as the page's script reads them.
 
     Args:
@@ -98,7 +98,7 @@ def phase_data(solution: Solution, settings: ReportSettings = REPORT) -> dict[st
     }
 
 
-def path_and_speed(solution: Solution) -> tuple[FloatArray, FloatArray]:
+def path_and_speed(solution: AnySolution) -> tuple[FloatArray, FloatArray]:
     """Length of the path of the bends so far [rad], and the speed along it [rad/s], each of shape (T,)."""
     trajectory = solution.trajectory
     steps = np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1)

@@ -8,7 +8,8 @@ from ccm_opt.files.report.markup import Child, Markup, element, joined, table
 from ccm_opt.files.report.page_units import NONE, PageUnits, three_digits
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
-from ccm_opt.solution import Solution
+from ccm_opt.space.problem import AnyProblem
+from ccm_opt.space.space_solution import AnySolution
 
 _FILES = {
     "solution.json": "what was asked, what came out, every limit",
@@ -30,7 +31,7 @@ def problem_section(problem: Problem, units: PageUnits) -> Markup:
         problem: what was asked.
         units: of the page.
     """
-    rows = [*_arm_rows(problem, units), *_limit_rows(problem), *_room_rows(problem, units), *_goal_rows(problem, units)]
+    rows = [*_arm_rows(problem, units), *limit_rows(problem), *_room_rows(problem, units), *_goal_rows(problem, units)]
     rows += [("gravity", f"({', '.join(f'{value:g}' for value in problem.simulation.gravity)}) m/s²")]
     return element("section", element("h2", "The problem"), table((), rows, cls="pairs"))
 
@@ -49,7 +50,9 @@ def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
         yield "feed axis", f"{low} to {high}, hole at {units.given(arm.feed.hole, 'm')}"
 
 
-def _limit_rows(problem: Problem) -> Iterable[Row]:
+def limit_rows(problem: AnyProblem) -> Iterable[Row]:
+    """The limits that the motion keeps, and what plans use of them."""
+    """The limits that the motion keeps, and what plans use of them."""
     limits = problem.limits
     yield "joint velocities", _bounds(limits.velocity, "rad/s")
     yield "joint accelerations", _bounds(limits.acceleration, "rad/s²")
@@ -111,7 +114,7 @@ def _place(point: FloatArray, units: PageUnits) -> str:
     return f"({x}, {y}) {units.name}"
 
 
-def making_section(solution: Solution) -> Markup:
+def making_section(solution: AnySolution) -> Markup:
     """How the plan was made: method, tactic, seed, versions, and where the time went."""
     problem = solution.problem
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
@@ -132,7 +135,7 @@ def making_section(solution: Solution) -> Markup:
     )
 
 
-def tries_table(solution: Solution) -> Markup | None:
+def tries_table(solution: AnySolution) -> Markup | None:
     """What came of every try, where there were several."""
     if not solution.tries:
         return None
@@ -164,19 +167,22 @@ def timings_table(timings: Mapping[str, float]) -> Markup | None:
     return joined((element("h3", "CPU time"), table((), rows, numbers=(1,))))
 
 
-def files_section(name: str, pictures: Sequence[str]) -> Markup:
+def files_section(
+    name: str, pictures: Sequence[str], verbs: Sequence[str] = ("check", "simulate", "tolerance")
+) -> Markup:
     """Links to the files beside the page, and the commands that go on from here.
 
     Args:
         name: of the output folder.
         pictures: names of the files that show the motion.
+        verbs: commands that take the folder.
     """
     shown = {
         file: "the motion as a film" if file.endswith(".gif") else "the motion in one picture" for file in pictures
     }
     files = {**_FILES, **shown}
     links = (element("li", element("a", file, href=file), f": {words}") for file, words in files.items())
-    commands = "\n".join(f"ccm-opt {verb} {name}" for verb in ("check", "simulate", "tolerance"))
+    commands = "\n".join(f"ccm-opt {verb} {name}" for verb in verbs)
     return element(
         "section",
         element("h2", "Files and what to do next"),

@@ -23,6 +23,10 @@ class ReportSettings:
         wanted_gaps_shown: gaps up to so many times the wanted one are drawn.
         moving: least share of a joint's velocity limit at which a sample says what limits the speed.
         most_named: obstacles whose names stand in the scene at first.
+        most_triangles: of all bodies of a scene in space; of more, small ones are left out.
+        cell: width of the cells in which corners are joined first, as a share of the scene's extent.
+        round_sides: of balls and bars in space.
+        sharp: angle between two faces from which on their edge is drawn [rad].
     """
 
     most_numbers: int = 70_000
@@ -40,6 +44,10 @@ class ReportSettings:
     wanted_gaps_shown: float = 4.0
     moving: float = 0.02
     most_named: int = 16
+    most_triangles: int = 60_000
+    cell: float = 2e-3
+    round_sides: int = 24
+    sharp: float = 0.6
 
 
 REPORT = ReportSettings()

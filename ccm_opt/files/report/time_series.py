@@ -10,7 +10,8 @@ from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.thinning import kept_samples
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.solution import Solution
+from ccm_opt.jointed.frames import bends_from_revolutes
+from ccm_opt.space.space_solution import AnySolution
 
 _STILL = 1e-9
 """Revolutes that do no more than this share of the greatest are rounding, and have no curve."""
@@ -39,7 +40,7 @@ class SeriesGroup:
     error: float | None = None
 
 
-def series_data(solution: Solution, settings: ReportSettings = REPORT) -> list[dict[str, object]]:
+def series_data(solution: AnySolution, settings: ReportSettings = REPORT) -> list[dict[str, object]]:
     """All groups of a plan, thinned and coded, as the page's script reads them.
 
     Args:
@@ -51,11 +52,11 @@ def series_data(solution: Solution, settings: ReportSettings = REPORT) -> list[d
     return [_coded_group(group, trajectory.time, always, settings) for group in series_groups(solution, settings)]
 
 
-def series_groups(solution: Solution, settings: ReportSettings = REPORT) -> Iterator[SeriesGroup]:
+def series_groups(solution: AnySolution, settings: ReportSettings = REPORT) -> Iterator[SeriesGroup]:
     """All groups of a plan at every sample, those of the joints first."""
     arm = solution.problem.arm
     trajectory = solution.trajectory
-    joints = tuple(f"joint {k + 1}" for k in range(arm.links))
+    joints = trajectory.coordinates.names[trajectory.coordinates.bends]
     bends = np.rad2deg(trajectory.bend_angles)
     yield SeriesGroup(
         "bends", "Joint bends", "°", joints, bends, np.rad2deg(arm.bend_limits), float(np.rad2deg(settings.pose_error))
@@ -66,7 +67,7 @@ def series_groups(solution: Solution, settings: ReportSettings = REPORT) -> Iter
     yield from _simulated_groups(solution, joints)
 
 
-def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
+def _base_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
     """What carries the base: its place and speed in the page's unit, and its force; nothing for a fixed base."""
     trajectory = solution.trajectory
     limits = solution.problem.limits
@@ -83,10 +84,12 @@ def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
     yield SeriesGroup("feed-force", "Feed force", "N", names, solution.joints.base_forces, force)
 
 
-def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
+def _drive_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
     """Velocities, accelerations and torques of the revolutes that move or bear anything."""
     states = solution.joints
     limits = solution.problem.limits
+    coordinates = solution.trajectory.coordinates
+    bending = dict(zip(coordinates.drives[coordinates.bends], coordinates.names, strict=False))
     unlimited = np.full(len(states.names), np.inf)
     torque = unlimited if limits.torque is None else limits.torque
     for key, title, unit, values, bounds in (
@@ -97,18 +100,18 @@ def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
         peaks = np.max(np.abs(values), axis=0)
         moved = np.flatnonzero(peaks > _STILL * max(float(peaks.max(initial=0.0)), 1e-300))
         # The bends' own drives have a curve in any case, so that every chart can show every joint.
-        kept = np.union1d(moved, np.arange(1, len(states.names), 3))
-        names = tuple(_drive_name(int(k)) for k in kept)
+        kept = np.union1d(moved, list(bending))
+        names = tuple(bending.get(int(k)) or _drive_name(int(k)) for k in kept)
         yield SeriesGroup(key, title, unit, names, values[:, kept], np.asarray(bounds)[kept])
 
 
 def _drive_name(number: int) -> str:
-    """A bend by its joint alone; other revolutes by their place in the ball joint."""
+    """A revolute that does not bend the arm by its place in the ball joint."""
     joint, axis = divmod(number, 3)
-    return f"joint {joint + 1}" if axis == 1 else f"joint {joint + 1}, {('first', '', 'third')[axis]} revolute"
+    return f"joint {joint + 1}, {('first', 'second', 'third')[axis]} revolute"
 
 
-def _tip_speed(solution: Solution) -> SeriesGroup:
+def _tip_speed(solution: AnySolution) -> SeriesGroup:
     """Speed of the tip by differences between samples, in the page's unit, with its limit where there is one."""
     time = solution.trajectory.time
     tips = solution.joint_positions[:, -1]
@@ -120,19 +123,21 @@ def _tip_speed(solution: Solution) -> SeriesGroup:
     return SeriesGroup("tip-speed", "Tip speed", f"{unit.name}/s", ("tip",), speed, bound)
 
 
-def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[SeriesGroup]:
+def _simulated_groups(solution: AnySolution, joints: tuple[str, ...]) -> Iterator[SeriesGroup]:
     """How far the simulated arm is from its plan, and what its drives gave."""
     simulated = solution.simulation
     if len(simulated.angles) != len(solution.trajectory.time):
         return
-    # A bend is minus the second revolute of its ball joint.
-    away = np.rad2deg(-simulated.angles[:, 1::3] - solution.trajectory.bend_angles)
+    bends = bends_from_revolutes(solution.problem.arm, simulated.angles)
+    away = np.rad2deg(bends - solution.trajectory.bend_angles)
+    coordinates = solution.trajectory.coordinates
+    drives = coordinates.drive_numbers[coordinates.bends]
     free = np.full(len(joints), np.inf)
     torque = solution.problem.limits.torque
-    bounds = free if torque is None else torque[1::3]
+    bounds = free if torque is None else torque[drives]
     yield SeriesGroup("tracking", "Simulated less planned bends", "°", joints, away, free)
     yield SeriesGroup(
-        "simulated-torques", "Torques in the simulation", "N m", joints, simulated.torques[:, 1::3], bounds
+        "simulated-torques", "Torques in the simulation", "N m", joints, simulated.torques[:, drives], bounds
     )
 
 

@@ -36,3 +36,28 @@ def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tup
         if len(kept) <= most:
             return corners, kept
         cell *= 1.5
+
+
+def sharp_edges(vertices: FloatArray, faces: IntArray, angle: float) -> IntArray:
+    """Edges at which a surface ends, or turns by more than an angle [rad]; their corners, shape (k, 2).
+
+    Args:
+        vertices: shape (v, 3) [m]; corners at the same place count as one.
+        faces: shape (m, 3).
+        angle: between the normals of the two faces of an edge [rad].
+    """
+    _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    joined = first[same.reshape(-1)][faces]
+    corners = vertices[joined]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float64).tiny)
+    edges = np.sort(np.concatenate((joined[:, [0, 1]], joined[:, [1, 2]], joined[:, [2, 0]])), axis=1)
+    of_face = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges = edges[order]
+    of_face = of_face[order]
+    starts = np.flatnonzero(np.any(np.diff(edges, axis=0, prepend=-1) != 0, axis=1))
+    counts = np.diff(starts, append=len(edges))
+    pairs = starts[counts == 2]
+    cos = np.abs(np.sum(normals[of_face[pairs]] * normals[of_face[pairs + 1]], axis=1))
+    return np.concatenate((edges[pairs[cos < np.cos(angle)]], edges[starts[counts == 1]]))

@@ -1,7 +1,5 @@
 // The arm in the plane: joints and tip from bends, at any time of a motion.
 
-const DEGREE = Math.PI / 180;
-
 function armPoints(arm, bends, feed = 0) {
   let heading = arm.heading;
   let x = arm.base[0] + feed * Math.cos(heading);

@@ -1,5 +1,7 @@
 // Numbers as people read them, and round numbers for axes; the same rules as page_units.py.
 
+const DEGREE = Math.PI / 180;
+
 function threeDigits(value, finest = 3) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
