@@ -6,11 +6,11 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification.newton_euler import base_forces
+from ccm_opt.verification.bend_layout import bends_a_ball
+from ccm_opt.verification.checked_problem import CheckedProblem, Efforts
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
@@ -28,12 +28,21 @@ class _AxisMotion:
 
 
 def check_base_axes(
-    problem: Problem,
+    problem: CheckedProblem,
     trajectory: JointTrajectory,
     joints: JointStates,
+    needed: Efforts,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check everything about the axes that carry the base; nothing for an arm whose base is fixed."""
+    """Check everything about the axes that carry the base; nothing for an arm whose base is fixed.
+
+    Args:
+        problem: what was asked.
+        trajectory: the motion.
+        joints: the same for the drives, with their efforts.
+        needed: efforts by the verifier's own dynamics.
+        settings: tolerances.
+    """
     checks: list[Check] = []
     for number, axis in enumerate(problem.arm.base_axes):
         motion = _AxisMotion(
@@ -50,7 +59,7 @@ def check_base_axes(
         checks.append(_held(problem.arm, motion, trajectory, settings))
         checks += _limits(problem, motion, settings.limit_tolerance)
         checks.append(_rates(problem, motion))
-        checks.append(_forces(problem, trajectory, motion, settings))
+        checks.append(_forces(motion, needed[1], settings))
     return checks
 
 
@@ -67,14 +76,16 @@ def _range(motion: _AxisMotion, settings: VerificationSettings) -> Check:
     return Check(f"{motion.name} range", worst, bound, "m", f"t = {motion.time[k]:.4f} s", passed=passed)
 
 
-def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
+def _held(arm: DrivenArm, motion: _AxisMotion, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
     """What the guide tube holds is straight; within an interval, too, up to the moment the joint passes the hole.
 
     Feed and bend are linear between samples, so the bend a joint has when it passes is found by proportion.
     """
     # How far inside the hole each joint stands: positive within the guide tube.
     depth = motion.axis.hole - motion.positions[:, None] - arm.link_length * np.arange(arm.links)
-    bends = np.abs(trajectory.bend_angles)
+    # Of the bends of a joint the greatest decides.
+    each = bends_a_ball(trajectory.coordinates)
+    bends = np.abs(trajectory.bend_angles).reshape(len(motion.time), -1, each).max(axis=2)
     bent = np.where(depth > settings.inside, bends, 0.0) / settings.held_tolerance
 
     # In a step in which a joint passes the hole it is held up to that moment.
@@ -92,7 +103,7 @@ def _held(arm: Arm, motion: _AxisMotion, trajectory: JointTrajectory, settings: 
     return Check("joints inside the guide", worst, 1.0, "tolerances", where, passed=worst <= 1.0)
 
 
-def _limits(problem: Problem, motion: _AxisMotion, tolerance: float) -> list[Check]:
+def _limits(problem: CheckedProblem, motion: _AxisMotion, tolerance: float) -> list[Check]:
     """Velocity, acceleration, jerk and force; jerk and force where they are limited."""
     limits = problem.limits
     time = motion.time
@@ -138,7 +149,7 @@ def _limit(
     return Check(name, worst, float(bound), unit, where, passed=worst <= bound * (1.0 + tolerance))
 
 
-def _rates(problem: Problem, motion: _AxisMotion) -> Check:
+def _rates(problem: CheckedProblem, motion: _AxisMotion) -> Check:
     """|Δf/h − (v₀ + v₁)/2| ≤ h a/4 for any acceleration within ± a."""
     step = np.diff(motion.time)
     # The error of the trapezoid rule on a velocity whose slope is bounded by a.
@@ -157,17 +168,7 @@ def _rates(problem: Problem, motion: _AxisMotion) -> Check:
     )
 
 
-def _forces(
-    problem: Problem, trajectory: JointTrajectory, motion: _AxisMotion, settings: VerificationSettings
-) -> Check:
-    expected = base_forces(
-        problem.arm,
-        problem.simulation.gravity,
-        trajectory.positions,
-        trajectory.velocities,
-        trajectory.accelerations,
-    )
-
+def _forces(motion: _AxisMotion, expected: FloatArray, settings: VerificationSettings) -> Check:
     error = np.abs(expected - motion.forces)
     k = int(np.argmax(error))
     allowed = settings.effort_mismatch * float(np.max(np.abs(expected))) + settings.effort_floor
@@ -176,6 +177,6 @@ def _forces(
         float(error[k]),
         allowed,
         "N",
-        f"t = {trajectory.time[k]:.4f} s",
+        f"t = {motion.time[k]:.4f} s",
         passed=bool(error[k] <= allowed),
     )

@@ -3,28 +3,29 @@
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
-from ccm_opt.verification.newton_euler import joint_torques
+from ccm_opt.verification.bend_layout import as_revolutes, joint_of_bend, revolutes_of_bends
+from ccm_opt.verification.checked_problem import CheckedProblem, Efforts
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
 def check_consistency(
-    problem: Problem,
+    problem: CheckedProblem,
     trajectory: JointTrajectory,
     joints: JointStates,
+    needed: Efforts,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check that angles, rates and torques tell one story."""
+    """Check that angles, rates and torques tell one story; ``needed`` are efforts by the verifier's own dynamics."""
     return [
         _velocities(problem, trajectory),
         _accelerations(problem, trajectory, settings),
         _revolutes(trajectory, joints, settings),
-        _torques(problem, trajectory, joints, settings),
+        _torques(trajectory, joints, needed[0], settings),
     ]
 
 
-def _velocities(problem: Problem, trajectory: JointTrajectory) -> Check:
+def _velocities(problem: CheckedProblem, trajectory: JointTrajectory) -> Check:
     """|Δq/h − (v₀ + v₁)/2| ≤ h a/4 for any acceleration within ± a (error of the trapezoid rule on a Lipschitz v)."""
     step = np.diff(trajectory.time)[:, None]
     bends = trajectory.bend_angles
@@ -32,8 +33,9 @@ def _velocities(problem: Problem, trajectory: JointTrajectory) -> Check:
     gap = np.abs(np.diff(bends, axis=0) / step - 0.5 * (speed[1:] + speed[:-1]))
     # Differences of angles as long as 1 rad lose their last digits, and a short step makes much of them.
     rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(bends))) / step
-    # [1::3]: a bend has the limit of the second revolute of its ball.
-    allowed = 0.25 * step * problem.limits.acceleration[1::3] + rounding
+    # A bend has the limit of its revolute.
+    limit = problem.limits.acceleration[revolutes_of_bends(trajectory.coordinates)]
+    allowed = 0.25 * step * limit + rounding
 
     share = gap / allowed
     k, j = np.unravel_index(np.argmax(share), share.shape)
@@ -42,12 +44,12 @@ def _velocities(problem: Problem, trajectory: JointTrajectory) -> Check:
         float(gap[k, j]),
         float(allowed[k, j]),
         "rad/s",
-        f"joint {j + 1} at t = {trajectory.time[k]:.4f} s",
+        f"{joint_of_bend(trajectory.coordinates, int(j))} at t = {trajectory.time[k]:.4f} s",
         passed=bool(share[k, j] <= 1.0),
     )
 
 
-def _accelerations(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
+def _accelerations(problem: CheckedProblem, trajectory: JointTrajectory, settings: VerificationSettings) -> Check:
     """The velocity a joint gains is that of its accelerations, up to what the samples cannot show.
 
     The mean acceleration of a step lies between the values at its ends unless acceleration jumps twice within the
@@ -64,48 +66,36 @@ def _accelerations(problem: Problem, trajectory: JointTrajectory, settings: Veri
 
     # Rounding adds up over the steps; the floor lets a joint that hardly moves pass.
     rounding = 16.0 * np.finfo(np.float64).eps * len(step) * (1.0 + np.max(np.abs(speed)))
-    floor = settings.unseen_floor * trajectory.time[-1] * problem.limits.acceleration[1::3]
+    limit = problem.limits.acceleration[revolutes_of_bends(trajectory.coordinates)]
+    floor = settings.unseen_floor * trajectory.time[-1] * limit
     allowed = settings.unseen_share * np.sum(np.abs(gained), axis=0) + floor + rounding
 
     j = int(np.argmax(outside / allowed))
     worst = float(outside[j])
     bound = float(allowed[j])
-    return Check("accelerations against velocities", worst, bound, "rad/s", f"joint {j + 1}", passed=worst <= bound)
+    where = joint_of_bend(trajectory.coordinates, j)
+    return Check("accelerations against velocities", worst, bound, "rad/s", where, passed=worst <= bound)
 
 
 def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: VerificationSettings) -> Check:
-    """The bend of ball i is minus its second revolute; the first and third stay at zero."""
+    """The bends of a ball are revolutes of it, and its other revolutes stay at zero."""
     pairs = (
         (trajectory.bend_angles, joints.angles),
         (trajectory.bend_velocities, joints.velocities),
         (trajectory.bend_accelerations, joints.accelerations),
     )
     # Angles, rates and their derivatives are held to one tolerance, each in its own unit.
-    errors = np.stack([np.abs(_planar(bends) - revolutes) for bends, revolutes in pairs])
+    errors = np.stack([np.abs(as_revolutes(trajectory.coordinates, bends) - revolutes) for bends, revolutes in pairs])
     worst = float(np.max(errors))
     _, k, j = np.unravel_index(np.argmax(errors), errors.shape)
     where = f"joint {j // 3 + 1} ({joints.names[j]}) at t = {trajectory.time[k]:.4f} s"
     return Check("revolutes against bends", worst, settings.match, "rad", where, passed=worst <= settings.match)
 
 
-def _planar(bends: FloatArray) -> FloatArray:
-    """Revolutes of planar bends, shape (T, 3 * links) [rad]; not the package's own function, on purpose."""
-    angles = np.zeros((len(bends), 3 * bends.shape[1]))
-    angles[:, 1::3] = -bends
-    return angles
-
-
 def _torques(
-    problem: Problem, trajectory: JointTrajectory, joints: JointStates, settings: VerificationSettings
+    trajectory: JointTrajectory, joints: JointStates, expected: FloatArray, settings: VerificationSettings
 ) -> Check:
     """Reported torques against the verifier's own inverse dynamics."""
-    expected = joint_torques(
-        problem.arm,
-        problem.simulation.gravity,
-        trajectory.positions,
-        trajectory.velocities,
-        trajectory.accelerations,
-    )
     error = np.abs(expected - joints.torques)
     # Torques are summed along the arm, so rounding is in proportion to the greatest, not to each by itself.
     allowed = settings.effort_mismatch * float(np.max(np.abs(expected))) + settings.effort_floor

@@ -12,6 +12,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.checked_problem import CheckedProblem
 from ccm_opt.verification.newton_euler import base_forces, joint_torques
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -22,7 +23,7 @@ HoldingEfforts = tuple[FloatArray, FloatArray]
 
 
 def check_shares(
-    problem: Problem,
+    problem: CheckedProblem,
     trajectory: JointTrajectory,
     joints: JointStates,
     of_limits: Sequence[Check],
@@ -101,7 +102,7 @@ def holding_efforts(problem: Problem, positions: FloatArray) -> HoldingEfforts:
 
 
 def _efforts(
-    problem: Problem, trajectory: JointTrajectory, joints: JointStates, holding: HoldingEfforts
+    problem: CheckedProblem, trajectory: JointTrajectory, joints: JointStates, holding: HoldingEfforts
 ) -> tuple[FloatArray, FloatArray, list[str]]:
     """Shares of the limits that efforts take and that hold the arm still, shape (T, N), and names of these drives."""
     limits = problem.limits

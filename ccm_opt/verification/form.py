@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from ccm_opt.jointed.arm import Arm
-from ccm_opt.problem import Problem
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.checked_problem import CheckedProblem
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
 def check_form(
-    problem: Problem,
+    problem: CheckedProblem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
@@ -31,7 +31,7 @@ def check_form(
     return Check("samples", float(np.max(steps)), settings.largest_step, "s", where, passed=not defect)
 
 
-def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) -> str:
+def _shape_defect(arm: DrivenArm, trajectory: JointTrajectory, joints: JointStates) -> str:
     count = np.size(trajectory.time)
     if np.ndim(trajectory.time) != 1 or count < 2:
         return f"time has shape {np.shape(trajectory.time)}, expected at least two samples"
@@ -55,7 +55,7 @@ def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) ->
     return ""
 
 
-def _stop_defect(problem: Problem, trajectory: JointTrajectory) -> str:
+def _stop_defect(problem: CheckedProblem, trajectory: JointTrajectory) -> str:
     stops = np.asarray(trajectory.stops, dtype=np.intp)
     if len(stops) != len(problem.stops):
         return f"{len(stops)} stops for {len(problem.stops)} goals on the way"

@@ -3,9 +3,10 @@
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import Limits
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.verification.bend_layout import as_revolutes, bends_a_ball, joint_of_bend
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _Source = tuple[FloatArray, FloatArray, tuple[str, ...]]
@@ -13,7 +14,7 @@ _Source = tuple[FloatArray, FloatArray, tuple[str, ...]]
 
 
 def check_limits(
-    arm: Arm,
+    arm: DrivenArm,
     limits: Limits,
     trajectory: JointTrajectory,
     joints: JointStates,
@@ -39,15 +40,17 @@ def check_limits(
     return checks
 
 
-def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
+def check_bends(
+    arm: DrivenArm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
+) -> Check:
     """Check the bends; between samples they are linear, so the samples decide."""
     # The joint at the base has a limit of its own.
-    limit = np.full(arm.links, arm.joint_limit)
-    limit[0] = arm.base_limit
+    limit = np.full(arm.coordinates.joints, arm.joint_limit)
+    limit[: bends_a_ball(arm.coordinates)] = arm.base_limit
     bends = np.abs(trajectory.bend_angles)
     excess = bends - limit
     k, j = np.unravel_index(np.argmax(excess), excess.shape)
-    where = f"joint {j + 1} at t = {trajectory.time[k]:.4f} s"
+    where = f"{joint_of_bend(arm.coordinates, int(j))} at t = {trajectory.time[k]:.4f} s"
     worst = float(bends[k, j])
     bound = float(limit[j])
     return Check("joint limit", worst, bound, "rad", where, passed=worst <= bound + settings.bend_tolerance)
@@ -58,10 +61,10 @@ def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[
     time = trajectory.time
     step = np.diff(time)[:, None]
     # Mean rates carry the rounding of the angles, magnified by 1/h; that much is no violation.
-    mean = np.diff(_revolutes(trajectory.bend_angles), axis=0) / step
+    mean = np.diff(as_revolutes(trajectory.coordinates, trajectory.bend_angles), axis=0) / step
     return [
         (joints.velocities, time, joints.names),
-        (_revolutes(trajectory.bend_velocities), time, joints.names),
+        (as_revolutes(trajectory.coordinates, trajectory.bend_velocities), time, joints.names),
         (_less_rounding(mean, trajectory.bend_angles, step), time[:-1], joints.names),
     ]
 
@@ -74,11 +77,11 @@ def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> l
     gained = np.diff(joints.velocities, axis=0) / step
     sources: list[_Source] = [
         (joints.accelerations, time, joints.names),
-        (_revolutes(trajectory.bend_accelerations), time, joints.names),
+        (as_revolutes(trajectory.coordinates, trajectory.bend_accelerations), time, joints.names),
         (_less_rounding(gained, joints.velocities, step), time[:-1], joints.names),
     ]
     if len(time) > 2:
-        second = _second_differences(_revolutes(trajectory.bend_angles), step)
+        second = _second_differences(as_revolutes(trajectory.coordinates, trajectory.bend_angles), step)
         sources.append((second, time[1:-1], joints.names))
     return sources
 
@@ -90,21 +93,13 @@ def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Sou
     # Before the first sample and after the last the arm rests, for as long as the step beside it.
     around = np.concatenate((step[:1], step, step[-1:]))
     sources: list[_Source] = []
-    for values in (joints.accelerations, _revolutes(trajectory.bend_accelerations)):
+    for values in (joints.accelerations, as_revolutes(trajectory.coordinates, trajectory.bend_accelerations)):
         rest = np.zeros_like(values[:1])
         jerks = np.diff(np.concatenate((rest, values, rest)), axis=0) / around
         sources.append((_less_rounding(jerks, values, around), np.append(time, time[-1]), joints.names))
     if len(time) > 2:
         sources.append((_second_differences(joints.velocities, step), time[1:-1], joints.names))
     return sources
-
-
-def _revolutes(bends: FloatArray) -> FloatArray:
-    """Revolutes of planar bends, shape (T, 3 * links); not the package's own function, on purpose."""
-    values = np.zeros((len(bends), 3 * bends.shape[1]))
-    # A bend is counter-clockwise in the plane x-z, which is a negative turn about y.
-    values[:, 1::3] = -bends
-    return values
 
 
 def _second_differences(values: FloatArray, step: FloatArray) -> FloatArray:

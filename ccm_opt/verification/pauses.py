@@ -3,13 +3,14 @@
 import numpy as np
 
 from ccm_opt.ground.arrays import BoolArray
-from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointTrajectory
+from ccm_opt.verification.bend_layout import revolutes_of_bends
+from ccm_opt.verification.checked_problem import CheckedProblem
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
 def check_pauses(
-    problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
+    problem: CheckedProblem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> list[Check]:
     """One check a goal on the way that asks for a pause: its worst value is how long the arm stands there [s].
 
@@ -26,7 +27,9 @@ def check_pauses(
     return checks
 
 
-def _time_at_rest(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> float:
+def _time_at_rest(
+    problem: CheckedProblem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings
+) -> float:
     """How long the arm stands as it does at one sample, from there on [s]."""
     still = _still(problem, trajectory, sample, settings)[sample:]
     # The first sample that is not still ends the rest at the one before it.
@@ -34,15 +37,18 @@ def _time_at_rest(problem: Problem, trajectory: JointTrajectory, sample: int, se
     return float(trajectory.time[sample + max(count, 1) - 1] - trajectory.time[sample])
 
 
-def _still(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> BoolArray:
+def _still(
+    problem: CheckedProblem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings
+) -> BoolArray:
     """Samples at which the arm stands as at a given one and does not move, shape (T,)."""
     limits = problem.limits
     away = np.abs(trajectory.positions - trajectory.positions[sample])
-    links = problem.arm.links
-    there = np.all(away[:, :links] <= settings.match, axis=1)
-    slow = np.all(np.abs(trajectory.bend_velocities) <= settings.rest_share * limits.velocity[1::3], axis=1)
+    bends = trajectory.coordinates.joints
+    there = np.all(away[:, :bends] <= settings.match, axis=1)
+    slowest = settings.rest_share * limits.velocity[revolutes_of_bends(trajectory.coordinates)]
+    slow = np.all(np.abs(trajectory.bend_velocities) <= slowest, axis=1)
     # A base that is fixed has no columns, and these hold.
-    there &= np.all(away[:, links:] <= settings.range_tolerance, axis=1)
+    there &= np.all(away[:, bends:] <= settings.range_tolerance, axis=1)
     feed = settings.rest_share * (limits.feed_velocity or 0.0)
     slow &= np.all(np.abs(trajectory.base_velocities) <= feed, axis=1)
     return np.asarray(there & slow)

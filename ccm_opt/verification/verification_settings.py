@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from ccm_opt.problem import Problem
 from ccm_opt.problem.definition import CONTACT_SHARE_OF_LENGTH
+from ccm_opt.verification.checked_problem import CheckedProblem
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class VerificationSettings:
     rows_at_once: int = 16
     run_spare: float = 1e-13
 
-    def for_problem(self, problem: Problem) -> "VerificationSettings":
+    def for_problem(self, problem: CheckedProblem) -> "VerificationSettings":
         """The same with lengths in metres, for a problem's arm, and with the contact tolerance that it asks for."""
         length = problem.arm.length
         lengths = {name: length * getattr(self, name) for name in _LENGTHS}

@@ -9,11 +9,13 @@ from ccm_opt.jointed.frames import joint_names
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.base_axes import check_base_axes
+from ccm_opt.verification.checked_problem import CheckedProblem, Efforts
 from ccm_opt.verification.consistency import check_consistency
 from ccm_opt.verification.effort_share import check_shares, holding_efforts
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.limits import check_limits
 from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.newton_euler import base_forces, joint_torques
 from ccm_opt.verification.pauses import check_pauses
 from ccm_opt.verification.point_limits import check_points
 from ccm_opt.verification.sample_efforts import check_sample_efforts
@@ -50,7 +52,7 @@ def verify(
     expect(settings, VerificationSettings, "VerificationSettings for settings=")
     settings = settings.for_problem(problem)
     form = check_form(problem, trajectory, joints, settings)
-    names = _check_names(problem, joints)
+    names = check_names(problem, joints)
     # What is malformed would make every further check fail in a way that explains nothing.
     if not (form.passed and names.passed):
         return form, names
@@ -64,8 +66,9 @@ def verify(
         checks.append(check_self_collision(motion, settings))
     checks += check_limits(problem.arm, problem.limits, trajectory, joints, settings)
     checks += check_points(problem.arm, problem.limits, trajectory, settings)
-    checks += check_consistency(problem, trajectory, joints, settings)
-    checks += check_base_axes(problem, trajectory, joints, settings)
+    needed = _needed_efforts(problem, trajectory)
+    checks += check_consistency(problem, trajectory, joints, needed, settings)
+    checks += check_base_axes(problem, trajectory, joints, needed, settings)
     holding = holding_efforts(problem, trajectory.positions)
     checks += check_shares(problem, trajectory, joints, checks, holding, settings)
     checks += check_sample_efforts(problem, trajectory, holding, settings)
@@ -77,7 +80,14 @@ def verify(
     return tuple(checks)
 
 
-def _check_names(problem: Problem, joints: JointStates) -> Check:
+def _needed_efforts(problem: Problem, trajectory: JointTrajectory) -> Efforts:
+    states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    of_motion = (problem.arm, problem.simulation.gravity, *states)
+    return joint_torques(*of_motion), base_forces(*of_motion)
+
+
+def check_names(problem: CheckedProblem, joints: JointStates) -> Check:
+    """Check that the drives are called as those of the arm."""
     expected = joint_names(problem.arm)
     # Names of another length are compared as far as both go; what is left over counts as wrong below.
     differing = [ours for theirs, ours in zip(joints.names, expected, strict=False) if theirs != ours]

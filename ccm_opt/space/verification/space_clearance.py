@@ -1,0 +1,143 @@
+"""Clearance of an arm in space from every surface at all times, and that it starts outside of all solids."""
+
+import numpy as np
+
+from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.solution import Check, NearPlace
+from ccm_opt.space.scene.scene import SpaceWorkspace
+from ccm_opt.space.verification.checked_surfaces import CheckedSurfaces
+from ccm_opt.space.verification.separation import separations
+from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, Stretches
+from ccm_opt.space.verification.space_proof_settings import DEFAULT_SPACE_PROOF, SpaceProofSettings
+from ccm_opt.space.verification.stretch_proof import Measured, StretchPairs, prove_stretches
+from ccm_opt.verification.bisection import Nearest, Verdict, least_allowed_gap
+from ccm_opt.verification.rounding import distance_rounding
+from ccm_opt.verification.verification_settings import VerificationSettings
+
+
+def check_surfaces(
+    motion: SpaceChainMotion,
+    workspace: SpaceWorkspace,
+    settings: VerificationSettings,
+    proof: SpaceProofSettings = DEFAULT_SPACE_PROOF,
+) -> Check:
+    """Check that the arm beyond its mount keeps the clearance from every surface at all times."""
+    exposed = exposed_shares(motion.arm)
+    if len(workspace.soup) == 0 or not np.any(exposed < 1.0):
+        why = "there is no wall" if len(workspace.soup) == 0 else "the whole arm counts as its mount"
+        return Check("wall clearance", np.inf, workspace.clearance, "m", why, passed=True)
+    surfaces = CheckedSurfaces.of(workspace.soup)
+    least = least_allowed_gap(workspace.clearance, motion.arm.radius, settings)
+    verdict = _SurfaceProof(motion, surfaces, exposed).prove(least, settings, proof)
+    near = verdict.nearest
+    wall = workspace.soup.names[surfaces.owner[near.other - surfaces.offsets[-2]]]
+    where = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
+    where = f"{where}: {verdict.remark}" if verdict.remark else where
+    place = NearPlace(near.gap - workspace.clearance, 0.0, near.time, near.link + 1, obstacle=wall)
+    return Check("wall clearance", near.gap, workspace.clearance, "m", where, passed=verdict.proved, place=place)
+
+
+def exposed_shares(arm: SpaceArm) -> FloatArray:
+    """Share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link."""
+    return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
+
+
+class _SurfaceProof:
+    """Measures links against boxes of surfaces.
+
+    Args:
+        motion: of the arm.
+        surfaces: of the scene.
+        exposed: share of each link that may touch walls.
+    """
+
+    def __init__(self, motion: SpaceChainMotion, surfaces: CheckedSurfaces, exposed: FloatArray) -> None:
+        self._motion = motion
+        self._surfaces = surfaces
+        self._exposed = exposed
+        size = max(float(np.max(np.abs(surfaces.triangles))), float(np.max(np.abs(motion.points))))
+        self._lost = motion.rounding + distance_rounding(size)
+
+    def prove(self, least: float, settings: VerificationSettings, proof: SpaceProofSettings) -> Verdict:
+        """Prove that all links keep a gap."""
+        samples = len(self._motion.time)
+        few = np.unique(np.linspace(0, samples - 1, proof.probes).astype(int)).astype(np.float64)
+        # At a few moments the nearest surface is looked for alone, to know how far the search must look.
+        moments = self._of_all_links(Stretches(few, few), least, settings, None)
+        if moments.nearest.gap < least:
+            return moments
+        blocks = Stretches.blocks(samples, proof.block)
+        return self._of_all_links(blocks, least, settings, moments.nearest)
+
+    def _of_all_links(
+        self, stretches: Stretches, least: float, settings: VerificationSettings, nearest: Nearest | None
+    ) -> Verdict:
+        links = np.flatnonzero(self._exposed < 1.0)
+        stretch = np.repeat(np.arange(len(stretches)), len(links))
+        link = np.tile(links, len(stretches))
+        pairs = StretchPairs(stretch, link, np.zeros(len(link), dtype=np.intp))
+        return prove_stretches(self._motion, stretches, pairs, self._measure, least, settings, self._opened, nearest)
+
+    def _measure(self, stretches: Stretches, poses: FloatArray, pairs: StretchPairs) -> Measured:
+        travels = self._motion.travels(stretches)
+        k, link = pairs.stretch, pairs.link
+        travel = np.maximum(travels[k, link], travels[k, link + 1])
+        end = poses[k, link + 1]
+        start = poses[k, link] + self._exposed[link, None] * (end - poses[k, link])
+        low, high = self._surfaces.bounds(pairs.other, start, end)
+        exact = self._surfaces.is_triangle(pairs.other)
+        triangles = self._surfaces.triangles[pairs.other[exact] - self._surfaces.offsets[-2]]
+        low[exact], high[exact] = separations(start[exact], end[exact], triangles)
+        thick = self._motion.arm.radius + self._surfaces.rounding[pairs.other]
+        # A box may hold triangles of less rounding than the largest, which are farther.
+        most = high - np.where(exact, thick, self._motion.arm.radius)
+        return Measured(low - thick - self._lost, most, travel, exact)
+
+    def _opened(self, pairs: StretchPairs, travel: FloatArray) -> tuple[StretchPairs, BoolArray]:
+        surfaces = self._surfaces
+        boxes = ~surfaces.is_triangle(pairs.other)
+        size = surfaces.size(pairs.other)
+        boxes &= (size > travel) | (size == 0.0)
+        place, child = surfaces.children(pairs.other[boxes])
+        closed = pairs.where(boxes)
+        return StretchPairs(closed.stretch[place], closed.link[place], child), boxes
+
+
+def check_side(motion: SpaceChainMotion, workspace: SpaceWorkspace) -> Check:
+    """Check that the arm lies inside the room and outside of all closed obstacles.
+
+    One point decides: an arm that never meets a surface cannot change sides, neither along itself nor over time.
+    """
+    arm = motion.arm
+    # The point where the mount ends: what lies before it may be inside a wall.
+    k = min(int(arm.mount_length // arm.link_length), arm.links - 1)
+    share = min(arm.mount_length / arm.link_length - k, 1.0)
+    joints = motion.points[0]
+    point = joints[k] + share * (joints[k + 1] - joints[k])
+    depths = {each.name: _depth(each.body.triangles, point) for each in workspace.obstacles if each.body.closed}
+    if workspace.bounds is not None:
+        depths["room"] = float(np.max(np.concatenate((workspace.bounds[0] - point, point - workspace.bounds[1]))))
+    worst = max(depths, key=lambda name: depths[name], default="")
+    depth = max(depths.get(worst, 0.0), 0.0)
+    side = f", on the wrong side of {worst!r}" if depth > 0.0 else ""
+    return Check("free side", 0.0 - depth, 0.0, "m", f"link {k + 1} at t = 0{side}", passed=depth <= 0.0)
+
+
+def _depth(triangles: FloatArray, point: FloatArray) -> float:
+    """How deep a point lies inside a closed surface, 0 outside [m].
+
+    Seen from inside, the triangles fill the whole sphere of directions, 4 π; from outside they cancel (A. Van Oosterom
+    and J. Strackee, The solid angle of a plane triangle, 1983).
+    """
+    a, b, c = (triangles[:, corner] - point for corner in range(3))
+    lengths = [np.linalg.norm(side, axis=1) for side in (a, b, c)]
+    volume = np.einsum("md,md->m", a, np.cross(b, c))
+    level = lengths[0] * lengths[1] * lengths[2]
+    for first, second, third in ((a, b, lengths[2]), (b, c, lengths[0]), (c, a, lengths[1])):
+        level += np.einsum("md,md->m", first, second) * third
+    turns = np.sum(2.0 * np.arctan2(volume, level)) / (4.0 * np.pi)
+    if abs(turns) < 0.5:
+        return 0.0
+    both = np.broadcast_to(point, (len(triangles), 3))
+    return float(np.min(separations(both, both, triangles)[1]))

@@ -1,0 +1,132 @@
+"""Self-collision of an arm in space at all times, and that links too near to be kept apart do not cross."""
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.solution import Check, NearPlace
+from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, Stretches
+from ccm_opt.space.verification.space_proof_settings import DEFAULT_SPACE_PROOF, SpaceProofSettings
+from ccm_opt.space.verification.stretch_proof import Measured, StretchPairs, prove_stretches
+from ccm_opt.verification.bisection import Verdict, least_allowed_gap
+from ccm_opt.verification.rounding import distance_rounding
+from ccm_opt.verification.verification_settings import VerificationSettings
+
+
+def check_contact(
+    motion: SpaceChainMotion, settings: VerificationSettings, proof: SpaceProofSettings = DEFAULT_SPACE_PROOF
+) -> Check:
+    """Check that links far apart along the arm never touch, and that nearer ones do not cross."""
+    arm = motion.arm
+    distant = first_apart(arm.link_length, arm.radius)
+    blocks = Stretches.blocks(len(motion.time), proof.block)
+    crossing = _crossing(motion, distant, settings)
+    if distant >= arm.links:
+        where = crossing or "the arm is too short to meet itself"
+        return Check("self-collision", np.inf, 0.0, "m", where, passed=not crossing)
+    first, second = np.triu_indices(arm.links, distant)
+    stretch = np.repeat(np.arange(len(blocks)), len(first))
+    pairs = StretchPairs(stretch, np.tile(first, len(blocks)), np.tile(second, len(blocks)))
+    thickness = 2.0 * arm.radius
+    least = least_allowed_gap(0.0, thickness, settings)
+    verdict = _prove(motion, blocks, pairs, thickness, least, settings)
+    near = verdict.nearest
+    where = f"link {near.link + 1} to link {near.other + 1} at t = {near.time:.4f} s"
+    where = "; ".join(part for part in (where, verdict.remark, crossing) if part)
+    place = NearPlace(near.gap, 0.0, near.time, near.link + 1, second_link=near.other + 1)
+    passed = verdict.proved and not crossing
+    return Check("self-collision", near.gap, 0.0, "m", where, passed=passed, place=place)
+
+
+def first_apart(link_length: float, radius: float) -> int:
+    """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r)."""
+    reach = max(2.0 * link_length, np.pi * radius)
+    return next(apart for apart in range(1, 10**6) if (apart - 1) * link_length >= reach * (1.0 - 1e-12))
+
+
+def _prove(
+    motion: SpaceChainMotion,
+    stretches: Stretches,
+    pairs: StretchPairs,
+    thickness: float,
+    least: float,
+    settings: VerificationSettings,
+) -> Verdict:
+    lost = 2.0 * motion.rounding + distance_rounding(float(np.max(np.abs(motion.points))))
+
+    def measure(some: Stretches, poses: FloatArray, which: StretchPairs) -> Measured:
+        k, i, j = which.stretch, which.link, which.other
+        distance = axis_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - thickness
+        travel = _relative_travels(motion, some, which)
+        return Measured(distance - lost, distance, travel, np.ones(len(which), dtype=bool))
+
+    return prove_stretches(motion, stretches, pairs, measure, least, settings)
+
+
+def _relative_travels(motion: SpaceChainMotion, stretches: Stretches, pairs: StretchPairs) -> FloatArray:
+    """How much nearer two links may come than they are at the middle, shape (P,) [m]."""
+    travels = motion.travels(stretches)
+    k, i, j = pairs.stretch, pairs.link, pairs.other
+    apart = np.maximum(travels[k, i], travels[k, i + 1]) + np.maximum(travels[k, j], travels[k, j + 1])
+    half = 0.5 * (stretches.high - stretches.low)[k]
+    within = np.flatnonzero(half <= 0.5)
+    interval = stretches.low[k[within]].astype(np.intp)
+    # Within an interval what both do alike does not count.
+    relative = np.zeros(len(within))
+    for first in (i[within], i[within] + 1):
+        for second in (j[within], j[within] + 1):
+            chord = np.linalg.norm(motion.chords[interval, first] - motion.chords[interval, second], axis=1)
+            bow = motion.bows[interval, first] + motion.bows[interval, second]
+            relative = np.maximum(relative, half[within] * (chord + 0.5 * bow))
+    apart[within] = np.minimum(apart[within], relative)
+    return np.asarray(apart)
+
+
+def axis_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
+    """Distances of segments a–b from segments c–d, all shape (P, 3), shape (P,) [m].
+
+    The squared distance is convex in both shares: either it is least inside of both, or on an end of one of them.
+    """
+    ends = [_from_segment(point, start, end) for point, start, end in ((a, c, d), (b, c, d), (c, a, b), (d, a, b))]
+    line, other, offset = b - a, d - c, a - c
+    normal = np.cross(line, other)
+    square = np.einsum("pd,pd->p", normal, normal)
+    safe = np.where(square > 0.0, square, 1.0)
+    share = -np.einsum("pd,pd->p", np.cross(offset, other), normal) / safe
+    at = -np.einsum("pd,pd->p", np.cross(offset, line), normal) / safe
+    inside = (square > 0.0) & (share >= 0.0) & (share <= 1.0) & (at >= 0.0) & (at <= 1.0)
+    between = np.linalg.norm(offset + share[:, None] * line - at[:, None] * other, axis=1)
+    return np.asarray(np.minimum(np.min(ends, axis=0), np.where(inside, between, np.inf)))
+
+
+def _from_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    line = end - start
+    square = np.einsum("pd,pd->p", line, line)
+    share = np.einsum("pd,pd->p", point - start, line) / np.where(square > 0.0, square, 1.0)
+    return np.asarray(np.linalg.norm(start + np.clip(share, 0.0, 1.0)[:, None] * line - point, axis=1))
+
+
+def _crossing(motion: SpaceChainMotion, distant: int, settings: VerificationSettings) -> str:
+    """Where two links cross that share no joint and are too near along the arm to be kept apart; empty if none do.
+
+    Axes that meet close a polygon, which turns by 2 π at least (Fenchel), of which the bends between them are all but
+    half a turn: where these add up to less than π nothing is to be proved.
+    """
+    links = motion.arm.links
+    bends = np.abs(motion.positions[:, : 2 * links]).reshape(-1, links, 2).sum(axis=2)
+    total = np.concatenate((np.zeros((len(bends), 1)), np.cumsum(bends, axis=1)), axis=1)
+    found = [np.zeros((3, 0), dtype=np.intp)]
+    for apart in range(2, min(distant, links)):
+        between = total[:, 1 + apart :] - total[:, 1:-apart]
+        # Sizes of bends are convex in time between samples, so that they are greatest at one of these.
+        interval, link = np.nonzero(np.maximum(between[:-1], between[1:]) >= np.pi - settings.half_turn_rounding)
+        found.append(np.stack((interval, link, link + apart)))
+    interval, first, second = np.concatenate(found, axis=1)
+    if len(interval) == 0:
+        return ""
+    kept, stretch = np.unique(interval, return_inverse=True)
+    stretches = Stretches(kept.astype(np.float64), kept + 1.0)
+    pairs = StretchPairs(stretch, first, second)
+    verdict = _prove(motion, stretches, pairs, 0.0, settings.touch, settings)
+    near = verdict.nearest
+    does = "may cross" if verdict.remark else "crosses"
+    return "" if verdict.proved else f"link {near.link + 1} {does} link {near.other + 1} at t = {near.time:.4f} s"
