@@ -33,14 +33,14 @@ def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPP
     rotation = np.broadcast_to(arm.base_rotation, (*directions.shape[:-2], 3, 3))  # world <- ball base
     for ball in range(arm.links):
         local = np.einsum("...ij,...i->...j", rotation, directions[..., ball, :])
-        yaw, bend = _aim(local)
+        yaw, bend = aim(local)
         angles[..., 3 * ball] = yaw
         angles[..., 3 * ball + 1] = bend
         rotation = rotation @ _yaw_bend_rotation(yaw, bend)
     return angles
 
 
-def _aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     """θ1 and θ2 that turn x̂ into a unit direction, shape (..., 3), with |θ1| ≤ 90°."""
     x, y, z = np.moveaxis(direction, -1, 0)
     side = np.where(x < 0.0, -1.0, 1.0)

@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.segment import EVEN_KNOTS, Knots
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.curve.space_segment import SpaceSegment
+from ccm_opt.space.curve.space_segment import NO_MOMENTS, Moments, SpaceSegment
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class SpaceConfiguration:
         lengths: Sequence[float],
         curvatures: Sequence[FloatArray],
         knots: Sequence[Knots] | None = None,
+        moments: Sequence[Moments] | None = None,
     ) -> "SpaceConfiguration":
         """Join segments end to end from a base frame; the frames of the others follow.
 
@@ -41,11 +42,13 @@ class SpaceConfiguration:
             lengths: of the segments [m].
             curvatures: five pairs a segment, each of shape (5, 2) [1/m].
             knots: three a segment; even knots when None.
+            moments: at the ends of each segment; none, those of natural splines, when None.
         """
         segments: list[SpaceSegment] = []
         for k, (length, curvature) in enumerate(zip(lengths, curvatures, strict=True)):
             inner = knots[k] if knots else EVEN_KNOTS
-            segment = SpaceSegment(float(length), frame, np.asarray(curvature, dtype=np.float64), inner)
+            ends = moments[k] if moments else NO_MOMENTS
+            segment = SpaceSegment(float(length), frame, np.asarray(curvature, dtype=np.float64), inner, ends)
             segments.append(segment)
             frame = segment.end[0]
         return cls(np.asarray(base, dtype=np.float64), tuple(segments))

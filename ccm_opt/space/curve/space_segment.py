@@ -7,6 +7,7 @@ Frenet has one, and the plane of t and n1 is κ2 = 0: there the segment is the p
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
@@ -21,7 +22,9 @@ LEAST_STEPS = 40
 """Steps to a segment at least, so that its curvature changes little within one."""
 _PROBES = 5
 """Places between two knots at which the curvature is looked at for the size of steps."""
-NO_MOMENTS = ((0.0, 0.0), (0.0, 0.0))
+Moments: TypeAlias = tuple[tuple[float, float], tuple[float, float]]
+"""Second derivatives of κ1 and of κ2 at both ends of a segment."""
+NO_MOMENTS: Moments = ((0.0, 0.0), (0.0, 0.0))
 """Second derivatives of both curvatures at the ends of a natural spline."""
 
 
@@ -41,7 +44,7 @@ class SpaceSegment:
     frame: FloatArray
     curvature: FloatArray
     knots: Knots = EVEN_KNOTS
-    moments: tuple[tuple[float, float], tuple[float, float]] = NO_MOMENTS
+    moments: Moments = NO_MOMENTS
 
     def __post_init__(self) -> None:
         if np.shape(self.curvature) != (5, 2):

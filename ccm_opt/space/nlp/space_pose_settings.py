@@ -8,8 +8,8 @@ class SpacePoseSettings:
     """How a goal pose is asked for; lengths are in units of the arm's length unless a unit is given.
 
     Attributes:
-        segments: curvature segments of the curve (measured by ``tests.benchmarks.bench_space_poses``: with two the arms
-            of 24 links lack room, four bring nothing and take longer).
+        segments: curvature segments of the curve (measured by ``tests.benchmarks.bench_space_poses``: two to five find
+            the same room in clutter of 150 bodies, three in the least time).
         window: spline pieces on either side of the one in which a joint lies at first, among which the joint may come
             to lie while knots move (as in the plane).
         least_piece: least share of its segment that a piece between knots keeps (as in the plane).
