@@ -73,7 +73,7 @@ class Finding:
     Attributes:
         kind: "constraint", "contact", "joint limit", "too short", "too thick", "blocked", "hemmed in", "too stiff",
             "torque" or "curve".
-        reason: one sentence in the user's terms: what, where, and by how much.
+        reason: in the user's terms: what, where, and by how much; a short sentence, details behind semicolons.
         proved: whether no planner could find a plan as long as this holds; else it is only likely to stand in the way.
         key: the key of the problem file that it is about, or empty.
         place: where, (x, y) [m], or None.
@@ -124,7 +124,7 @@ class Diagnosis:
     """Why there is no plan, in the user's terms.
 
     Attributes:
-        reason: one sentence: what stands in the way, where, and by how much.
+        reason: what stands in the way, where, and by how much: a short sentence, details behind semicolons.
         stage: the stage of the pipeline that stopped.
         advice: what would help, most promising first.
         evidence: the figures behind the reason; JSON-serialisable values.
@@ -145,10 +145,18 @@ class Diagnosis:
         return any(finding.proved for finding in self.findings)
 
     def __str__(self) -> str:
+        first, *details = sentences(self.reason)
         others = [finding for finding in self.findings if finding.reason != self.reason]
         also = [f"  {'also' if finding.proved else 'perhaps'}: {finding.reason}" for finding in others]
         solved = [f"  solved with {relaxation.words}" for relaxation in self.relaxations]
-        return "\n".join((self.reason, *also, *solved, *(f"  try: {line}" for line in self.advice)))
+        return "\n".join(
+            (first, *(f"    {line}" for line in details), *also, *solved, *(f"  try: {line}" for line in self.advice))
+        )
+
+
+def sentences(reason: str) -> tuple[str, ...]:
+    """What a reason says, the most important first; semicolons stand between its sentences."""
+    return tuple(reason.split("; "))
 
 
 class NoPlanFound(CcmError):  # noqa: N818 - it names a result, not a defect

@@ -8,13 +8,14 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import ccm_opt
 from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import explained
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.diagnosis.unit_hints import unit_hints
-from ccm_opt.errors import Diagnosis, MotionNotFound, UnreachableGoal
+from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, UnreachableGoal
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.angles import unit_vector
@@ -22,6 +23,7 @@ from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.motion.ends import resolve_ends
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 
+from .conftest import PROBLEMS
 from .scenes import ROOM, Scene, clutter, later, make_arm, open_scene
 
 seeds = st.integers(0, 10**6)
@@ -148,3 +150,15 @@ def test_advice_about_room_is_what_the_problem_has_to_give() -> None:
     with pytest.raises(UnreachableGoal, match="touches something") as caught:
         resolve_ends(problem)
     assert caught.value.diagnosis.advice == ("change the start",)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", ["[5.0, 5.0]", "[60.0, 0.3]", "[0.65, 0.5]"])
+def test_goals_far_out_of_reach_are_moved_to_where_they_can_be_taken(place: str) -> None:
+    """However far off a goal is, and whatever stands round the arm, a place is named that was solved."""
+    far = ccm_opt.load_problem(PROBLEMS / "swan-neck.toml", changes=[f"goal.position={place}"])
+    with pytest.raises(NoPlanFound) as failure:
+        ccm_opt.solve(far)
+    moved = [change for change in failure.value.diagnosis.relaxations if change.key == "goal.position"]
+    assert moved
+    assert "e+" not in moved[0].words

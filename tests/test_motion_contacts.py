@@ -11,7 +11,7 @@ from ccm_opt.collision.contacts import WALL, Contacts
 from ccm_opt.collision.neighbour_pairs import closest_on_segments
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.jointed.arm import Arm
 
 from .scenes import ROOM, clutter, distant_pairs, free_axis, make_arm, mixed_walls, random_headings, self_gap, wall_gaps
@@ -211,5 +211,5 @@ def test_the_tightest_contact_is_named() -> None:
     walls = contacts.take(contacts.second == WALL)
     gaps = wall_gaps(arm, workspace, points)
     tightest = workspace.walls[int(gaps.argmin())]
-    assert f"'{tightest.name}', gap {millimetres(gaps.min())}" in finder.describe(walls)
+    assert f"'{tightest.name}', gap {short_length(gaps.min())}" in finder.describe(walls)
     assert finder.describe(walls).startswith(f"link {walls.first[walls.gap.argmin()] + 1} and")

@@ -14,7 +14,7 @@ import ccm_opt
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.errors import NoPlanFound, ProblemFileError
 from ccm_opt.files.problem_file import load_problem, parse_problem, problem_from_mapping
-from ccm_opt.ground.length_words import metres, millimetres, place, words_for_unit
+from ccm_opt.ground.length_words import long_length, place, short_length, words_for_unit
 from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.problem import Problem, VerificationOptions
 from tests.conftest import PROBLEMS, SMALL_PROBLEM
@@ -117,14 +117,14 @@ def test_the_static_question_has_one_answer(factor: float) -> None:
 
 def test_words_are_in_metres_whatever_the_unit() -> None:
     """Inside the block a unit is so many metres, blocks add up, and outside all is as before."""
-    assert millimetres(0.0123) == "12.3 mm"
+    assert short_length(0.0123) == "12.3 mm"
     with words_for_unit(2.0):
-        assert metres(0.5) == "1.000 m"
+        assert long_length(0.5) == "1.000 m"
         with words_for_unit(0.001):
-            assert millimetres(1.0) == "2.0 mm"
-            assert place((1.0, 0.0)) == "(0.002, 0)"
-        assert place((0.5, 1.0)) == "(1.000, 2.000)"
-    assert metres(0.5) == "0.500 m"
+            assert short_length(1.0) == "2.0 mm"
+            assert place((1.0, 0.0)) == "(0.002, 0) m"
+        assert place((0.5, 1.0)) == "(1.000, 2.000) m"
+    assert long_length(0.5) == "0.500 m"
 
 
 def test_the_contact_tolerance_is_the_users() -> None:

@@ -150,7 +150,7 @@ def test_every_plan_can_be_checked_from_its_files(forked: tuple[Path, str]) -> N
     for plan in record["plans"]:
         code, output = run("check", folder / plan["folder"])
         assert code == 0, output
-        assert f"least gap {1e3 * plan['nearest']['gap']:.3g} mm" in output
+        assert f"least gap {plan['nearest']['gap']:.3g} m" in output
     with np.load(folder / "pareto" / str(record["recommended"]) / "solution.npz") as arrays:
         chosen = arrays["bend_angles"]
     with np.load(folder / "solution.npz") as arrays:

@@ -51,7 +51,7 @@ def test_jobs_are_solved(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "words", "short_of", "enough"),
     [
-        ("hot-cell-out-of-reach", ("'vessel'", "0.071 m too short"), "arm.link_length=85", "arm.link_length=91.9333"),
+        ("hot-cell-out-of-reach", ("'vessel'", "71 mm too short"), "arm.link_length=85", "arm.link_length=91.9333"),
         ("tank-baffles-too-weak", ("joint 1", "limit is 250 N m"), "limits.torque=310", "limits.torque=350.9"),
     ],
 )

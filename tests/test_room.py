@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.diagnosis.walls_apart import gap_between_walls
+from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
@@ -139,8 +140,8 @@ def test_a_narrow_place_on_the_way_is_a_passage() -> None:
     assert part.nearest.link == 6
     assert part.nearest.gap == pytest.approx(0.005, abs=1e-4)
     assert part.begin < 1.0 < part.end
-    sentences = list(room_sentences(room))
-    assert sentences[0].startswith("least gap 5 mm of the wanted 10 mm, at 1.00 s, link 6 to 'pin'")
+    sentences = list(room_sentences(room, PageUnits.of_arm(1.0)))
+    assert sentences[0].startswith("least gap 5.00 mm of the wanted 10 mm, at 1.00 s, link 6 to 'pin'")
     assert "on the way there are 5" in sentences[1]
 
 
@@ -160,7 +161,7 @@ def test_the_room_is_printed_written_and_printed_again(tmp_path: Path) -> None:
     assert room["wanted_gap"] == 0.009
     assert room["possible_by"] == "wanted gap"
     assert room["nearest"]["gap"] <= room["possible_gap"]
-    line = f"least gap {1e3 * room['nearest']['gap']:.3g} mm of the wanted 9 mm"
+    line = f"least gap {room['nearest']['gap']:.3g} m of the wanted 0.009 m"
     assert line in solved.output
     assert line in checked.output
     with np.load(runs / "swan-neck" / "solution.npz") as arrays:

@@ -31,16 +31,19 @@ def placed(
             (-0.75, -0.05, -0.05),
             0.1,
             "[-0.8, 0.2, 0.0]",
-            r"contact: link 3 and 'part' at .* too near; joint 4 is 50.0 mm deep inside of 'part', at \(-0.7, 0, 0\) m",
+            (
+                r"contact: link 3 and 'part' at .* too near; joint 4 is 50.0 mm deep inside of 'part', "
+                r"at \(-0.700, 0.000, 0.000\) m"
+            ),
         ),
         ((-1.5, -0.5, -0.5), 1.0, "[-0.8, 0.2, 0.0]", r"base at \(-1, 0, 0\) m is 0.5 m inside 'part'"),
         (
             (-0.9, 0.1, -0.1),
             0.2,
             "[-0.8, 0.17, 0.0]",
-            r"the goal is 70.0 mm deep inside of 'part', at \(-0.8, 0.17, 0\) m",
+            r"the goal is 70.0 mm deep inside of 'part', at \(-0.800, 0.170, 0.000\) m",
         ),
-        ((-0.9, 0.1, -0.1), 0.2, "[-0.8, 0.095, 0]", r"5.0 mm too near to 'part' at \(-0.8, 0.1, 0\) m"),
+        ((-0.9, 0.1, -0.1), 0.2, "[-0.8, 0.095, 0]", r"5.0 mm too near to 'part' at \(-0.800, 0.100, 0.000\) m"),
         ((-0.9, 0.1, -0.1), 0.2, "[-2.1, 0.0, 0]", r"the goal is 100.0 mm outside of the room"),
     ],
 )

@@ -71,7 +71,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
         console.print(checks_table(f"{problem.name}: {verdict}", told))
         if len(told) < len(words):
             console.print(f"{len(words) - len(told)} checks of the plan against itself hold too")
-        print_room(console, room)
+        print_room(console, room, units_of(problem))
         print_not_checked(console, left_out)
 
     def data() -> dict[str, object]:

@@ -13,9 +13,10 @@ from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.files.problem_file.problem_data import problem_data
+from ccm_opt.ground.length_units import in_unit
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import dh_table, joint_names
-from ccm_opt.problem import Limits, Problem
+from ccm_opt.problem import Problem
 from ccm_opt.space.problem import in_the_plane
 
 _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
@@ -47,7 +48,7 @@ def _describe(problem: Problem) -> int:
         console = report_console()
         for line in arm_lines(problem):
             console.print(line, markup=False)
-        console.print(parameter_table(problem.arm, problem.limits))
+        console.print(parameter_table(problem))
         console.print(link_table(problem.arm))
 
     return print_result(show, SOLVED, lambda: _data(problem))
@@ -67,27 +68,42 @@ def arm_lines(problem: Problem) -> list[str]:
     """The arm in a few lines."""
     arm = problem.arm
     gravity = problem.simulation.gravity
-    base = f"({arm.base[0]:g}, {arm.base[1]:g}) m, heading {np.rad2deg(arm.base_heading):.6g} deg"
+    unit = problem.length_unit
+
+    def number(length: float) -> str:
+        return f"{in_unit(length, unit):.9g}"
+
+    def words(length: float) -> str:
+        return f"{number(length)} {unit}"
+
+    base = f"({number(arm.base[0])}, {number(arm.base[1])}) {unit}, heading {np.rad2deg(arm.base_heading):.6g} deg"
     lines = [
-        f"{problem.name}: {arm.links} links of {arm.link_length:g} m, {3 * arm.links} revolutes, axes {arm.axes}",
-        f"base at {base}; radius {arm.radius:g} m, length {arm.length:g} m",
+        f"{problem.name}: {arm.links} links of {words(arm.link_length)}, {3 * arm.links} revolutes, axes {arm.axes}",
+        f"base at {base}; radius {words(arm.radius)}, length {words(arm.length)}",
         f"mass {np.sum(arm.masses):.6g} kg, payload {arm.payload:g} kg; gravity {gravity.tolist()} m/s²",
     ]
     lines += [
-        f"feed axis from {axis.low:g} to {axis.high:g} m along the base heading, guide tube ends at {axis.hole:g}"
+        f"feed axis from {number(axis.low)} to {words(axis.high)} along the base heading, "
+        f"guide tube ends at {words(axis.hole)}"
         for axis in arm.base_axes
     ]
     return lines
 
 
-def parameter_table(arm: Arm, limits: Limits) -> Table:
+def parameter_table(problem: Problem) -> Table:
     """Standard Denavit–Hartenberg parameters of every revolute, A = Rz(θ + offset) Tz(d) Tx(a) Rx(α), and its drive."""
-    table = columned_table("link parameters", ("joint", "offset [deg]", "d [m]", "a [m]", "alpha [deg]", *_DRIVE))
+    arm = problem.arm
+    limits = problem.limits
+    unit = problem.length_unit
+    columns = ("joint", "offset [deg]", f"d [{unit}]", f"a [{unit}]", "alpha [deg]", *_DRIVE)
+    table = columned_table("link parameters", columns)
     rotors = np.broadcast_to(arm.rotor_inertia, (3 * arm.links,))
     friction = np.broadcast_to(arm.friction, (3 * arm.links,))
     torque = ["none"] * (3 * arm.links) if limits.torque is None else [f"{value:g}" for value in limits.torque]
     for j, (name, row) in enumerate(zip(joint_names(arm), dh_table(arm), strict=True)):
-        geometry = (f"{np.rad2deg(row.offset):g}", f"{row.d:g}", f"{row.a:g}", f"{np.rad2deg(row.alpha):g}")
+        offset = f"{np.rad2deg(row.offset):g}"
+        lengths = (f"{in_unit(length, unit):.9g}" for length in (row.d, row.a))
+        geometry = (offset, *lengths, f"{np.rad2deg(row.alpha):g}")
         drive = (f"{limits.velocity[j]:g}", f"{limits.acceleration[j]:g}", torque[j])
         table.add_row(name, *geometry, *drive, f"{rotors[j]:g}", f"{friction[j]:g}")
     return table

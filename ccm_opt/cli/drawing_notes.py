@@ -7,6 +7,7 @@ from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import report_console, units_of
+from ccm_opt.ground.length_words import words_in
 from ccm_opt.problem import ImportedDrawing, Problem
 
 TIMES = "\N{MULTIPLICATION SIGN}"
@@ -23,7 +24,8 @@ def tell_of_drawing(problem: Problem) -> None:
         console = report_console()
         for line in drawing_lines(drawing, problem):
             console.print(line, markup=False, highlight=False, soft_wrap=True)
-    odd = drawing.odd_size(problem.arm.length)
+    with words_in(problem.length_unit):
+        odd = drawing.odd_size(problem.arm.length)
     if odd is not None:
         warn(f"{problem.name}: {odd}")
 

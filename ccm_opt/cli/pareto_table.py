@@ -5,57 +5,60 @@ from collections.abc import Callable
 from rich.markup import escape
 
 from ccm_opt.cli.stage_clock import StageClock
-from ccm_opt.cli.tables import columned_table, print_room, report_console, stage_line
+from ccm_opt.cli.tables import columned_table, print_room, report_console, stage_line, units_of
+from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord
 
 COLUMNS = (
     "plan",
-    "wanted [mm]",
+    "wanted gap",
     "duration [s]",
-    "least gap [mm]",
-    "gap at goal [mm]",
+    "least gap",
+    "gap at goal",
     "energy [J]",
     "peak torque [N m]",
     "planning CPU [s]",
     "",
 )
+"""Gaps are those beyond the clearance, with their unit."""
 
 
 def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
     """Print what came out of the trade-off between time and room, on stdout."""
+    units = units_of(found.problem)
     table = columned_table(f"{found.problem.name}: from the fastest plan to the roomiest", COLUMNS)
     for number, plan in enumerate(found.plans, start=1):
-        table.add_row(f"{number}", *_cells(plan), escape(_note(found, plan, number)))
+        table.add_row(f"{number}", *_cells(plan, units), escape(_note(found, plan, number)))
     console = report_console()
     console.print(table)
     console.print(f"plan {found.recommended}, recommended:")
-    print_room(console, found.best.room)
+    print_room(console, found.best.room, units)
     console.print(f"all {len(found.best.checks)} checks of the verifier hold")
     console.print(escape(stage_line(clock)), soft_wrap=True)
     console.print(escape(f"written to {folder}, every plan to its folder in {folder}/pareto"), soft_wrap=True)
 
 
-def _cells(plan: ParetoPlan) -> tuple[str, ...]:
-    wanted = f"{1e3 * plan.wanted_gap:.3g}"
+def _cells(plan: ParetoPlan, units: PageUnits) -> tuple[str, ...]:
+    wanted = units.given(plan.wanted_gap, "m")
     if plan.solution is None:
         return (wanted, *[""] * 6)
     return (
         wanted,
         f"{plan.duration:.3f}",
-        _gap(plan.solution.room, lambda room: room.nearest),
-        _gap(plan.solution.room, lambda room: room.at_goal),
+        _gap(plan.solution.room, lambda room: room.nearest, units),
+        _gap(plan.solution.room, lambda room: room.at_goal, units),
         f"{plan.energy:.3g}",
         f"{plan.peak_torque:.3g}",
         f"{plan.cpu:.2f}",
     )
 
 
-def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace]) -> str:
-    """A gap [mm]; that nothing is within reach where it is so."""
+def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace], units: PageUnits) -> str:
+    """A gap; that nothing is within reach where it is so."""
     if room is None:
         return ""
     near = at(room)
-    return f"{'' if near.link else '> '}{1e3 * near.gap:.3g}"
+    return f"{'' if near.link else '> '}{units.length(near.gap)}"
 
 
 def _note(found: ParetoPlans, plan: ParetoPlan, number: int) -> str:

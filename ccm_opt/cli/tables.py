@@ -47,7 +47,7 @@ def print_solution(solution: AnySolution, clock: StageClock, folder: str) -> Non
         table.add_row("Joints off the plan", error, "", "", "in the simulation")
     console = report_console()
     console.print(table)
-    print_room(console, solution.room)
+    print_room(console, solution.room, units)
     print_not_checked(console, solution.not_checked)
     of_itself = sum(check.of_itself for check in words)
     console.print(f"all {len(words)} checks of the verifier hold, {of_itself} of the plan against itself")
@@ -60,10 +60,10 @@ def units_of(problem: AnyProblem) -> PageUnits:
     return PageUnits.of_file(problem.length_unit, problem.arm.length)
 
 
-def print_room(console: Console, room: RoomRecord | None) -> None:
+def print_room(console: Console, room: RoomRecord | None, units: PageUnits) -> None:
     """Print how much room a motion keeps, a sentence a line; nothing where nobody measured it."""
     if room is not None:
-        for sentence in room_sentences(room):
+        for sentence in room_sentences(room, units):
             console.print(escape(sentence), soft_wrap=True)
 
 

@@ -10,7 +10,7 @@ from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres, place
+from ccm_opt.ground.length_words import place, short_length
 from ccm_opt.jointed.arm import Arm
 
 
@@ -79,6 +79,6 @@ def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
     worst = int(np.argmax(depth))
     number = link + max(worst, 1)
     return (
-        f"leaves the room: link {number} is {millimetres(depth[worst])} outside the workspace boundary at "
+        f"leaves the room: link {number} is {short_length(depth[worst])} outside the workspace boundary at "
         f"{place(behind_mount[worst])}"
     )

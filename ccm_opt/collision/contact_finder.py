@@ -9,7 +9,7 @@ from ccm_opt.collision.neighbour_pairs import NeighbourPairs
 from ccm_opt.collision.pair_search import PairQuestion
 from ccm_opt.freespace.walls import Walls
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.jointed.arm import Arm
 
 
@@ -63,7 +63,7 @@ class ContactFinder:
         if tightest is None:
             return "nothing near"
         link, other, gap = tightest
-        return f"link {link} and {other}, gap {millimetres(gap)}"
+        return f"link {link} and {other}, gap {short_length(gap)}"
 
     def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
         """Of the contact that is furthest inside its margin: link from 1, what it is near to, gap [m]; None if none."""

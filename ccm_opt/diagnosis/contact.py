@@ -14,8 +14,8 @@ from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import BOUNDARY_NAME
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres
 from ccm_opt.ground.length_words import place as at
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
@@ -140,11 +140,11 @@ def _touch(
     where = shapely.get_coordinates(line)[0]
     if wall.name == BOUNDARY_NAME and gap < 0.0:
         where = _outermost(body, problem.workspace.boundary)
-        how = f"{what} is {millimetres(-gap)} outside the '{wall.name}' at {at(where)}"
+        how = f"{what} is {short_length(-gap)} outside the '{wall.name}' at {at(where)}"
     elif free > 0.0:
-        how = f"{what} overlaps '{wall.name}' by {millimetres(free)}"
+        how = f"{what} overlaps '{wall.name}' by {short_length(free)}"
     else:
-        how = f"{what} comes within {millimetres(-free)} of '{wall.name}', the clearance is {millimetres(clearance)}"
+        how = f"{what} comes within {short_length(-free)} of '{wall.name}', the clearance is {short_length(clearance)}"
     bounds = {}
     if (thinnest := gap + play - clearance) > 0.0:
         bounds["arm.radius"] = thinnest
@@ -184,7 +184,8 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     crossing = distances[k] == 0.0 and not play.any()
     yield Finding(
         "contact",
-        f"{pose.key}: the {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by {millimetres(overlap)}",
+        f"{pose.key}: the {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by "
+        f"{short_length(overlap)}",
         proved=bool(crossing or overlap > play[i[k]] + play[j[k]] + contact_missed(arm)),
         key=pose.key,
         place=point(points[i[k]]),

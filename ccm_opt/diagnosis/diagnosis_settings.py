@@ -57,14 +57,20 @@ class MovedGoalSettings:
         link_samples: places along the last link that have to be free. Taste.
         stretch: share of its length to which the arm can be expected to stretch. Taste.
         turn_step: between headings that are looked at [rad]. Taste: 2°.
-        steps: how far beyond the nearest that may be taken the goal is moved or turned, as shares of it. Taste: what is
-            free for the last link need not be so for those before it.
+        steps: how far beyond the nearest that may be taken the goal is moved, as shares of how far that is or of the
+            arm's length, whichever is less, and turned, as shares of the turn. Taste: what is free for the last link
+            need not be so for those before it.
+        cell: distance between places that are looked at where the nearest is hopeless, as a share of the arm's length.
+            Taste.
+        most_places: of them at most, spread over all. Taste: some 10 ms each.
     """
 
     link_samples: int = 5
     stretch: float = 0.99
     turn_step: float = 0.03490658503988659
     steps: tuple[float, ...] = (0.045, 0.3, 1.0)
+    cell: float = 0.02
+    most_places: int = 60
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def _least_with_hope(
     problem: Problem, candidate: Parameter, bound: float, settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
 ) -> float | None:
     """The least change, from the bound on, that the necessary checks let pass; None where none of them does."""
-    for step in settings.advised_steps:
+    for step in candidate.steps or settings.advised_steps:
         value = candidate.rounded(problem, bound * (1.0 + step) ** candidate.easier)
         if not _hopeless(candidate.write(problem, value)):
             return value

@@ -4,20 +4,19 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import shapely
-from shapely import affinity
 
 from ccm_opt.diagnosis.beyond_hole import beyond_hole
+from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, MovedGoalSettings
 from ccm_opt.diagnosis.keyed_poses import TipPlace
+from ccm_opt.diagnosis.nearest_place import nearest_place
 from ccm_opt.diagnosis.parameters import Parameter
-from ccm_opt.diagnosis.reach import least_chord, supple_enough
+from ccm_opt.diagnosis.reach import supple_enough
 from ccm_opt.errors import Finding
-from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import METRES, LengthUnit
-from ccm_opt.ground.rounding import ROUNDING
+from ccm_opt.ground.length_words import file_length
 from ccm_opt.problem import Problem, TipGoal
 
 
@@ -40,16 +39,33 @@ def moved_goals(
         yield _heading(goal, turn, settings)
     asked = TipPlace("goal", "goal.position", goal, problem.tolerances)
     fixed = beyond_hole(problem, asked) if problem.arm.base_axes else problem
-    place = None if fixed is None else _nearest_place(fixed, goal, settings)
-    if place is not None:
-        yield _position(problem, goal, place, settings)
+    found = None if fixed is None else nearest_place(fixed, goal, lambda place: _hopeless(problem, place), settings)
+    if found is not None:
+        place, inside = found
+        yield _position(problem, goal, place, settings, inside=inside)
 
 
-def _position(problem: Problem, goal: TipGoal, place: FloatArray, settings: MovedGoalSettings) -> Parameter:
-    """The goal's position moved towards a place, by a distance."""
+def _hopeless(problem: Problem, place: FloatArray) -> bool:
+    """Whether it is proved that the tip cannot be brought to a place, with the heading that is asked for."""
+    heading = problem.goal.heading if isinstance(problem.goal, TipGoal) else None
+    return any(finding.proved for finding in failed(replace(problem, goal=TipGoal(place, heading))))
+
+
+def _position(
+    problem: Problem, goal: TipGoal, place: FloatArray, settings: MovedGoalSettings, *, inside: bool
+) -> Parameter:
+    """The goal's position moved towards a place, by a distance; beyond the place where that is on an edge."""
     offset = place - goal.position
     distance = float(np.hypot(*offset))
     direction = offset / distance
+
+    # The edge of the tolerance may be there already.
+    bound = max(distance - problem.tolerances.position, 0.1 * distance)
+    # What lies far beyond a goal far away is no better for that.
+    spread = min(distance, problem.arm.length)
+    beyond = [distance, *(distance + step * spread for step in settings.steps)]
+    if not inside:
+        beyond = [bound + step * spread for step in settings.steps]
 
     def moved(by: float) -> FloatArray:
         return np.asarray(goal.position + by * direction)
@@ -59,19 +75,13 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray, settings: Move
         +1,
         lambda _: 0.0,
         lambda p, by: replace(p, goal=TipGoal(moved(by), goal.heading)),
-        lambda p, by: f"goal.position moved by {_words(by)}, to {_in_file(moved(by), p.length_unit)}",
-        lambda _: 1e3,
+        lambda p, by: f"goal.position moved by {file_length(by)}, to {_in_file(moved(by), p.length_unit)}",
+        lambda p: 1.0 / METRES[p.length_unit],
         whole=problem.arm.length,
-        # The edge of the tolerance may be there already.
-        bound=max(distance - problem.tolerances.position, 0.1 * distance),
-        steps=settings.steps,
+        bound=bound,
+        steps=tuple(by / bound - 1.0 for by in beyond),
         paths_stay=False,
     )
-
-
-def _words(distance: float) -> str:
-    """A distance [m] with all the figures that it is rounded to."""
-    return f"{1e3 * distance:.4g} mm" if distance < 1.0 else f"{distance:.4g} m"
 
 
 def _in_file(place: FloatArray, unit: LengthUnit) -> str:
@@ -97,35 +107,6 @@ def _heading(goal: TipGoal, turn: float, settings: MovedGoalSettings) -> Paramet
         steps=settings.steps,
         paths_stay=False,
     )
-
-
-def _nearest_place(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> FloatArray | None:
-    """The nearest place that the last link, with the goal's heading, can take, shape (2,) [m]; None for the goal."""
-    arm = problem.arm
-    need = arm.radius + problem.workspace.clearance
-    room = problem.workspace.boundary.buffer(-need)
-    grown = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
-    mount = shapely.Point(arm.base).buffer(max(arm.mount_length, ROUNDING))
-    free = shapely.union(shapely.difference(room, shapely.union_all(grown)), mount)
-    parts = shapely.get_parts(free)
-    if len(parts) == 0:
-        return None
-    # Only what is connected with the base can be reached.
-    places = parts[int(np.argmin(shapely.distance(parts, shapely.Point(arm.base))))]
-    reached = places
-    if goal.heading is not None:
-        for share in np.linspace(0.0, 1.0, settings.link_samples)[1:]:
-            back = share * arm.link_length * unit_vector(goal.heading)
-            places = shapely.intersection(places, affinity.translate(reached, *back))
-    base = shapely.Point(arm.base)
-    places = shapely.intersection(places, base.buffer(settings.stretch * arm.length))
-    nearest = least_chord(arm.links, arm.link_length, arm.joint_limit)
-    if nearest > 0.0:
-        places = shapely.difference(places, base.buffer(nearest))
-    if places.is_empty:
-        return None
-    place = shapely.get_coordinates(shapely.shortest_line(places, shapely.Point(goal.position)))[0]
-    return None if float(np.hypot(*(place - goal.position))) < ROUNDING else np.asarray(place)
 
 
 def _least_turn(problem: Problem, goal: TipGoal, settings: MovedGoalSettings) -> float | None:

@@ -8,6 +8,8 @@ import numpy as np
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.passages import without
 from ccm_opt.errors import Relaxation
+from ccm_opt.ground.length_units import METRES
+from ccm_opt.ground.length_words import file_length
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import CurvePose, Problem, TipGoal
 
@@ -146,6 +148,11 @@ def _mass_words(problem: Problem, share: float) -> str:
     return f"arm.link_mass ? {value:.4g} kg"
 
 
+def _per_file_unit(problem: Problem) -> float:
+    """What lengths are multiplied by to be in the unit of the problem's file, in which they are rounded."""
+    return 1.0 / METRES[problem.length_unit]
+
+
 def _no_curves(problem: Problem) -> bool:
     """Whether no end is a curve, whose length would have to change with the arm's."""
     return not any(isinstance(end, CurvePose) for end in (problem.start, problem.goal))
@@ -156,16 +163,16 @@ RADIUS = Parameter(
     -1,
     lambda p: p.arm.radius,
     _with_radius,
-    lambda _, v: f"arm.radius ? {1e3 * v:.4g} mm",
-    lambda _: 1e3,
+    lambda _, v: f"arm.radius ? {file_length(v)}",
+    _per_file_unit,
 )
 CLEARANCE = Parameter(
     "workspace.clearance",
     -1,
     lambda p: p.workspace.clearance,
     _with_clearance,
-    lambda _, v: f"workspace.clearance ? {1e3 * v:.4g} mm",
-    lambda _: 1e3,
+    lambda _, v: f"workspace.clearance ? {file_length(v)}",
+    _per_file_unit,
     lambda p: p.workspace.clearance > 0.0,
 )
 FEED_RANGE = Parameter(
@@ -173,7 +180,8 @@ FEED_RANGE = Parameter(
     +1,
     lambda p: p.arm.base_range[1],
     _with_feed_to,
-    lambda _, v: f"the upper end of arm.feed.range ? {v:.4g} m",
+    lambda _, v: f"the upper end of arm.feed.range ? {file_length(v)}",
+    _per_file_unit,
     fits=lambda p: p.arm.feed is not None,
 )
 LENGTH = Parameter(
@@ -181,8 +189,8 @@ LENGTH = Parameter(
     +1,
     lambda p: p.arm.link_length,
     _with_link_length,
-    lambda p, v: f"length ? {p.arm.links * v:.4g} m (arm.link_length = {1e3 * v:.6g} mm)",
-    lambda p: p.arm.links,
+    lambda p, v: f"length ? {file_length(p.arm.links * v)} (arm.link_length = {file_length(v, 6)})",
+    lambda p: p.arm.links * _per_file_unit(p),
     _no_curves,
     paths_stay=False,
 )

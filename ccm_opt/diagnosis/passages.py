@@ -18,7 +18,7 @@ from ccm_opt.errors import Finding
 from ccm_opt.freespace.bottleneck import nearest_walls
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres, millimetres
+from ccm_opt.ground.length_words import long_length, short_length
 from ccm_opt.ground.length_words import place as at
 from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.jointed.arm import Arm
@@ -153,11 +153,12 @@ def _too_long(search: PassageSearch, key: str, asked: Arm) -> Finding:
         bounds["arm.radius"] = inflation
     detour = f" round {listed(round_what)}" if round_what else ""
     from_hole = "" if asked.feed is None else " from the hole"
-    only = "the arm only" if asked.feed is None else "beyond it the arm reaches only"
+    only = "the arm is only" if asked.feed is None else "beyond the hole the arm reaches only"
+    long = " long" if asked.feed is None else ""
     return Finding(
         "too short",
-        f"{key}: the shortest way{from_hole} to the goal{detour} is {metres(need)} long, {only} {metres(arm.length)}, "
-        f"{metres(need - arm.length)} too short",
+        f"{key}: the arm is {long_length(need - arm.length)} too short; the shortest way{from_hole} to the "
+        f"goal{detour} is {long_length(need)} long; {only} {long_length(arm.length)}{long}",
         key=key,
         place=point(corner),
         measured=need,
@@ -176,15 +177,15 @@ def _walls_round(search: PassageSearch, corners: FloatArray) -> tuple[str, ...]:
 def _closed(search: PassageSearch, key: str) -> Finding:
     """No way is wide enough: the widest there is, or none for an arm of any width."""
     problem = search.problem
-    diameter = f"diameter {millimetres(2.0 * problem.arm.radius)}"
+    diameter = f"diameter {short_length(2.0 * problem.arm.radius)}"
     if problem.workspace.clearance:
-        diameter += f" and clearance {millimetres(problem.workspace.clearance)} on either side"
+        diameter += f" and clearance {short_length(problem.workspace.clearance)} on either side"
     if search.widest > 0.0:
         place, walls = _narrowest(search, search.at(search.settings.beyond * search.widest))
         gap = 2.0 * search.widest
         reason = (
             f"{key}: the arm is too thick: every way to the goal is closed to it; the widest leads through a gap of "
-            f"{millimetres(gap)} between {listed(walls)} at {at(place)}, the arm has {diameter}"
+            f"{short_length(gap)} between {listed(walls)} at {at(place)}; the arm has {diameter}"
         )
         return _blocking("too thick", reason, search, key, place, walls, gap)
     place, walls = _narrowest(search, search.at(SHORTEST))

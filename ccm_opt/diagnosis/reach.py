@@ -10,7 +10,7 @@ from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
 from ccm_opt.diagnosis.words import degrees, point
 from ccm_opt.errors import Finding
 from ccm_opt.ground.angles import heading_of, wrap
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
@@ -25,8 +25,9 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
         if least > arm.length + ROUNDING:
             yield Finding(
                 "too short",
-                f"{place.key}: out of reach: {metres(distance)} from the base{_allowed(place)}, the arm is only "
-                f"{metres(arm.length)} long, {metres(least - arm.length)} too short",
+                f"{place.key}: out of reach, the arm is {long_length(least - arm.length)} too short; the goal is "
+                f"{long_length(distance)} from the base{_allowed(place)}; the arm is only "
+                f"{long_length(arm.length)} long",
                 key=place.key,
                 place=point(place.goal.position),
                 measured=least,
@@ -50,7 +51,7 @@ def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
 
 def _allowed(place: TipPlace) -> str:
     """The tolerance of a goal's position, where it is worth a word."""
-    return f" less {metres(place.tolerances.position)} of tolerance" if place.tolerances.position >= 5e-3 else ""
+    return f" less {long_length(place.tolerances.position)} of tolerance" if place.tolerances.position >= 5e-3 else ""
 
 
 def within_joint_limits(problem: Problem) -> Iterator[Finding]:
@@ -142,8 +143,8 @@ def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     )
     yield Finding(
         "too stiff",
-        f"{place.key}: the arm cannot curl up enough: the goal is {metres(distance)} from the base, with "
-        f"every joint at its limit of {degrees(arm.joint_limit)} the tip comes no nearer than {metres(nearest)}",
+        f"{place.key}: the arm cannot curl up enough; the goal is {long_length(distance)} from the base; with "
+        f"every joint at its limit of {degrees(arm.joint_limit)} the tip comes no nearer than {long_length(nearest)}",
         key=place.key,
         place=point(place.goal.position),
         measured=distance,

@@ -12,7 +12,7 @@ from ccm_opt.freespace.bottleneck import narrowest_passage, nearest_walls
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres, millimetres, words_for_unit
+from ccm_opt.ground.length_words import long_length, short_length, words_for_unit
 from ccm_opt.ground.length_words import place as at
 from ccm_opt.ground.polygons import cross
 from ccm_opt.ground.polyline import leg_lengths
@@ -69,8 +69,8 @@ def _narrow(
     if gap <= settings.narrow * need:
         yield Finding(
             "too thick",
-            f"the narrowest gap on route {number}, {millimetres(gap)} between {listed(narrow.walls)} at "
-            f"{at(narrow.place)}, is hardly wider than the arm's diameter with its clearance, {millimetres(need)}",
+            f"the narrowest gap on route {number}, {short_length(gap)} between {listed(narrow.walls)} at "
+            f"{at(narrow.place)}, is hardly wider than the arm's diameter with its clearance, {short_length(need)}",
             proved=False,
             place=point(narrow.place),
             measured=gap,
@@ -89,7 +89,8 @@ def _short(
     if arm.length <= settings.short * route.length:
         yield Finding(
             "too short",
-            f"route {number} is {metres(route.length)} long, the arm of {metres(arm.length)} has little to spare",
+            f"route {number} is {long_length(route.length)} long, the arm of {long_length(arm.length)} has "
+            "little to spare",
             proved=False,
             measured=arm.length,
             allowed=route.length,
@@ -116,7 +117,8 @@ def _stiff(
             yield Finding(
                 "too stiff",
                 f"route {number} turns by {degrees(abs(turn))} round {listed(wall)} at {at(corner)}, where there is "
-                f"room for a radius of {millimetres(radius)}; the arm bends to {millimetres(tightest)} at the tightest",
+                f"room for a radius of {short_length(radius)}; the arm bends to {short_length(tightest)} at the "
+                "tightest",
                 proved=False,
                 place=point(corner),
                 measured=radius,

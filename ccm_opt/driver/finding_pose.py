@@ -6,6 +6,7 @@ from dataclasses import replace
 from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
+from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
@@ -24,6 +25,7 @@ from ccm_opt.user_terms.terms import Constraint, Cost
 
 
 @on_one_thread
+@in_words_of_its_file
 def find_pose(
     problem: Problem,
     *,

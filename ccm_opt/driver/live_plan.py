@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
 from ccm_opt.driver.call_arguments import expect_arguments
+from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.live_settings import LIVE, LiveSettings
 from ccm_opt.driver.planning_run import compiled_terms
@@ -190,6 +191,7 @@ class LivePlan:
         """The problem as it is, with another limit of CPU time [s]."""
         return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
 
+    @in_words_of_its_file
     def _attempt(self, problem: Problem) -> None:
         """Plan a problem, or note why there is no plan."""
         try:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.call_arguments import expect_arguments
+from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
@@ -17,6 +18,7 @@ from ccm_opt.user_terms.terms import Constraint, Cost
 from ccm_opt.verification.room_over_time import room_over_time
 
 
+@in_words_of_its_file
 def pareto(
     problem: Problem,
     *,

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from ccm_opt.diagnosis.explain import refuse_impossible, with_proof
 from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
+from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.lowered_costs import planned_with_costs
 from ccm_opt.driver.planned_for_errors import STAGE
@@ -23,6 +24,7 @@ from ccm_opt.user_terms.terms import Constraint, Cost
 
 
 @on_one_thread
+@in_words_of_its_file
 def solve(
     problem: Problem,
     *,

@@ -11,7 +11,7 @@ from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.planners.pose_over_routes import PoseTry, pose_search, pose_tries, tried_from
 from ccm_opt.problem import Problem, TipGoal
@@ -165,5 +165,5 @@ def _row_words(name: str, violation: float, each: PoseTry) -> str:
     if "torque" in rest:
         return f"the torque of {what} by {100.0 * violation:.3g} %"
     if "region" in rest:
-        return f"the free region of {what} by {millimetres(length * violation)}"
-    return f"its own links by {millimetres(length * violation)} ({name})"
+        return f"the free region of {what} by {short_length(length * violation)}"
+    return f"its own links by {short_length(length * violation)} ({name})"

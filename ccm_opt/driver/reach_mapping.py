@@ -11,6 +11,7 @@ from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.passages import wide_and_short_enough
 from ccm_opt.diagnosis.reach import supple_enough, within_reach
 from ccm_opt.driver.call_arguments import expect_arguments
+from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.reach_flood import Cell, ReachFlood
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
@@ -18,6 +19,7 @@ from ccm_opt.ground.arguments import is_number, is_whole
 from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.ground.executors import LocalWorkers, ThisProcess, Workers, completed
 from ccm_opt.ground.expected import expect_that
+from ccm_opt.ground.length_words import file_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.tip_reach import FREE, ReachQuestion, cell_poses, start_headings
@@ -39,6 +41,7 @@ class _Grid:
     headings: FloatArray
 
 
+@in_words_of_its_file
 def reach_map(
     problem: Problem,
     *,
@@ -118,7 +121,7 @@ def _grid(problem: Problem, step: float | None, headings: int | None, settings: 
     width = settings.reach.step * arm.length if step is None else step
     count = settings.reach.headings if headings is None else headings
     if not 0.0 < width <= 2.0 * arm.length:
-        raise ProblemError(f"--step must be above 0 and at most twice the arm's length, got {width:g} m")
+        raise ProblemError(f"--step must be above 0 and at most twice the arm's length, got {file_length(width)}")
     if count < 1:
         raise ProblemError(f"--headings must be at least 1, got {count}")
     xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds

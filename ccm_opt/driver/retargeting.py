@@ -8,6 +8,7 @@ from scipy.interpolate import make_interp_spline
 
 from ccm_opt import retiming
 from ccm_opt.driver.call_arguments import expect_arguments
+from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.planning_run import compiled_terms
@@ -29,6 +30,7 @@ from ccm_opt.user_terms.terms import Constraint, Cost
 
 
 @on_one_thread
+@in_words_of_its_file
 def retarget(
     solution: Solution,
     time: float,

@@ -10,6 +10,7 @@ from ccm_opt import retiming, verification
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.errors import CcmError, Diagnosis, MotionNotFound, RetimingError, VerificationError
+from ccm_opt.ground.length_words import file_length
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
@@ -221,7 +222,12 @@ def verified(
 
 def failed_checks(checks: Sequence[Check]) -> list[str]:
     """What the checks that do not hold say."""
-    return [f"{check.name}: {check.worst:.6g} {check.unit} at {check.where}" for check in checks if not check.passed]
+    return [f"{check.name}: {_value(check)} at {check.where}" for check in checks if not check.passed]
+
+
+def _value(check: Check) -> str:
+    """The worst value of a check, lengths in the unit of the problem's file."""
+    return file_length(check.worst, 6) if check.unit == "m" else f"{check.worst:.6g} {check.unit}"
 
 
 def with_hair(settings: TimingSettings, hair: float) -> TimingSettings:

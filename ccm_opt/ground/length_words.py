@@ -1,60 +1,140 @@
-"""Lengths and places in words; planners count in arm lengths, and people in metres.
+"""Lengths and places in words: planners count in arm lengths, and people in the unit of their problem file.
 
-The words are made deep inside the planners, where nobody knows how long a unit is in metres. So the length of a unit
-is told to the words for as long as a planner works in units of its own, and to nothing else.
+The words are made deep inside the planners, where nobody knows how long a unit is in metres, nor what the file counts
+in. So both are told to the words from outside, for as long as they hold, and to nothing else: the unit of the file at
+the border where a problem comes in, the length of a planner's unit where it begins to work in units of its own.
+
+People who count in metres still speak of gaps in millimetres; who counts in millimetres or inches does so throughout.
 """
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, replace
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_units import METRES, LengthUnit
 
-_UNIT: ContextVar[float] = ContextVar("metres in a unit of length", default=1.0)
+
+@dataclass(frozen=True)
+class _Rule:
+    """How many digits lengths of one kind have in one unit.
+
+    Attributes:
+        unit: that is said.
+        metres: in it.
+        decimals: as a rule.
+        enough: from here on [unit]; below, so many decimals would say nothing.
+        figures: below that.
+    """
+
+    unit: str
+    metres: float
+    decimals: int
+    enough: float
+    figures: int
+
+    def number(self, value: float, size: float) -> str:
+        """A value [m] without its unit, with the digits that suit a size [m]."""
+        enough = size / self.metres >= self.enough or size == 0.0
+        return f"{value / self.metres:.{self.decimals}f}" if enough else f"{value / self.metres:.{self.figures}g}"
+
+    def words(self, value: float) -> str:
+        """A value [m] with its unit."""
+        return f"{self.number(value, abs(value))} {self.unit}"
+
+
+_LONG = {
+    "m": _Rule("m", 1.0, 3, 0.01, 3),
+    "mm": _Rule("mm", 1e-3, 0, 10.0, 3),
+    "in": _Rule("in", METRES["in"], 2, 0.1, 3),
+}
+"""Lengths like those of arms and ways, to a millimetre or so."""
+_SHORT = {
+    "m": _Rule("mm", 1e-3, 1, 1.0, 2),
+    "mm": _Rule("mm", 1e-3, 1, 1.0, 2),
+    "in": _Rule("in", METRES["in"], 3, 0.1, 2),
+}
+"""Lengths like those of gaps, to a tenth of a millimetre or so."""
+_MANY = 10.0
+"""No gap is so long [m]: what is gets as few digits as a way."""
+
+
+@dataclass(frozen=True)
+class _Speech:
+    """What words make of a length: metres in the unit that is counted in, and the unit that is said."""
+
+    metres: float = 1.0
+    unit: LengthUnit = "m"
+
+
+_IN_METRES = _Speech()
+_SPEECH: ContextVar[_Speech] = ContextVar("how lengths are said", default=_IN_METRES)
+
+
+@contextmanager
+def words_in(unit: LengthUnit) -> Iterator[None]:
+    """Let lengths be said in the unit of a problem file until the block ends; in metres at first."""
+    with _said(replace(_SPEECH.get(), unit=unit)):
+        yield
 
 
 @contextmanager
 def words_for_unit(metres: float) -> Iterator[None]:
     """Let a unit of length mean so many of what it meant before, until the block ends; metres at first."""
-    token = _UNIT.set(metres * _UNIT.get())
+    speech = _SPEECH.get()
+    with _said(replace(speech, metres=metres * speech.metres)):
+        yield
+
+
+@contextmanager
+def _said(speech: _Speech) -> Iterator[None]:
+    token = _SPEECH.set(speech)
     try:
         yield
     finally:
-        _UNIT.reset(token)
+        _SPEECH.reset(token)
+
+
+def said_unit() -> LengthUnit:
+    """The unit in which lengths are said."""
+    return _SPEECH.get().unit
 
 
 def in_metres(length: float) -> float:
     """A length in metres."""
-    return length * _UNIT.get()
+    return length * _SPEECH.get().metres
 
 
-def metres(length: float) -> str:
-    """A length in metres: to a millimetre as a rule, with three digits where that says nothing."""
-    value = length * _UNIT.get()
-    return f"{value:.3f} m" if abs(value) >= _ENOUGH or value == 0.0 else f"{value:.3g} m"
+def long_length(length: float) -> str:
+    """A length like that of an arm or a way: to a millimetre as a rule, with three figures where that says nothing."""
+    return _LONG[_SPEECH.get().unit].words(in_metres(length))
 
 
-def millimetres(length: float) -> str:
-    """A length in millimetres: to a tenth as a rule, with two digits below one; in metres where there are many."""
-    value = 1e3 * length * _UNIT.get()
-    if abs(value) >= _MANY:
-        return metres(length)
-    return f"{value:.1f} mm" if abs(value) >= 1.0 else f"{value:.2g} mm"
+def short_length(length: float) -> str:
+    """A length like that of a gap: to a tenth of a millimetre as a rule, with two figures where that says nothing."""
+    rules = _LONG if abs(in_metres(length)) >= _MANY else _SHORT
+    return rules[_SPEECH.get().unit].words(in_metres(length))
 
 
-def place(point: FloatArray | tuple[float, float]) -> str:
-    """A place (x, y) in metres."""
-    x, y = (float(coordinate) * _UNIT.get() for coordinate in point)
-    digits = ".3f" if max(abs(x), abs(y)) >= _ENOUGH or x == y == 0.0 else ".3g"
-    return f"({x:{digits}}, {y:{digits}})"
+def file_length(length: float, figures: int = 4) -> str:
+    """A length as it stands in the problem file, for those who have to write it there."""
+    unit = _SPEECH.get().unit
+    value = in_metres(length) / METRES[unit]
+    # What has more figures before the point is written with all of them: nobody reads powers of ten.
+    number = f"{value:.0f}" if abs(value) >= 10.0**figures else f"{value:.{figures}g}"
+    return f"{number} {unit}"
+
+
+def place(point: FloatArray | tuple[float, ...]) -> str:
+    """A place (x, y), or (x, y, z) in space, with its unit."""
+    rule = _LONG[_SPEECH.get().unit]
+    coordinates = [in_metres(float(coordinate)) for coordinate in point]
+    size = max(map(abs, coordinates))
+    return f"({', '.join(rule.number(coordinate, size) for coordinate in coordinates)}) {rule.unit}"
 
 
 def curvature(value: float) -> str:
-    """A curvature in 1/m, with three digits."""
-    return f"{value / _UNIT.get():.3g} 1/m"
-
-
-_ENOUGH = 0.01
-"""Lengths from here on are said to a millimetre [m]."""
-_MANY = 1e4
-"""Lengths from here on are said in metres [mm]."""
+    """A curvature, with three figures."""
+    speech = _SPEECH.get()
+    return f"{value / speech.metres * METRES[speech.unit]:.3g} 1/{speech.unit}"

@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 
-from ccm_opt.ground.length_words import in_metres, millimetres
+from ccm_opt.ground.length_units import LengthUnit
+from ccm_opt.ground.length_words import in_metres, short_length, words_in
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Progress:
         candidate: number of the candidate that is being tried, from 1; 0 where none is.
         name: what that candidate is.
         distance: least distance from the goal at which an earlier candidate ended [m]; infinite where there is none.
+        unit: in which lengths are said.
     """
 
     stage: str
@@ -32,6 +34,7 @@ class Progress:
     candidate: int = 0
     name: str = ""
     distance: float = math.inf
+    unit: LengthUnit = "m"
 
     def __str__(self) -> str:
         words = self.stage
@@ -41,7 +44,9 @@ class Progress:
         if self.candidate:
             words += f", candidate {self.candidate} ({self.name})"
         if math.isfinite(self.distance):
-            words += f", nearest so far {millimetres(self.distance)} from the goal"
+            # Who prints it may be in another thread, where nobody has said what the file counts in.
+            with words_in(self.unit):
+                words += f", nearest so far {short_length(self.distance)} from the goal"
         return words
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
+from ccm_opt.ground.length_words import said_unit
 from ccm_opt.ground.progress import CandidateNews, Progress, listening
 
 
@@ -57,4 +58,5 @@ class Stages:
             self.progress(told)
 
     def _present(self) -> Progress:
-        return Progress(self._running[-1], time.process_time() - self._beginning, self.limit)
+        elapsed = time.process_time() - self._beginning
+        return Progress(self._running[-1], elapsed, self.limit, unit=said_unit())

@@ -13,7 +13,7 @@ from ccm_opt.continuum.segment import EVEN_KNOTS, CurvatureSegment
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.angles import vector_headings, wrap
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import curvature, metres, place
+from ccm_opt.ground.length_words import curvature, long_length, place
 from ccm_opt.ground.rounding import SHORTEST
 
 _EVEN = np.array([0.0, *EVEN_KNOTS, 1.0])
@@ -104,7 +104,7 @@ def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: 
     length = 2.0 * reach * np.cos(0.5 * turn) / chord_ratio(turn)
     if length <= 0.0 or 1.5 * abs(turn) > sharpest * length:
         raise ProblemError(
-            f"the turn by {np.rad2deg(turn):.0f}° at {place(corner)} has {metres(reach)} of room on "
+            f"the turn by {np.rad2deg(turn):.0f}° at {place(corner)} has {long_length(reach)} of room on "
             f"either side; that is too sharp for a curvature of {curvature(sharpest)}"
         )
     bend = -12.0 * turn / length**3

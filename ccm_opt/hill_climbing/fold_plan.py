@@ -11,7 +11,7 @@ from ccm_opt.continuum.decomposition import merge_segments
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.angles import heading_of
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.hill_climbing.curve_track import SegmentTrack
 from ccm_opt.hill_climbing.distance import TipPose
 from ccm_opt.hill_climbing.schemas import scm_0, scm_1, scm_2, scm_4, scm_6, scm_7, scm_8
@@ -189,7 +189,7 @@ def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[
 def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
     """The last part of Figure 5 from where little of the curve is left; no step is made unless it arrives."""
     if start.left > world.settings.plans.near_goal * start.configuration.length:
-        reason = f"{metres(start.left)} of the curve to the goal are left"
+        reason = f"{long_length(start.left)} of the curve to the goal are left"
         raise SchemaStopped("SCM-3 with SCM-5", start.configuration, reason)
     steps, here = run(merge_and_climb(world, start.configuration, goal))
     for step in steps:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.motion.goal import GoalPose, polish
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.step import Stepper, smoothness_terms
@@ -115,7 +115,7 @@ def settle(stepper: Stepper, goal: GoalPose, pose: Pose, deadline: Deadline) -> 
         return poses
 
     distance, turn = goal.errors(pose)
-    raise Stalled(f"settling ended {millimetres(distance)} and {np.rad2deg(turn):.1f}° off the goal", poses)
+    raise Stalled(f"settling ended {short_length(distance)} and {np.rad2deg(turn):.1f}° off the goal", poses)
 
 
 def polished(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:

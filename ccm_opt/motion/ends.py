@@ -12,7 +12,7 @@ from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, UnreachableGoal
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.goal import GoalPose
@@ -171,7 +171,7 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
     gap = apart - need
     if gap < 0.0:
         what = "tip is" if goal.heading is None else "last link is"
-        depth = millimetres(play - gap)
+        depth = short_length(play - gap)
         reason = f"at the goal the {what} {depth} too near to '{problem.workspace.walls[k].name}'"
         move = "move the goal" if goal.heading is None else "move the goal or change its heading"
         advice = (move, *room_advice(arm, problem.workspace))

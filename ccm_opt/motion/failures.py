@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.motion.motion_task import MotionTask
 from ccm_opt.motion.tree.tree_search import TREES
 
@@ -69,7 +69,7 @@ def nothing_found(
         what = "the tip" if task.goal_headings is None else "a joint"
         reason = (
             f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended with {what} "
-            f"{millimetres(best.remaining)} from the goal: {best.message}; tightest there: {best.obstacle}"
+            f"{short_length(best.remaining)} from the goal: {best.message}; tightest there: {best.obstacle}"
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
     else:
         reason = "no motion found: no route to the goal was found that the arm is thin and long enough for"

@@ -17,7 +17,7 @@ from ccm_opt.freespace.narrow_gates import gate_rails
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.angles import heading_of, sweep_on_side, unit_vector, wrap
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.ground.polyline import leg_headings, path_length, without_repeats
 from ccm_opt.ground.rounding import ROUNDING, SHORTEST
 
@@ -50,7 +50,7 @@ class TipPath:
     @property
     def name(self) -> str:
         """For messages."""
-        return f"{'left' if self.side > 0 else 'right'} of the arm, path of {metres(self.length)}"
+        return f"{'left' if self.side > 0 else 'right'} of the arm, path of {long_length(self.length)}"
 
     @cached_property
     def gate_places(self) -> FloatArray:

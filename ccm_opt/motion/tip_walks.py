@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.ground.polyline import path_length
 from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.motion.continuation import Stalled, follow, settle
@@ -95,7 +95,7 @@ def _straight_on(run: SearchRun, ways: TipWays) -> Iterator[GuideCandidate]:
 
 
 def _led(run: SearchRun, which: str, taut: FloatArray) -> GuideCandidate:
-    name = f"tip-led, {which}, path of {metres(path_length(taut))}"
+    name = f"tip-led, {which}, path of {long_length(path_length(taut))}"
     return GuideCandidate(name, partial(led_along, run.stepper, run.start, taut))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ccm_opt.continuum.segment import PIECES
 from ccm_opt.errors import Diagnosis
-from ccm_opt.ground.length_words import curvature, metres, millimetres
+from ccm_opt.ground.length_words import curvature, long_length, short_length
 from ccm_opt.ground.length_words import place as at
 from ccm_opt.nlp.check import Shortfall
 from ccm_opt.nlp.configuration_task import ConfigurationTask
@@ -70,8 +70,8 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
     rows = broken_rows(nearest)
     what = "; ".join(broken.words for broken in rows) or nearest.words
     reason = (
-        f"no configuration of {metres(task.length)} reaches the goal through {len(task.corridor.regions)} region(s); "
-        f"nearest attempt: {what}"
+        f"no configuration of {long_length(task.length)} reaches the goal through "
+        f"{len(task.corridor.regions)} region(s); nearest attempt: {what}"
     )
     evidence: dict[str, object] = {
         "solver_status": result.status,
@@ -91,7 +91,7 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
     distance = float(np.hypot(*(task.goal - task.base)))
     if distance > task.length:
         return Diagnosis(
-            f"the goal is {metres(distance)} from the base, the arm is only {metres(task.length)} long",
+            f"the goal is {long_length(distance)} from the base, the arm is only {long_length(task.length)} long",
             "configuration",
             ("use a longer arm", "move the goal nearer"),
             {"distance": distance, "arm_length": task.length, "worst_row": "length", "solver_status": "not started"},
@@ -109,7 +109,7 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
 
 def _end_outside(name: str, outside: float, allowed: float) -> Diagnosis:
     return Diagnosis(
-        f"the {name} is {millimetres(outside)} outside its region of the corridor, allowed {millimetres(allowed)}",
+        f"the {name} is {short_length(outside)} outside its region of the corridor, allowed {short_length(allowed)}",
         "configuration",
         (f"move the {name} away from the wall", "reduce the clearance", "use a longer mount_length"),
         {"outside": outside, "allowed": allowed, "worst_row": f"{name} in its region", "solver_status": "not started"},
@@ -134,7 +134,7 @@ def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRo
     if "gap" in name:
         piece = PIECES
     arc, place = _where(attempt, max(segment, 0), piece)
-    where = f"{metres(arc)} from the base, at {at(place)},"
+    where = f"{long_length(arc)} from the base, at {at(place)},"
     kind, words = _meaning(name, violation, task.length)
     return BrokenRow(kind, name, violation, segment, arc, place, f"{where} {words}")
 
@@ -142,7 +142,7 @@ def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRo
 def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
     """The kind of a row, and by how much it is violated, in words and for an arm of a length [m]."""
     if "side" in name:
-        return "region", f"it leaves its region by {millimetres(violation * length)}"
+        return "region", f"it leaves its region by {short_length(violation * length)}"
     if "gap in heading" in name:
         return "heading", f"it cannot turn enough, {np.rad2deg(violation):.3g}° are missing"
     if "curvature" in name:
@@ -150,8 +150,8 @@ def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
     if "spacing" in name:
         return "spacing", "its knots come too close"
     if name.startswith("base"):
-        return "length", f"it misses the base by {millimetres(violation * length)}"
-    return "length", f"it cannot join its neighbours, {millimetres(violation * length)} are missing"
+        return "length", f"it misses the base by {short_length(violation * length)}"
+    return "length", f"it cannot join its neighbours, {short_length(violation * length)} are missing"
 
 
 def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tuple[float, float]]:

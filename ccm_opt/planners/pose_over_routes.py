@@ -10,7 +10,7 @@ from ccm_opt.errors import ConfigurationNotFound, ProblemError
 from ccm_opt.freespace.corridor import Route
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.motion.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.nlp.arm_pose.pose_solver import ArmPose
@@ -84,7 +84,7 @@ def pose_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_
     ends = search.ends
     room = route_room(problem, ends, settings)
     for number, route in enumerate(find_routes(problem, ends, room, settings), start=1):
-        start = f"route {number}, {metres(route.length)}"
+        start = f"route {number}, {long_length(route.length)}"
         try:
             beginnings = _along(problem, ends, room, route, settings)
         except ConfigurationNotFound as error:

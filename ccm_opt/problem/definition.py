@@ -6,7 +6,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.expected import expect
 from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length, words_in
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.problem.defects import defects
@@ -110,4 +110,5 @@ class Problem:
         arm = self.arm
         goals = f", {len(self.stops) + 1} goals" if self.stops else ""
         room = f"{len(self.workspace.obstacles)} obstacles"
-        return f"<Problem '{self.name}': {arm.links} links, {metres(arm.length)} long, {room}{goals}>"
+        with words_in(self.length_unit):
+            return f"<Problem '{self.name}': {arm.links} links, {long_length(arm.length)} long, {room}{goals}>"

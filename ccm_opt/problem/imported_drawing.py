@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from ccm_opt.ground.length_words import file_length
+
 ODD_RATIO = 100.0
 """Drawings this much larger or smaller than the arm are taken for mistakes of scale. Derived: millimetres in place of
 metres are a factor of a thousand, and of drawings that fit their arm none is ten times smaller or larger than it."""
@@ -57,7 +59,7 @@ class ImportedDrawing:
         larger = ratio > 1.0
         times = f"{ratio if larger else 1.0 / max(ratio, 1e-300):.3g} times {'larger' if larger else 'smaller'}"
         return (
-            f"the obstacles of {self.file} are {times} than the arm is long: {self.extent:.4g} m against "
-            f"{arm_length:.4g} m; is workspace.scale the length of one unit of the drawing? (0.001 where the drawing "
-            "is in millimetres and the file in metres)"
+            f"the obstacles of {self.file} are {times} than the arm is long: {file_length(self.extent)} against "
+            f"{file_length(arm_length)}; is workspace.scale the length of one unit of the drawing? (0.001 "
+            "where the drawing is in millimetres and the file in metres)"
         )

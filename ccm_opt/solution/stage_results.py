@@ -10,7 +10,7 @@ import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length, words_in
 from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
@@ -277,7 +277,8 @@ class Solution:
     def __repr__(self) -> str:
         arm = self.problem.arm
         gap = self.metrics.get("least_wall_clearance_m", np.inf)
-        near = f", walls no nearer than {millimetres(gap)}" if np.isfinite(gap) else ""
+        with words_in(self.problem.length_unit):
+            near = f", walls no nearer than {short_length(gap)}" if np.isfinite(gap) else ""
         motion = f"{arm.links} links, {self.trajectory.duration:.2f} s{near}"
         return f"<Solution of '{self.problem.name}': {motion}, {len(self.checks)} checks hold>"
 

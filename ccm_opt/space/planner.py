@@ -7,7 +7,7 @@ import numpy as np
 from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import place, short_length
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
@@ -145,8 +145,7 @@ def contact_words(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
 
 def _depth_words(found: Enclosure) -> str:
     where = f"deep inside of '{found.name}'" if found.name else f"outside of the {ROOM_NAME}"
-    place = ", ".join(f"{x:.4g}" for x in found.place)
-    return f"{millimetres(found.depth)} {where}, at ({place}) m"
+    return f"{short_length(found.depth)} {where}, at {place(found.place)}"
 
 
 def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: TipPose) -> None:
@@ -160,10 +159,9 @@ def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: TipP
     least = kept - problem.tolerances.position
     near = task.tree.nearest(np.stack((goal.position, goal.position))[None], kept)
     if near.owner[0] >= 0 and near.gap[0] < least:
-        missing = millimetres(kept - float(near.gap[0]))
-        place = ", ".join(f"{x:.4g}" for x in near.point[0])
+        missing = short_length(kept - float(near.gap[0]))
         name = task.names[near.owner[0]]
-        reason = f"the goal leaves the tip no room: it is {missing} too near to '{name}' at ({place}) m"
+        reason = f"the goal leaves the tip no room: it is {missing} too near to '{name}' at {place(near.point[0])}"
         raise UnreachableGoal(
             Diagnosis(reason, "necessary checks", ("move the goal away from it", "use a thinner arm"))
         )
@@ -183,14 +181,15 @@ def contact_of(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
         near = task.tree.nearest(segments, kept + arm.link_length)
         k = int(np.argmin(near.gap))
         if near.gap[k] < kept:
-            missing = millimetres(kept - float(near.gap[k]))
-            place = ", ".join(f"{x:.4g}" for x in near.point[k])
-            return f"link {first + k + 1} and '{task.names[near.owner[k]]}' at ({place}) m, {missing} too near"
+            missing = short_length(kept - float(near.gap[k]))
+            return (
+                f"link {first + k + 1} and '{task.names[near.owner[k]]}' at {place(near.point[k])}, {missing} too near"
+            )
     if arm.self_collision:
         pairs = task.certificate.motion.near_pairs(points, 2.0 * arm.radius)
         if len(pairs.first):
             k = int(np.argmin(pairs.distance))
-            missing = millimetres(2.0 * arm.radius - float(pairs.distance[k]))
+            missing = short_length(2.0 * arm.radius - float(pairs.distance[k]))
             return f"link {pairs.first[k] + 1} and link {pairs.second[k] + 1}, {missing} too near"
     return ""
 
@@ -203,7 +202,7 @@ def _refuse_far_goal(task: SpaceTask, goal: TipPose) -> None:
     base = arm.base + along * arm.direction if arm.base_axes else arm.base
     distance = float(np.linalg.norm(goal.position - base))
     if distance > arm.length:
-        missing = millimetres(distance - arm.length)
+        missing = short_length(distance - arm.length)
         reason = f"the goal is out of reach: {missing} farther from the base than the arm is long"
         raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal nearer", "use a longer arm")))
 

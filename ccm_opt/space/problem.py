@@ -7,7 +7,7 @@ from typing import TypeAlias
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length, words_in
 from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem import PlannerOptions, Problem, SimulationOptions, Tolerances, VerificationOptions
@@ -135,7 +135,8 @@ class SpaceProblem:
         arm = self.arm
         goals = f", {len(self.stops) + 1} goals" if self.stops else ""
         room = f"{len(self.workspace.obstacles)} obstacles"
-        return f"<SpaceProblem '{self.name}': {arm.links} links, {metres(arm.length)} long, {room}{goals}>"
+        with words_in(self.length_unit):
+            return f"<SpaceProblem '{self.name}': {arm.links} links, {long_length(arm.length)} long, {room}{goals}>"
 
 
 AnyProblem: TypeAlias = Problem | SpaceProblem

@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length, words_in
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.solution import (
     Check,
@@ -117,7 +117,8 @@ class SpaceSolution:
     def __repr__(self) -> str:
         arm = self.problem.arm
         gap = self.metrics.get("least_wall_clearance_m", np.inf)
-        near = f", walls no nearer than {millimetres(gap)}" if np.isfinite(gap) else ""
+        with words_in(self.problem.length_unit):
+            near = f", walls no nearer than {short_length(gap)}" if np.isfinite(gap) else ""
         motion = f"{arm.links} links, {self.trajectory.duration:.2f} s{near}"
         return f"<SpaceSolution of '{self.problem.name}': {motion}, {len(self.checks)} checks hold>"
 

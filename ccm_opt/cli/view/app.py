@@ -18,7 +18,7 @@ from ccm_opt.cli.view.handles import Handles
 from ccm_opt.cli.view.scene import LAYERS, Scene
 from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
-from ccm_opt.files.report.room_words import millimetres
+from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.ground.rounding import TINY
 from ccm_opt.solution import Check
 
@@ -190,5 +190,6 @@ class ViewerApp:
 def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
     """The motion in a few words."""
     gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
-    near = "" if gap is None or not np.isfinite(gap) else f", walls no nearer than {millimetres(gap)}"
+    units = PageUnits.of_page(frames.problem)
+    near = "" if gap is None or not np.isfinite(gap) else f", walls no nearer than {units.length(gap)}"
     return f"**{frames.problem.name}**: {frames.duration:.2f} s{near}"

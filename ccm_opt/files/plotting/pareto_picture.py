@@ -12,6 +12,8 @@ from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PARETO_PICTURE, PICTURES, ParetoPictureSettings
 from ccm_opt.files.plotting.plan import draw_goal
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
+from ccm_opt.ground.length_units import METRES
+from ccm_opt.ground.length_words import file_length, words_in
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
 
 
@@ -42,30 +44,32 @@ def pareto_figure(found: ParetoPlans, settings: ParetoPictureSettings = PARETO_P
     )  # fmt: skip
     _draw_front(figure.add_subplot(grid[0, :]), found)
     for number, plan in enumerate(found.plans, start=1):
-        _draw_plan(figure.add_subplot(grid[1, number - 1]), found, plan, number)
+        with words_in(found.problem.length_unit):
+            _draw_plan(figure.add_subplot(grid[1, number - 1]), found, plan, number)
     return figure
 
 
 def _draw_front(axes: Axes, found: ParetoPlans) -> None:
     """A point for each plan, a line through those that no other dominates, and what the recommended one may cost."""
+    metres = METRES[found.problem.length_unit]
     plans = [(number, plan) for number, plan in enumerate(found.plans, start=1) if plan.solution is not None]
-    front = sorted((plan.duration, 1e3 * plan.gap) for _, plan in plans if not plan.dominated_by)
+    front = sorted((plan.duration, plan.gap / metres) for _, plan in plans if not plan.dominated_by)
     axes.plot(*np.transpose(front), color=style.GOAL_ARM, linewidth=1.4, zorder=2)
     most = (1.0 + found.most_time) * found.fastest
     axes.axvline(most, color=style.WALL_EDGE, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
     for number, plan in plans:
-        _draw_point(axes, plan, number, recommended=number == found.recommended)
+        _draw_point(axes, plan, metres, number, recommended=number == found.recommended)
     durations = [plan.duration for _, plan in plans]
-    gaps = [1e3 * plan.gap for _, plan in plans]
+    gaps = [plan.gap / metres for _, plan in plans]
     room = 0.08 * max(max(durations) - min(durations), 0.05 * max(durations))
     axes.set_xlim(min(durations) - room, max(*durations, most) + 2.0 * room)
-    axes.set_ylim(min(0.0, *gaps), 1.2 * max(*gaps, 1e-3))
+    axes.set_ylim(min(0.0, *gaps), 1.2 * max(*gaps, 1e-6 / metres))
     axes.text(
         most, axes.get_ylim()[1], f"{100.0 * found.most_time:.0f} % slower than the fastest ", color=style.BOUNDARY,
         va="top", ha="right",
     )  # fmt: skip
     axes.set_xlabel("duration [s]")
-    axes.set_ylabel("least gap [mm]")
+    axes.set_ylabel(f"least gap [{found.problem.length_unit}]")
     axes.set_title(f"{found.problem.name}: time against room", fontsize=10, loc="left", pad=8)
     axes.grid(color="#e7e4de", linewidth=0.7)
     axes.set_axisbelow(True)
@@ -73,9 +77,9 @@ def _draw_front(axes: Axes, found: ParetoPlans) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _draw_point(axes: Axes, plan: ParetoPlan, number: int, *, recommended: bool) -> None:
+def _draw_point(axes: Axes, plan: ParetoPlan, metres: float, number: int, *, recommended: bool) -> None:
     """A plan with its number: filled on the front, hollow when dominated, ringed when recommended."""
-    place = (plan.duration, 1e3 * plan.gap)
+    place = (plan.duration, plan.gap / metres)
     face = "white" if plan.dominated_by else style.GOAL_ARM
     edge = style.WALL_EDGE if plan.dominated_by else style.GOAL_ARM_EDGE
     axes.plot(*place, marker="o", markersize=7, markerfacecolor=face, markeredgecolor=edge, zorder=4, clip_on=False)
@@ -100,13 +104,13 @@ def _draw_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) ->
         spine.set_visible(recommended)
         spine.set_color(style.GOAL_MARK)
         spine.set_linewidth(1.8)
-    lines = [f"{number}: wanted {1e3 * plan.wanted_gap:.3g} mm"]
+    lines = [f"{number}: wanted {file_length(plan.wanted_gap, 3)}"]
     if plan.solution is None:
         lines.append("no plan")
     else:
         _draw_motion(axes, plan.solution)
         note = " (dominated)" if plan.dominated_by else ""
-        lines.append(f"{plan.duration:.2f} s, {1e3 * plan.gap:.3g} mm{note}")
+        lines.append(f"{plan.duration:.2f} s, {file_length(plan.gap, 3)}{note}")
     colour = style.GOAL_MARK if recommended else "black"
     axes.set_title("\n".join(lines), fontsize=8, pad=5, color=colour)
 

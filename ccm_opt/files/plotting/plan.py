@@ -19,7 +19,7 @@ from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length, words_in
 from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
 
 
@@ -90,8 +90,11 @@ def _mark_least_gap(axes: Axes, plan: DrawnPlan, settings: PictureSettings) -> N
     outlines = [obstacle.outline() for obstacle in plan.problem.workspace.near(seen, 0.0).obstacles]
     for outline in outlines[: settings.most_named_obstacles]:
         places.keep_free(outline)
-    gap = millimetres(plan.nearest.gap)
-    places.write(place, f"least gap {gap}\nat {plan.nearest.time:.2f} s", style.LEAST_GAP, settings.label_size)
+    with words_in(plan.problem.length_unit):
+        gap = short_length(plan.nearest.gap)
+    counted = plan.problem.workspace.clearance and not plan.nearest.second_link
+    lines = (f"least gap {gap}", *(["beyond the clearance"] if counted else []), f"at {plan.nearest.time:.2f} s")
+    places.write(place, "\n".join(lines), style.LEAST_GAP, settings.label_size)
 
 
 @dataclass(frozen=True)

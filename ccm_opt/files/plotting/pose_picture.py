@@ -12,6 +12,7 @@ from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PICTURES, PictureSettings
 from ccm_opt.files.plotting.plan import draw_goal, dress, layout_of
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
+from ccm_opt.ground.length_words import short_length, words_in
 from ccm_opt.solution import BindingSide, StaticPose
 
 
@@ -41,7 +42,8 @@ def pose_figure(found: StaticPose, settings: PictureSettings = PICTURES) -> Figu
     _draw_binding(axes, found, settings)
     axes.plot(*points[0], marker="s", markersize=6, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
     draw_goal(axes, problem.goal, problem.tolerances, points, "goal", settings)
-    gap = f"{1e3 * found.pose.gap:.1f} of {1e3 * found.pose.wanted_gap:.1f} mm wanted"
+    with words_in(problem.length_unit):
+        gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
     dress(figure, axes, f"{problem.name}: best pose at the goal, gap {gap}", problem)
     return figure
 

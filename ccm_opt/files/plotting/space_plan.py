@@ -14,7 +14,7 @@ from ccm_opt.files.plotting.space_section import section_along
 from ccm_opt.files.plotting.space_views import SIDES, SeenScene, Side, window_of
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import METRES
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.space_solution import SpacePlan
 
@@ -55,7 +55,7 @@ def space_plan_figure(plan: SpacePlan, settings: SpacePictureSettings = SPACE_PI
         axes = figure.add_subplot(cell)
         _draw_view(axes, scene, side, plan, points, window)
     _draw_section(figure.add_subplot(grid[0, 1]), problem, points[-1], settings)
-    gap = "" if plan.least_gap is None else f", least gap {millimetres(plan.least_gap)}"
+    gap = "" if plan.least_gap is None else f", least gap {short_length(plan.least_gap)}"
     figure.suptitle(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}", x=0.02, ha="left", fontsize=10)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)

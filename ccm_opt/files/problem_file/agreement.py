@@ -7,6 +7,7 @@ from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.keypath import KeyPath
 from ccm_opt.files.problem_file.reading_settings import READING, ReadingSettings
 from ccm_opt.files.problem_file.schema import ArmTable, ChainTable, InertiaTable, LimitsTable, PoseTable
+from ccm_opt.ground.length_words import file_length
 
 
 def check_arm_lists(arm: ChainTable, issues: Issues) -> None:
@@ -34,12 +35,14 @@ def check_limited_points(
     for k, point in enumerate(limits.points):
         path: KeyPath = ("limits", "points", k)
         if point.at > length * (1.0 + settings.length_tolerance):
-            expected = f"at most the arm's length, links * link_length = {length:.6g} m"
-            issues.add((*path, "at"), f"{point.at:.6g} m is beyond the tip; expected {expected}")
+            expected = f"at most the arm's length, links * link_length = {file_length(length, 6)}"
+            issues.add((*path, "at"), f"{file_length(point.at, 6)} is beyond the tip; expected {expected}")
         if point.velocity is None and point.acceleration is None:
             issues.add(path, "nothing is limited; expected velocity, acceleration or both")
         if point.at in [other.at for other in limits.points[:k]]:
-            issues.add((*path, "at"), f"the point at {point.at:.6g} m is limited already; expected one entry a point")
+            issues.add(
+                (*path, "at"), f"the point at {file_length(point.at, 6)} is limited already; expected one entry a point"
+            )
 
 
 def check_pose(
@@ -55,8 +58,8 @@ def check_pose(
         if abs(total - length) > settings.length_tolerance * length:
             issues.add(
                 (*path, "segments"),
-                f"the segments are {total:.9g} m long together; expected the arm's length, "
-                f"links * link_length = {length:.9g} m",
+                f"the segments are {file_length(total, 9)} long together; expected the arm's length, "
+                f"links * link_length = {file_length(length, 9)}",
             )
 
 

@@ -9,7 +9,7 @@ from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.reading_settings import READING
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import BOUNDARY_NAME, Workspace
-from ccm_opt.ground.length_units import METRES
+from ccm_opt.ground.length_words import file_length
 
 
 def depth_inside(obstacle: Obstacle, point: Sequence[float]) -> float:
@@ -27,16 +27,12 @@ def depth_outside(workspace: Workspace, point: Sequence[float]) -> float:
     return -depth_inside(Obstacle(BOUNDARY_NAME, workspace.boundary), point)
 
 
-def check_base(workspace: Workspace, base: Sequence[float], units: str, issues: Issues) -> None:
+def check_base(workspace: Workspace, base: Sequence[float], issues: Issues) -> None:
     """The base may touch walls, as the mount does, but not stand inside an obstacle or outside the room."""
     xmin, ymin, xmax, ymax = workspace.boundary.bounds
     rounding = READING.depth_rounding * max(xmax - xmin, ymax - ymin)
     for obstacle in workspace.obstacles:
         if (depth := depth_inside(obstacle, base)) > rounding:
-            issues.add(("arm", "base"), f"the base is {_length(depth, units)} inside '{obstacle.name}'; move it out")
+            issues.add(("arm", "base"), f"the base is {file_length(depth)} inside '{obstacle.name}'; move it out")
     if (depth := depth_outside(workspace, base)) > rounding:
-        issues.add(("arm", "base"), f"the base is {_length(depth, units)} outside the {BOUNDARY_NAME}; move it in")
-
-
-def _length(metres: float, units: str) -> str:
-    return f"{metres / METRES[units]:.4g} {units}"
+        issues.add(("arm", "base"), f"the base is {file_length(depth)} outside the {BOUNDARY_NAME}; move it in")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TypeVar, get_args
 
 from pydantic import BaseModel
 
@@ -37,7 +37,8 @@ from ccm_opt.files.problem_file.schema import (
     WorkspaceTable,
 )
 from ccm_opt.files.problem_file.written_scene import toml_with_obstacles
-from ccm_opt.ground.length_units import METRES
+from ccm_opt.ground.length_units import METRES, LengthUnit
+from ccm_opt.ground.length_words import file_length, words_in
 from ccm_opt.problem import ImportedDrawing, Problem
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -83,19 +84,26 @@ def check_data(
     whole, drawing = with_scene(data, folder, issues, allow_outside=allow_outside)
     check_alternatives(whole, issues)
     draft = _validate(whole, issues)
-    _check_between(draft, str(whole.get("units", "m")), issues)
-    tables = _complete(draft)
-    if tables is None or issues.found:
-        _hint_at_scale(drawing, draft, issues)
-        return None
+    with words_in(_unit_of(whole)):
+        _check_between(draft, issues)
+        tables = _complete(draft)
+        if tables is None or issues.found:
+            _hint_at_scale(drawing, draft, issues)
+            return None
     # With the obstacles of a drawing written out the problem can be read again without that drawing.
     has_drawing = whole is not data
     problem = build_problem(tables, toml_with_obstacles(whole) if has_drawing else source)
     return replace(problem, drawing=drawing)
 
 
+def _unit_of(data: Mapping[str, object]) -> LengthUnit:
+    """The unit of lengths; metres where what the file says is none, which is reported elsewhere."""
+    unit = data.get("units", "m")
+    return unit if unit in get_args(LengthUnit) else "m"  # type: ignore[return-value]
+
+
 def _validate(data: Mapping[str, object], issues: Issues) -> _Draft:
-    scale = METRES.get(str(data.get("units", "m")), 1.0)
+    scale = METRES[_unit_of(data)]
 
     def section(model: type[Model], name: str, *, leave_out: str = "") -> Model | None:
         optional = name in {"planner", "simulation", "tolerance", "verification"}
@@ -153,7 +161,7 @@ def _obstacles(data: Mapping[str, object], issues: Issues, scale: float) -> tupl
     return tuple(found)
 
 
-def _check_between(draft: _Draft, units: str, issues: Issues) -> None:
+def _check_between(draft: _Draft, issues: Issues) -> None:
     """The checks that need two tables, for those tables that are there."""
     if draft.arm is None:
         return
@@ -165,7 +173,7 @@ def _check_between(draft: _Draft, units: str, issues: Issues) -> None:
         check_pose(draft.arm, pose, path, issues)
         _check_foldable(draft.arm, pose, path, issues)
         _check_feed(draft.arm, pose, path, issues)
-    _check_places(draft, units if units in METRES else "m", issues)
+    _check_places(draft, issues)
 
 
 def _poses(draft: _Draft) -> list[tuple[KeyPath, StartTable | GoalTable]]:
@@ -188,7 +196,9 @@ def _check_feed(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, issu
     low, high = arm.feed.range
     at = feed_of(pose, built)
     if not low <= at <= high:
-        issues.add((*path, "feed"), f"outside the range of the feed axis, {low:g} to {high:g} m")
+        issues.add(
+            (*path, "feed"), f"outside the range of the feed axis, {file_length(low, 6)} to {file_length(high, 6)}"
+        )
     bends = pose.joints_deg or []
     held = built.held(at)
     for k in range(min(len(bends), arm.links)):  # a list of the wrong length is reported elsewhere
@@ -206,7 +216,7 @@ def _check_foldable(arm: ArmTable, pose: StartTable | GoalTable, path: KeyPath, 
             issues.add((*path, "shape"), str(error))
 
 
-def _check_places(draft: _Draft, units: str, issues: Issues) -> None:
+def _check_places(draft: _Draft, issues: Issues) -> None:
     """The base stands where it may, as far as there are a room, an arm and a start to tell."""
     if draft.arm is None or draft.workspace is None or draft.start is None:
         return
@@ -217,7 +227,7 @@ def _check_places(draft: _Draft, units: str, issues: Issues) -> None:
         workspace = build_workspace(draft.workspace, whole)
         arm = build_arm(draft.arm)
         base = arm.base + feed_of(draft.start, arm) * arm.feed_direction
-        check_base(workspace, base.tolist(), units, issues)
+        check_base(workspace, base.tolist(), issues)
 
 
 def _lists_fit(arm: ArmTable) -> bool:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import GoalPoseRecord, Solution
 
@@ -31,32 +32,37 @@ class BindingRow:
     unit: str
 
 
-def binding_rows(solution: Solution, record: GoalPoseRecord, points: FloatArray, most: int = 6) -> list[BindingRow]:
+def binding_rows(
+    solution: Solution, record: GoalPoseRecord, points: FloatArray, units: PageUnits, most: int = 6
+) -> list[BindingRow]:
     """The strongest rows of a goal pose; those of one link against one wall count as one.
 
     Args:
         solution: the plan.
         record: of the goal pose.
         points: base, joints and tip of the pose, shape (n + 1, 2) [m].
+        units: of the page.
         most: rows that are kept.
     """
     merged: dict[tuple[str, str], float] = {}
     for name, multiplier in record.multipliers.items():
-        row = _row(solution, record, name, multiplier, points)
+        row = _row(solution, record, name, multiplier, points, units)
         key = (row.words, row.unit)
         merged[key] = merged.get(key, 0.0) + row.gain
     rows = [BindingRow(words, gain, unit) for (words, unit), gain in merged.items()]
     return sorted(rows, key=lambda row: -row.gain)[:most]
 
 
-def _row(solution: Solution, record: GoalPoseRecord, name: str, multiplier: float, points: FloatArray) -> BindingRow:
+def _row(
+    solution: Solution, record: GoalPoseRecord, name: str, multiplier: float, points: FloatArray, units: PageUnits
+) -> BindingRow:
     """One row: multipliers are for one arm's length, one radian, or the whole of a limit."""
     if region := _REGION.fullmatch(name):
         link = int(region[1])
         end = points[link if region[2] == "end" else link - 1]
-        gain = 1e-3 * multiplier / solution.problem.arm.length
+        gain = units.metres * multiplier / solution.problem.arm.length
         beside = _neighbour(solution, points, link, end, reach=_NEAR * record.wanted_gap)
-        return BindingRow(f"link {link} beside {beside}", gain, "1 mm")
+        return BindingRow(f"link {link} beside {beside}", gain, f"1 {units.name}")
     if bend := _BEND.fullmatch(name):
         return BindingRow(f"joint {bend[1]} at its limit to the {bend[2]}", np.deg2rad(1.0) * multiplier, "1°")
     if torque := _TORQUE.fullmatch(name):

@@ -85,14 +85,15 @@ def _rank(name: str) -> int:
 
 def _in_words(check: Check, units: PageUnits) -> CheckWords:
     gap = check.name in {"wall clearance", "self-collision"}
-    worst = units.shown(check.worst, check.unit, check.limit)
+    # Of gaps only what is beyond the clearance is told, as everywhere else; their limit is the clearance.
+    worst = units.shown(check.worst - check.limit if gap else check.worst, check.unit, check.limit)
     bound = units.given(check.limit, check.unit)
     if "constraint " in check.name:
         # A constraint's value is by how much its bounds are passed, in a unit that only the user knows.
         worst = "kept" if check.worst <= _tolerance(check) else f"missed by {check.worst:.3g}"
         limit = "soft" if check.name.startswith("soft") else "must be kept"
     elif gap:
-        limit = "no contact" if check.limit == 0.0 else f"at least {bound}"
+        limit = "no contact"
     else:
         limit = "none" if check.limit == 0.0 else f"at most {bound}"
     bounded = 0.0 < check.limit < float("inf") and not gap and "constraint " not in check.name
@@ -101,7 +102,7 @@ def _in_words(check: Check, units: PageUnits) -> CheckWords:
     # The time is a field of its own; the revolute's name says no more than the joint's number.
     where = re.sub(r"\s*,?\s*(at )?t = \S+ s| \(ball\d+_bend\)", "", check.where)
     return CheckWords(
-        title=title_of(check.name),
+        title=f"{title_of(check.name)} beyond {bound}" if gap and check.limit else title_of(check.name),
         worst=worst if check.worst != float("inf") else "nothing near",
         limit=limit,
         used=used,

@@ -1,9 +1,9 @@
 """The page ``report.html`` of a problem without a plan: why there is none, drawn and in words, and what would help."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
-from ccm_opt.errors import Diagnosis, Finding
+from ccm_opt.errors import Diagnosis, Finding, sentences
 from ccm_opt.files.report.document import COMMON, html_document
 from ccm_opt.files.report.drawn_findings import drawn_findings, first_look, pose_points
 from ccm_opt.files.report.header_section import badge, page_header
@@ -45,7 +45,7 @@ def failure_html(
     Returns:
         A whole HTML page that loads nothing.
     """
-    units = PageUnits.of_arm(problem.arm.length)
+    units = PageUnits.of_page(problem)
     facts = (
         reason_section(diagnosis),
         help_section(diagnosis),
@@ -89,7 +89,7 @@ def reason_section(diagnosis: Diagnosis) -> Markup:
         element("h2", "Why there is no plan"),
         element(
             "div",
-            element("p", f"{diagnosis.reason}."),
+            *_sentences(diagnosis.reason),
             cls="finding" if first is None or first.proved else "finding perhaps",
         ),
         *also,
@@ -98,11 +98,19 @@ def reason_section(diagnosis: Diagnosis) -> Markup:
     )
 
 
+def _sentences(reason: str, before: Markup | None = None) -> Iterator[Markup]:
+    """What a reason says: its first sentence, and the details as a list."""
+    first, *details = sentences(reason)
+    yield element("p", before, f"{first}.")
+    if details:
+        yield element("ul", *(element("li", line) for line in details))
+
+
 def _finding(finding: Finding) -> Markup:
     words = "Proved: " if finding.proved else "Perhaps: "
     return element(
         "div",
-        element("p", element("b", words), f"{finding.reason}."),
+        *_sentences(finding.reason, element("b", words)),
         cls="finding" if finding.proved else "finding perhaps",
     )
 

@@ -5,10 +5,9 @@ import numpy as np
 from ccm_opt.continuum.segment_types import segment_words
 from ccm_opt.files.report.binding_words import binding_rows
 from ccm_opt.files.report.markup import Markup, element, joined, table
-from ccm_opt.files.report.page_units import three_digits
+from ccm_opt.files.report.page_units import PageUnits, three_digits
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.room_svg import scene_paths
-from ccm_opt.files.report.room_words import millimetres
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import GoalPoseRecord, Solution
 
@@ -25,31 +24,33 @@ _COSTS = {
 """What the parts of the objective are called on the page."""
 
 
-def goal_pose_section(solution: Solution, settings: ReportSettings = REPORT) -> Markup | None:
+def goal_pose_section(solution: Solution, units: PageUnits, settings: ReportSettings = REPORT) -> Markup | None:
     """The section with its heading; nothing where no goal-pose NLP was asked.
 
     Args:
         solution: the plan.
+        units: of the page.
         settings: of the drawing.
     """
     record = solution.path.goal_pose
     if record is None:
         return None
-    tables = element("div", _segments(record), _costs(record), _binding(solution, record))
+    tables = element("div", _segments(record, units), _costs(record), _binding(solution, record, units))
     return element(
         "section",
         element("h2", "Why the arm ends here"),
-        element("p", _summary(record)),
+        element("p", _summary(record, units)),
         element("div", _picture(solution, record, settings), tables, cls="goal-pose"),
     )
 
 
-def _summary(record: GoalPoseRecord) -> str:
+def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
     """How the pose came about, and whether the motion ends in it."""
     variables, rows = record.size
     solved = (
         f"The goal-pose program, of {variables} variables and {rows} rows, found this pose in {record.iterations} "
-        f"iterations, with a gap of {millimetres(record.gap)} of the wanted {millimetres(record.wanted_gap)}."
+        f"iterations, with a gap of {units.length(record.gap)} of the wanted "
+        f"{units.given(record.wanted_gap, 'm')}."
     )
     if record.tried > 1:
         solved = f"{solved} It was asked for {record.tried} poses in all."
@@ -103,13 +104,13 @@ def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
     return points
 
 
-def _segments(record: GoalPoseRecord) -> Markup:
+def _segments(record: GoalPoseRecord, units: PageUnits) -> Markup:
     """A row for each segment of the curve, with the colour that it has in the picture."""
     rows = []
     for number, segment in enumerate(record.curve.segments):
         dot = element("i", cls="dot", style=f"background:{_colour(number)}")
         knots = ", ".join(f"{knot:.2f}" for knot in segment.knots)
-        rows.append((joined((dot, segment_words(segment))), millimetres(segment.length), knots))
+        rows.append((joined((dot, segment_words(segment))), units.length(segment.length), knots))
     return table(("segment", "length", "inner knots"), rows, numbers=(1, 2))
 
 
@@ -130,11 +131,11 @@ def cost_words(name: str) -> str:
     return _COSTS.get(name, name)
 
 
-def _binding(solution: Solution, record: GoalPoseRecord) -> Markup:
+def _binding(solution: Solution, record: GoalPoseRecord, units: PageUnits) -> Markup:
     """What holds the pose where it is, the strongest first, and what giving way would bring."""
     rows = [
         (row.words, f"{row.gain:.2g}", f"for {row.unit}")
-        for row in binding_rows(solution, record, pose_points(solution, record))
+        for row in binding_rows(solution, record, pose_points(solution, record), units)
     ]
     if not rows:
         return element("p", "No limit holds the pose where it is: the costs alone decide.")

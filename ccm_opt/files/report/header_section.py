@@ -53,7 +53,8 @@ def plan_figures(solution: AnySolution, units: PageUnits) -> list[Figure]:
         near = room.nearest
         wanted = f", of {units.given(room.wanted, 'm')} wanted" if room.wanted else ""
         value = units.length(near.gap) if near.link else f"> {units.length(room.reach)}"
-        found.append((value, f"least gap{wanted}"))
+        beyond = " beyond the clearance" if room.clearance and not near.second_link else ""
+        found.append((value, f"least gap{beyond}{wanted}"))
     if "tip_error_m" in metrics:
         allowed = units.given(solution.problem.tolerances.position, "m")
         found.append((units.length(metrics["tip_error_m"]), f"from the goal, of {allowed} allowed"))

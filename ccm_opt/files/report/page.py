@@ -57,17 +57,17 @@ def report_html(
         A whole HTML page that loads nothing.
     """
     problem = solution.problem
-    units = PageUnits.of_arm(problem.arm.length)
+    units = PageUnits.of_page(problem)
     data = plan_data(solution, units, settings)
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
     facts = (
         plans_section(plans, units),
-        room_section(solution.room),
+        room_section(solution.room, units),
         timing_section(),
         joints_section(keys),
         simulation_section(keys),
         checks_section(solution, units),
-        goal_pose_section(solution, settings),
+        goal_pose_section(solution, units, settings),
         tolerance_section(solution.tolerance, units),
         problem_section(problem, units),
         making_section(solution),
@@ -96,7 +96,7 @@ def plan_data(solution: Solution, units: PageUnits, settings: ReportSettings = R
         "scene": scene_data(problem, points.reshape(-1, 2), settings),
         "goals": goals_data(problem, list(ends)),
         "routes": route_layers(problem, points[-1], settings),
-        "nearest": nearest_mark(solution),
+        "nearest": nearest_mark(solution, units),
         "marks": goal_times(solution),
         "groups": series_data(solution, settings),
         "gaps": None if solution.room is None else gap_data(solution.room, settings),

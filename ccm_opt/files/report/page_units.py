@@ -5,6 +5,7 @@ from math import degrees, floor, isfinite, log10
 
 from ccm_opt.ground.length_units import METRES
 from ccm_opt.problem import LengthUnit
+from ccm_opt.space.problem import AnyProblem
 
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"
@@ -67,6 +68,12 @@ class PageUnits:
         metres = METRES[length_unit]
         finest = floor(-log10(_FINEST_SHARE * length / metres))
         return cls(length_unit, metres, min(max(finest, 0), 6))
+
+    @classmethod
+    def of_page(cls, problem: AnyProblem) -> "PageUnits":
+        """The unit of a problem's page: that of its file; who counts in metres is told those that suit the arm."""
+        length = problem.arm.length
+        return cls.of_arm(length) if problem.length_unit == "m" else cls.of_file(problem.length_unit, length)
 
     def length(self, value: float) -> str:
         """A length [m] with its unit."""

@@ -4,20 +4,22 @@ import numpy as np
 import shapely
 
 from ccm_opt.files.report.markup import Markup, element
+from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import RoomRecord, Solution
 
 
-def room_section(room: RoomRecord | None) -> Markup | None:
+def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
     """The section with its heading; nothing where nobody measured the room.
 
     Args:
         room: the record.
+        units: of the page.
     """
     if room is None:
         return None
-    first, *others = room_sentences(room)
+    first, *others = room_sentences(room, units)
     sentences = [element("li", f"{_capitalised(sentence)}.") for sentence in others]
     return element(
         "section",
@@ -28,13 +30,13 @@ def room_section(room: RoomRecord | None) -> Markup | None:
     )
 
 
-def nearest_mark(solution: Solution) -> dict[str, object] | None:
+def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | None:
     """Where the least gap is, with its words, for the scene; None where nothing is near."""
     room = solution.room
     if room is None or not room.nearest.link:
         return None
     place = _place_of_least_gap(solution, room)
-    return {"place": [float(value) for value in place], "words": next(iter(room_sentences(room)))}
+    return {"place": [float(value) for value in place], "words": next(room_sentences(room, units))}
 
 
 def _place_of_least_gap(solution: Solution, room: RoomRecord) -> FloatArray:

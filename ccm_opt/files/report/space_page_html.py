@@ -52,11 +52,11 @@ def space_report_html(
         A whole HTML page that loads nothing.
     """
     problem = solution.problem
-    units = PageUnits.of_arm(problem.arm.length)
+    units = PageUnits.of_page(problem)
     data = _plan_data(solution, units, settings)
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
     facts = (
-        room_section(solution.room),
+        room_section(solution.room, units),
         timing_section(),
         joints_section(keys, curvature=False),
         simulation_section(keys),
@@ -79,7 +79,7 @@ def space_failure_html(
     settings: ReportSettings = REPORT,
 ) -> str:
     """The report of a problem in space without a plan: why there is none, beside the scene with start and goal."""
-    units = PageUnits.of_arm(problem.arm.length)
+    units = PageUnits.of_page(problem)
     arm = problem.arm
     start = joint_positions(arm, problem.start.configuration(arm))
     goals = np.stack([_place_of(problem, stop.goal) for stop in problem.goals])

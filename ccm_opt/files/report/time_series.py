@@ -77,7 +77,7 @@ def _base_groups(solution: AnySolution) -> Iterator[SeriesGroup]:
     free = np.full(len(names), np.inf)
     speed = free if limits.feed_velocity is None else np.full(len(names), limits.feed_velocity)
     force = free if limits.feed_force is None else np.full(len(names), limits.feed_force)
-    unit = PageUnits.of_arm(solution.problem.arm.length)
+    unit = PageUnits.of_page(solution.problem)
     yield SeriesGroup("feed", "Feed axis", unit.name, names, trajectory.base_positions / unit.metres, free)
     velocities = trajectory.base_velocities / unit.metres
     yield SeriesGroup("feed-velocity", "Feed velocity", f"{unit.name}/s", names, velocities, speed / unit.metres)
@@ -117,7 +117,7 @@ def _tip_speed(solution: AnySolution) -> SeriesGroup:
     tips = solution.joint_positions[:, -1]
     velocity = np.gradient(tips, time, axis=0) if len(time) > 1 else np.zeros_like(tips)
     of_tip = [limit.velocity for limit in solution.problem.limits.points if limit.at is None]
-    unit = PageUnits.of_arm(solution.problem.arm.length)
+    unit = PageUnits.of_page(solution.problem)
     bound = np.array([min(of_tip, default=np.inf)]) / unit.metres
     speed = np.linalg.norm(velocity, axis=1)[:, None] / unit.metres
     return SeriesGroup("tip-speed", "Tip speed", f"{unit.name}/s", ("tip",), speed, bound)

@@ -4,7 +4,7 @@ import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.ground.angles import wrap
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, DistanceWeights, Precision, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, Strategy, climb
@@ -123,7 +123,7 @@ def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precis
 def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
     """How far the tip is from a goal, in words."""
     (position,), (heading,) = world.tips(Shapes.from_configurations([configuration]))
-    text = f"the tip {millimetres(float(np.hypot(*(position - goal.position))))}"
+    text = f"the tip {short_length(float(np.hypot(*(position - goal.position))))}"
     if goal.heading is not None:
         text += f" and {abs(np.rad2deg(wrap(float(heading) - goal.heading))):.1f}°"
     return text + " off its goal"

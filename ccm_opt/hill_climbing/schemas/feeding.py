@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.continuum.configuration import Configuration
 from ccm_opt.continuum.decomposition import add_segment, delete_segment, start_of
 from ccm_opt.continuum.segment import CurvatureSegment
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.curve_track import SegmentTrack
 from ccm_opt.hill_climbing.distance import TipPose
@@ -131,7 +131,9 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
     for part in _parts(start.segments[-1].length, length, stride):
         there = fed(here, curve, part)
         if not world.move_allowed(here, there):
-            raise SchemaStopped("SCM-5", here, f"contact at {metres(part)} of the curve's {metres(curve.length)}")
+            raise SchemaStopped(
+                "SCM-5", here, f"contact at {long_length(part)} of the curve's {long_length(curve.length)}"
+            )
         here = there
         yield SchemaStep("SCM-5", here)
     return here

@@ -10,7 +10,7 @@ from ccm_opt.continuum.segment import EVEN_KNOTS
 from ccm_opt.continuum.segment_types import natural_segment, select_segment_type
 from ccm_opt.ground.angles import wrap
 from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, end_of
@@ -100,7 +100,7 @@ def hold(
         if ending is Ending.ARRIVED and world.move_allowed(before, here):
             return here
     reason = "contact" if ending is Ending.ARRIVED else str(ending)
-    raise SchemaStopped(schema, before, f"the segment of {metres(changed.segments[segment].length)}: {reason}")
+    raise SchemaStopped(schema, before, f"the segment of {long_length(changed.segments[segment].length)}: {reason}")
 
 
 def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:

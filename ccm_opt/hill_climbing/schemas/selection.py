@@ -11,7 +11,7 @@ from ccm_opt.continuum.segment_types import SINE, SegmentType, end_angle, natura
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.angles import heading_of, whole_turns, wrap
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres, millimetres
+from ccm_opt.ground.length_words import long_length, short_length
 from ccm_opt.hill_climbing.candidate_moves import Shapes
 from ccm_opt.hill_climbing.distance import Distance, TipPose
 from ccm_opt.hill_climbing.hill_climb import Climb, Ending, end_of
@@ -71,7 +71,7 @@ def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tupl
     direction = heading_of(chord)
     ratio = float(np.hypot(*chord)) / start.length
     if ratio > 1.0:
-        reason = f"the goal is {metres(ratio * start.length)} away, the arm {metres(start.length)} long"
+        reason = f"the goal is {long_length(ratio * start.length)} away, the arm {long_length(start.length)} long"
         raise SchemaStopped("SCM-1", start, reason)
     others = sorted((k for k in BENT if k is not kind), key=lambda k: _heading_miss(k, direction, ratio, goal))
     # An arm with length to spare cannot reach its goal straight: the bent types come first.
@@ -126,7 +126,7 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     alone = Shapes.from_configurations([Configuration(position, (segment,))])
     least = float(world.gap(alone.points(world.settings.crowding.points)).min())
     if least < 0.0:
-        raise SchemaStopped("SCM-4", start, f"the segment to the goal would be {millimetres(-least)} deep in a wall")
+        raise SchemaStopped("SCM-4", start, f"the segment to the goal would be {short_length(-least)} deep in a wall")
     return Selection(kind, segment)
 
 
@@ -150,7 +150,7 @@ def _met(
     )
     here, ending = end_of(replace(world, passes=World().passes), here, task)
     if ending is not Ending.ARRIVED:
-        raise SchemaStopped("SCM-4", start, f"no segment of {metres(guess.length)} to the goal is found: {ending}")
+        raise SchemaStopped("SCM-4", start, f"no segment of {long_length(guess.length)} to the goal is found: {ending}")
     return here.segments[0]
 
 

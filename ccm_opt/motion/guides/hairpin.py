@@ -32,7 +32,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres, millimetres
+from ccm_opt.ground.length_words import long_length, short_length
 from ccm_opt.ground.polyline import arc_lengths
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
@@ -150,9 +150,9 @@ class Hairpin:
     def describe(self, pose: Pose) -> str:
         """How far the fold has come."""
         return (
-            f"the fold stopped {metres(self.fold_at)} from the base, "
-            f"the tip {millimetres(self._lag(pose))} short of {metres(self.tip_arc)} "
-            f"on a path of {metres(self.track.length)}"
+            f"the fold stopped {long_length(self.fold_at)} from the base, "
+            f"the tip {short_length(self._lag(pose))} short of {long_length(self.tip_arc)} "
+            f"on a path of {long_length(self.track.length)}"
         )
 
     def _lag(self, pose: Pose) -> float:

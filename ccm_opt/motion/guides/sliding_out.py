@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.ground.length_words import metres, millimetres
+from ccm_opt.ground.length_words import long_length, short_length
 from ccm_opt.ground.polyline import arc_lengths, points_at
 from ccm_opt.motion.link_space import KNOTS, LinkSpace
 from ccm_opt.motion.pose import Pose, Term
@@ -87,10 +87,9 @@ class SlidingOut:
 
     def describe(self, pose: Pose) -> str:
         """How far the arm has been drawn back."""
-        lag = millimetres(self._lag(pose))
-        return (
-            f"a joint stayed {lag} behind when the arm was drawn back by {metres(self.back)} of {metres(self.length)}"
-        )
+        lag = short_length(self._lag(pose))
+        drawn = f"{long_length(self.back)} of {long_length(self.length)}"
+        return f"a joint stayed {lag} behind when the arm was drawn back by {drawn}"
 
     def _keeps_up(self, pose: Pose) -> bool:
         return self._lag(pose) < self.settings.leash * self.space.nominal_length

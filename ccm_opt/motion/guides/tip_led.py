@@ -14,7 +14,7 @@ import numpy as np
 
 from ccm_opt.ground.angles import vector_headings, wrap
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres, millimetres
+from ccm_opt.ground.length_words import long_length, short_length
 from ccm_opt.motion.guides.tip_track import TipTrack, shortened
 from ccm_opt.motion.link_space import LinkSpace
 from ccm_opt.motion.pose import Pose, Term
@@ -93,8 +93,8 @@ class TipLed:
 
     def describe(self, pose: Pose) -> str:
         """How far the tip has come."""
-        lag = millimetres(self._lag(pose))
-        return f"the tip stopped {lag} short of {metres(self.arc)} on a path of {metres(self.track.length)}"
+        lag = short_length(self._lag(pose))
+        return f"the tip stopped {lag} short of {long_length(self.arc)} on a path of {long_length(self.track.length)}"
 
     def _keeps_up(self, pose: Pose) -> bool:
         """Whether the tip is within its leash of the target."""

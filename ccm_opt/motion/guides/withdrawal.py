@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres, millimetres
+from ccm_opt.ground.length_words import long_length, short_length
 from ccm_opt.motion.guides.hairpin import Hairpin
 from ccm_opt.motion.pose import Pose, Term
 from ccm_opt.motion.settings.guide_settings import DEFAULT_GUIDES, WithdrawalSettings
@@ -96,8 +96,8 @@ class Withdrawal:
     def describe(self, pose: Pose) -> str:
         """How far the fold has come."""
         return (
-            f"drawing back, the fold stopped {metres(self.fold.fold_at)} from where it opened, "
-            f"the arm {millimetres(self._lag(pose))} behind"
+            f"drawing back, the fold stopped {long_length(self.fold.fold_at)} from where it opened, "
+            f"the arm {short_length(self._lag(pose))} behind"
         )
 
     def onward(self) -> FloatArray:

@@ -8,7 +8,7 @@ from itertools import islice, product
 from ccm_opt.collision.room_advice import room_advice
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached, UnreachableGoal
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.length_words import metres, millimetres
+from ccm_opt.ground.length_words import long_length, short_length
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.motion.limits.limit import Limit
@@ -317,14 +317,14 @@ def _unreachable(query: FeedQuery, shortest: float) -> Diagnosis | None:
     if shortest == float("inf"):
         reason = (
             f"no way from the hole to the goal was found that is wide enough for the arm: diameter "
-            f"{millimetres(2.0 * arm.radius)}, clearance {millimetres(query.problem.workspace.clearance)}"
+            f"{short_length(2.0 * arm.radius)}, clearance {short_length(query.problem.workspace.clearance)}"
         )
         advice = (*room_advice(arm, query.problem.workspace), "remove an obstacle")
         return Diagnosis(reason, "free space", advice)
     if shortest > most:
         reason = (
-            f"the shortest way found along the feed axis to the goal is {metres(shortest)} long from arm.base, "
-            f"but the tip comes {metres(most)} far at most"
+            f"the shortest way found along the feed axis to the goal is {long_length(shortest)} long from arm.base; "
+            f"the tip comes {long_length(most)} far at most"
         )
         return Diagnosis(reason, "free space", ("widen arm.feed.range", "use a longer arm"), {"way_length": shortest})
     return None

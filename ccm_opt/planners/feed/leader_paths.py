@@ -18,7 +18,7 @@ from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.ground.angles import unit_vector
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.ground.polyline import path_length
 from ccm_opt.ground.rounding import SHORTEST
 from ccm_opt.jointed.arm import Arm
@@ -99,7 +99,7 @@ class LeaderPaths:
                 return
             curve = self._curve(free_space, route, begin, end, length)
             if curve is not None:
-                yield self._path(straight, curve, f"curve {k} of {metres(length)}")
+                yield self._path(straight, curve, f"curve {k} of {long_length(length)}")
 
     @property
     def _band_margins(self) -> tuple[float, ...]:

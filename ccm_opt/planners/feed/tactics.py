@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import metres
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.planners.feed.proposed_motion import ProposedMotion, StraightenedEnd, pinned
 from ccm_opt.planners.feed.query import FeedQuery
 from ccm_opt.planners.feed.reshaping import Reshaping
@@ -127,7 +127,9 @@ def reshaping(query: FeedQuery, path: LeaderPath, share: float) -> Iterator[Prop
         if changed is not None:
             onward = slide(arm, path, feed, end, query.settings.following)
             keyframes = joined_keyframes(there, changed, onward)
-            yield ProposedMotion(pinned(query, keyframes), (), f"change shape at a feed of {metres(feed)}, {path.name}")
+            yield ProposedMotion(
+                pinned(query, keyframes), (), f"change shape at a feed of {long_length(feed)}, {path.name}"
+            )
 
 
 def _feeds_to_reshape_at(query: FeedQuery, end: float) -> list[float]:

@@ -8,6 +8,7 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.ground.arrays import BoolArray, FloatArray
+from ccm_opt.ground.length_words import long_length
 from ccm_opt.ground.polyline import arc_lengths, leg_headings
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.planners.following.following_settings import DEFAULT_DEVIATION, DeviationSettings
@@ -66,7 +67,7 @@ def deviation(
     return Deviation(
         mean=float(distance.mean()),
         worst=float(distance[worst]),
-        where=f"link {link[worst] + 1} at a feed of {feeds[pose[worst]]:.3f} m",
+        where=f"link {link[worst] + 1} at a feed of {long_length(feeds[pose[worst]])}",
         straight_mean=float(on_straight.mean()),
         straight_worst=float(on_straight.max()),
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import millimetres
+from ccm_opt.ground.length_words import short_length
 from ccm_opt.space.motion.pose import SpacePose
 from ccm_opt.space.motion.step import Stepper
 from ccm_opt.space.motion.task import SpaceTask
@@ -62,7 +62,7 @@ def nothing_found(task: SpaceTask, failures: Sequence[Failure]) -> MotionNotFoun
         best = tried[0]
         reason = (
             f"no motion found in {len(tried)} candidates; the best ({best.candidate}) ended with the tip "
-            f"{millimetres(best.remaining)} from the goal: {best.message}{_tightest(task, best)}"
+            f"{short_length(best.remaining)} from the goal: {best.message}{_tightest(task, best)}"
         )
     else:
         reason = "no motion found: there is no way through free space that the arm is thin enough for"
@@ -85,4 +85,4 @@ def _tightest(task: SpaceTask, failure: Failure) -> str:
     if failure.owner < 0:
         return ""
     name = task.names[failure.owner] if failure.owner < len(task.names) else "a wall"
-    return f"; tightest there: link {failure.link}, {millimetres(failure.gap)} from '{name}'"
+    return f"; tightest there: link {failure.link}, {short_length(failure.gap)} from '{name}'"
