@@ -233,7 +233,10 @@ def compare_command(
     *,
     suite: Annotated[
         list[str] | None,
-        typer.Option(help="Suite of problems: shared, open-space, clutter-N or duct. May be repeated."),
+        typer.Option(
+            help="Suite of problems: shared, open-space, clutter-N or duct; in space space-clutter-N, space-elbow, "
+            "space-wing-box or space-blade-row. May be repeated."
+        ),
     ] = None,
     count: Annotated[
         int | None, typer.Option(min=1, help="Number of problems from each suite.", show_default="20, or all")

@@ -9,7 +9,7 @@ from typing import Any, cast
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.protocols import Planner
-from ccm_opt.problem import Problem
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 
 @dataclass(frozen=True)
@@ -28,18 +28,34 @@ class Method:
     options: Mapping[str, object] = field(default_factory=lambda: MappingProxyType({}))
     make: Callable[[], Planner] | None = None
 
-    def prepared(self, problem: Problem, time_limit: float | None = None) -> Problem:
+    def prepared(self, problem: AnyProblem, time_limit: float | None = None) -> AnyProblem:
         """The problem with this method's options, and a limit of CPU time [s] unless that is None."""
         options = dict(self.options)
         if time_limit is not None:
             options["time_limit"] = time_limit
         return replace(problem, planner=replace(problem.planner, **options))  # type: ignore[arg-type]
 
-    def planner(self, prepared: Problem) -> Planner:
-        """The planner for a problem that was prepared."""
+    def planner(self, prepared: AnyProblem) -> Planner:
+        """The planner for a problem that was prepared.
+
+        Raises:
+            ProblemError: this method knows the plane alone, and the problem is in space.
+        """
+        if self.make is not None:
+            return self.make()
+        if isinstance(prepared, SpaceProblem):
+            return self._planner_in_space(prepared)
         from ccm_opt.driver.planner_choice import default_planner  # noqa: PLC0415 - loads casadi
 
-        return self.make() if self.make is not None else default_planner(prepared, Stages())
+        return default_planner(prepared, Stages())
+
+    def _planner_in_space(self, prepared: SpaceProblem) -> Planner:
+        from ccm_opt.space.planner import SpacePlanner  # noqa: PLC0415 - most comparisons are in the plane
+
+        if prepared.planner.method != "nlp" or prepared.planner.retiming != "toppra":
+            raise ProblemError(f"the method {self.name} knows the plane alone; use nlp or ompl in space")
+        # Planners take problems of the kind that they are made for; this one is given such.
+        return cast("Planner", SpacePlanner(Stages()))
 
 
 def _ompl_planner() -> Planner:

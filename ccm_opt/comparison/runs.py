@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 from ccm_opt.comparison.method_code import code_of
 from ccm_opt.comparison.methods import method_named
@@ -18,8 +18,11 @@ from ccm_opt.comparison.suites import Case
 from ccm_opt.errors import NoPlanFound, ProblemError, TimeLimitReached, VerificationError
 from ccm_opt.ground.expected import in_words
 from ccm_opt.planners.protocols import Planner
-from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath
+from ccm_opt.space.problem import AnyProblem
+
+if TYPE_CHECKING:
+    from ccm_opt.problem import Problem
 
 Outcome = Literal["solved", "no plan", "timed out", "refused", "unusable", "crashed"]
 """A verified motion; no plan; none within the time; refused by the verifier; not for this method; a defect."""
@@ -136,11 +139,12 @@ class ClockedPlanner:
         self._planner = planner
         self.seconds = 0.0
 
-    def plan(self, problem: Problem) -> JointPath:
+    def plan(self, problem: AnyProblem) -> JointPath:
         """Plan as the planner does."""
         begin = time.process_time()
         try:
-            path: object = self._planner.plan(problem)
+            # A planner is given problems of the kind that its method has made it for.
+            path: object = self._planner.plan(cast("Problem", problem))
         finally:
             self.seconds += time.process_time() - begin
         if not isinstance(path, JointPath):
@@ -172,11 +176,11 @@ def execute(task: Task) -> Run:
         return replace(run, figures=figures, wall=time.perf_counter() - wall_begin)
 
 
-def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
+def _solved(task: Task, problem: AnyProblem, planner: ClockedPlanner) -> Run:
     from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
     # Without an explanation of failures: it would count as time, and no figure depends on it.
-    solution = solve(problem, planner=planner, explain=False)
+    solution = solve(cast("Problem", problem), planner=planner, explain=False)
     wanted = {quantity.key for quantity in QUANTITIES}
     figures = {key: float(x) for key, x in solution.metrics.items() if key in wanted and math.isfinite(x)}
     tactic = solution.path.candidate

@@ -8,10 +8,11 @@ from functools import partial
 from pathlib import Path
 
 from ccm_opt.comparison.scenes import Scene, clutter, corridor, open_space
+from ccm_opt.comparison.space_suites import SPACE, SPACE_SUITES, space_maker
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file import load_problem
-from ccm_opt.problem import Problem
-from ccm_opt.space.problem import in_the_plane
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.space.scene.bodies import MeshBody
 
 SHARED = "shared"
 """The suite of the problem files that come with the package."""
@@ -48,13 +49,15 @@ class Case:
     name: str
     suite: str
     seed: int = 0
-    given: Problem | None = field(default=None, compare=False)
+    given: AnyProblem | None = field(default=None, compare=False)
     fingerprint: str = field(default="")
 
-    def problem(self) -> Problem:
+    def problem(self) -> AnyProblem:
         """The problem itself."""
         if self.given is not None:
             return self.given
+        if self.suite.startswith(SPACE):
+            return space_maker(self.suite, shared_folder() / "space")(self.seed, self.name)
         scene = scene_maker(self.suite)(self.seed)
         return scene.problem(name=self.name)
 
@@ -69,7 +72,7 @@ def scene_maker(suite: str) -> Callable[[int], Scene]:
         return SUITES[suite]
     if found := _CLUTTER.fullmatch(suite):
         return partial(clutter, count=int(found[1]))
-    names = ", ".join((SHARED, *SUITES))
+    names = ", ".join((SHARED, *SUITES, *SPACE_SUITES))
     raise ProblemError(f"there is no suite '{suite}'; expected one of {names}, or clutter-N with a number of polygons")
 
 
@@ -90,7 +93,10 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
         if count is not None and count > len(cases):
             raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
         return cases[:count]
-    scene_maker(suite)
+    if suite.startswith(SPACE):
+        space_maker(suite, shared_folder() / "space")
+    else:
+        scene_maker(suite)
     # No scene is made yet: workers make their own from the seed, so that only the seed travels.
     wanted = DEFAULT_COUNT if count is None else count
     seeds = range(first_seed, first_seed + wanted)
@@ -108,11 +114,18 @@ def cases_of_files(files: Sequence[Path]) -> tuple[Case, ...]:
     """
     cases = []
     for file in files:
-        problem = in_the_plane(load_problem(file), "ccm-opt compare")
-        # By content: a file of the same name that was edited is another problem.
-        fingerprint = hashlib.sha256(problem.source.encode()).hexdigest()
+        problem = load_problem(file)
+        fingerprint = _content_hash(problem)
         cases.append(Case(name=problem.name, suite="files", given=problem, fingerprint=fingerprint))
     return tuple(cases)
+
+
+def _content_hash(problem: AnyProblem) -> str:
+    """By content, meshes included: a file of the same name that was edited is another problem."""
+    parts = [problem.source]
+    if isinstance(problem, SpaceProblem):
+        parts += [each.body.digest for each in problem.workspace.obstacles if isinstance(each.body, MeshBody)]
+    return hashlib.sha256("".join(parts).encode()).hexdigest()
 
 
 def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:

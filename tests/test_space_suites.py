@@ -1,0 +1,87 @@
+"""Suites of random problems in space: the same from a seed everywhere, with ends that touch nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ccm_opt.comparison.problem_files import write_problems
+from ccm_opt.comparison.space_suites import SPACE_SUITES
+from ccm_opt.comparison.suites import Case, cases_of_suite
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.problem_file import load_problem
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+
+
+def made(case: Case) -> SpaceProblem:
+    """The problem of a case."""
+    problem = case.problem()
+    assert isinstance(problem, SpaceProblem)
+    return problem
+
+
+@pytest.mark.parametrize(
+    "suite", [*SPACE_SUITES, "space-clutter-3", "space-elbow-96-links", "space-clutter-20-8-links"]
+)
+def test_a_seed_gives_the_same_problem_in_space(suite: str) -> None:
+    """Two makings of one case agree in every number, another seed differs, and neither end touches anything."""
+    one, again, other = (made(case) for case in (*cases_of_suite(suite, 1, 7), *cases_of_suite(suite, 2, 7)))
+    assert one.name == f"{suite}-7"
+    assert np.array_equal(one.start.configuration(one.arm), again.start.configuration(again.arm))
+    assert np.array_equal(one.workspace.soup.triangles, again.workspace.soup.triangles)
+    for problem in (one, other):
+        assert isinstance(problem.goal, SpaceTipGoal)
+        assert problem.goal.direction is not None
+        assert np.linalg.norm(problem.goal.direction) == pytest.approx(1.0)
+        points = joint_positions(problem.arm, problem.start.configuration(problem.arm))
+        tree = SurfaceTree.of(problem.workspace.soup)
+        axes = np.stack((points[1:-1], points[2:]), axis=1)
+        assert tree.distances(axes, 1.0).min() > problem.arm.radius
+        tip = np.stack((problem.goal.position, problem.goal.position))[None]
+        assert tree.distances(tip, 1.0)[0] > problem.arm.radius
+        assert problem.arm.length == pytest.approx(
+            made(cases_of_suite(suite.split("-8-", maxsplit=1)[0], 1, 7)[0]).arm.length
+        )
+    assert isinstance(one.goal, SpaceTipGoal)
+    assert isinstance(other.goal, SpaceTipGoal)
+    assert not np.array_equal(one.goal.position, other.goal.position)
+
+
+def test_a_seed_has_the_same_ends_for_any_number_of_links() -> None:
+    """Arms of few and of many links get the same job: the same base, feed and goal."""
+    few, many = (made(cases_of_suite(f"space-elbow-{links}-links", 1, 3)[0]) for links in (8, 96))
+    assert (few.arm.links, many.arm.links) == (8, 96)
+    assert isinstance(few.goal, SpaceTipGoal)
+    assert isinstance(many.goal, SpaceTipGoal)
+    assert np.array_equal(few.goal.position, many.goal.position)
+    assert np.array_equal(few.arm.base, many.arm.base)
+    assert few.start.feed == many.start.feed
+    assert few.arm.joint_limit > many.arm.joint_limit
+
+
+@pytest.mark.parametrize("suite", ["space-clutter", "space-elbow-7-links", "space-elbow-0-links", "space-duct"])
+def test_what_is_no_suite_in_space_is_refused(suite: str) -> None:
+    """An unknown name, and a number of links that no arm has, say what to try."""
+    with pytest.raises(ProblemError, match=r"expected one of space-clutter-20, .* with an even number of links"):
+        cases_of_suite(suite)
+
+
+@pytest.mark.parametrize("suite", ["space-clutter-20", "space-wing-box-48-links"])
+def test_problems_in_space_are_written_as_files_that_say_the_same(tmp_path: Path, suite: str) -> None:
+    """A written problem is read back with the same bodies, meshes, arm and ends, to rounding."""
+    cases = cases_of_suite(suite, 2)
+    for case, file in zip(cases, write_problems(cases, tmp_path), strict=True):
+        problem, again = made(case), load_problem(file)
+        assert isinstance(again, SpaceProblem)
+        assert again.workspace.soup.names == problem.workspace.soup.names
+        assert np.allclose(again.workspace.soup.triangles, problem.workspace.soup.triangles, atol=1e-12)
+        assert np.allclose(again.workspace.soup.rounding, problem.workspace.soup.rounding, atol=1e-15)
+        assert np.allclose(again.start.configuration(again.arm), problem.start.configuration(problem.arm), atol=1e-12)
+        assert np.allclose(again.arm.masses, problem.arm.masses)
+        assert np.allclose(again.arm.base_rotation, problem.arm.base_rotation, atol=1e-15)
+        assert isinstance(again.goal, SpaceTipGoal)
+        assert isinstance(problem.goal, SpaceTipGoal)
+        assert np.allclose(again.goal.position, problem.goal.position, atol=1e-12)
+    assert write_problems(cases, tmp_path)
