@@ -8,8 +8,8 @@ import numpy as np
 
 from ccm_opt.errors import CcmError, ProblemError
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.user_terms.arm_quantities import ArmQuantities
 from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost
-from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.terms import Constraint, Cost
 
 _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
@@ -21,7 +21,7 @@ def _is_comparison(entry: Any) -> bool:
     return any(entry.is_op(operation) for operation in _COMPARISONS)
 
 
-def _expression(term: Constraint | Cost, kind: str, quantities: Quantities) -> Any:
+def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -> Any:
     """The expression as a column, checked."""
     try:
         made = term.expression(quantities)
@@ -57,7 +57,7 @@ def _expression(term: Constraint | Cost, kind: str, quantities: Quantities) -> A
     return ca.densify(column)
 
 
-def compiled_constraint(constraint: Constraint, quantities: Quantities) -> CompiledConstraint:
+def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> CompiledConstraint:
     """A constraint with its functions.
 
     Raises:
@@ -91,7 +91,7 @@ def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -
     return np.broadcast_to(bound, (count,)).copy()
 
 
-def compiled_cost(cost: Cost, quantities: Quantities) -> CompiledCost:
+def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
     """A cost with its functions.
 
     Raises:

@@ -11,10 +11,13 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.expected import expect
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.user_terms.arm_quantities import ArmQuantities
 from ccm_opt.user_terms.building import compiled_constraint, compiled_cost, refuse_double_names
 from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost, as_cost
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.row_set import RowSet
+from ccm_opt.user_terms.space_quantities import SpaceQuantities
 from ccm_opt.user_terms.terms import Constraint, Cost, Interval, Where
 from ccm_opt.user_terms.timed_constraints import TimedConstraint
 
@@ -30,7 +33,7 @@ class UserTerms:
         timed: hard constraints on speeds, which planning knows nothing of.
     """
 
-    quantities: Quantities
+    quantities: ArmQuantities
     constraints: tuple[CompiledConstraint, ...]
     costs: tuple[CompiledCost, ...]
     timed: tuple[TimedConstraint, ...] = ()
@@ -125,7 +128,7 @@ class UserTerms:
         return RowSet.from_constraints(self.quantities, constraints)
 
 
-def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms:
+def compile_terms(arm: Arm | SpaceArm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms:
     """Build and check every constraint and cost for an arm.
 
     Raises:
@@ -139,7 +142,7 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
         _refuse_other_kind(cost, Cost)
 
     refuse_double_names([*constraints, *costs])
-    quantities = Quantities.from_arm(arm)
+    quantities = SpaceQuantities.from_arm(arm) if isinstance(arm, SpaceArm) else Quantities.from_arm(arm)
     compiled = [compiled_constraint(constraint, quantities) for constraint in constraints]
     # Only the finished motion has speeds, so these are kept from the planners.
     timed = [constraint for constraint in compiled if quantities.is_timed(constraint.expression)]

@@ -12,6 +12,7 @@ import numpy as np
 
 from ccm_opt.errors import CcmError
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.functions import CompiledConstraint
@@ -92,6 +93,8 @@ def _contradiction(item: CompiledConstraint, goal: GoalPlaces, settings: TermChe
 def _of_tip(item: CompiledConstraint) -> ca.Function | None:
     """The constraint as a function of (x, y, heading) of the tip; None when it depends on more of the pose."""
     known = item.quantities
+    if not isinstance(known, Quantities):
+        return None
     tip = ca.SX.sym("tip", 2)
     quantities = _TipQuantities(
         known.arm,
@@ -113,9 +116,8 @@ def _of_tip(item: CompiledConstraint) -> ca.Function | None:
     return ca.Function("of_tip", [symbols], [ca.densify(expression)])
 
 
-def _headings(item: CompiledConstraint, goal: GoalPlaces) -> Intervals:
+def _headings(arm: Arm, goal: GoalPlaces) -> Intervals:
     """All headings of the last link that count as the goal's and that the joints can turn to, whole turns included."""
-    arm = item.quantities.arm
     most = float(np.sum(arm.bend_limits))
     lowest = arm.base_heading - most
     highest = arm.base_heading + most
@@ -132,7 +134,7 @@ def _proved_miss(
     item: CompiledConstraint, function: ca.Function, goal: GoalPlaces, settings: TermCheckSettings
 ) -> float:
     """By how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
-    pieces = _headings(item, goal)
+    pieces = _headings(item.quantities.arm, goal)
     for _ in range(settings.bisections):
         places = [_about(coordinate, goal.around, pieces) for coordinate in goal.position.tolist()]
         try:

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.user_terms.quantities import Quantities
+from ccm_opt.user_terms.arm_quantities import ArmQuantities
 from ccm_opt.user_terms.terms import Constraint, Cost, Where, applies_at
 
 
@@ -28,7 +28,7 @@ class CompiledConstraint:
     expression: Any
     lower: FloatArray
     upper: FloatArray
-    quantities: Quantities
+    quantities: ArmQuantities
 
     @cached_property
     def function(self) -> Any:
@@ -77,7 +77,7 @@ class CompiledCost:
 
     cost: Cost
     expression: Any
-    quantities: Quantities
+    quantities: ArmQuantities
 
     @cached_property
     def function(self) -> Any:

@@ -12,10 +12,11 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.polygons import counter_clockwise, half_planes, is_convex
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.user_terms.arm_quantities import ArmQuantities
 
 
 @dataclass(frozen=True, eq=False)
-class Quantities:
+class Quantities(ArmQuantities):
     """Quantities of the arm in CasADi's scalar symbols; lengths in metres, angles in radians, points as (2, 1) columns.
 
     The curve is read off the links: it passes through the joints, its heading is that of a link at the link's middle,
@@ -60,11 +61,6 @@ class Quantities:
         """Rates of the link headings and of the feed."""
         return self.heading_rates, self.feed_rate
 
-    @property
-    def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
-        """The symbols that the expression of a timed motion may hold, those of a path, and the rates."""
-        return *self.symbols, *self.rates
-
     def in_poses(self, expression: Any) -> tuple[Any, Any]:
         """The symbols of a pose and an expression of a path in them and the path parameter.
 
@@ -87,10 +83,6 @@ class Quantities:
             return poses, feed
         return poses[..., :links], self.arm.link_length * np.sum(poses[..., links:], axis=-1)
 
-    def is_timed(self, expression: Any) -> bool:
-        """Whether an expression holds speeds."""
-        return bool(ca.depends_on(expression, ca.vertcat(*self.rates)))
-
     @cached_property
     def joint_angles(self) -> Any:
         """Bend of every joint, the first against the base heading, shape (links, 1) [rad]."""
@@ -110,35 +102,9 @@ class Quantities:
         return ca.horzcat(*points)
 
     @property
-    def tip(self) -> Any:
-        """Position of the tip, shape (2, 1) [m]."""
-        return self.joint_positions[:, -1]
-
-    @property
     def tip_heading(self) -> Any:
         """Heading of the last link [rad]; whole turns count."""
         return self.link_headings[-1]
-
-    def point_at(self, s: float) -> Any:
-        """Position at arc length ``s`` from the base, shape (2, 1) [m]."""
-        link, fraction = self._link_at(s)
-        points = self.joint_positions
-        return (1.0 - fraction) * points[:, link] + fraction * points[:, link + 1]
-
-    @property
-    def tip_velocity(self) -> Any:
-        """Velocity of the tip, shape (2, 1) [m/s]; on the finished motion only."""
-        return self._in_time(self.tip)
-
-    def point_velocity(self, s: float) -> Any:
-        """Velocity of the point at arc length ``s`` from the base, shape (2, 1) [m/s]; on the finished motion only."""
-        return self._in_time(self.point_at(s))
-
-    def _in_time(self, point: Any) -> Any:
-        """Derivative of a point by time."""
-        # The chain rule: ṗ = ∂p/∂(φ, feed) · (φ̇, ḟ), as one product in forward mode.
-        places = ca.vertcat(self.link_headings, self.base_feed)
-        return ca.jtimes(point, places, ca.vertcat(*self.rates))
 
     def heading_at(self, s: float) -> Any:
         """Heading at arc length ``s`` from the base [rad]."""
@@ -161,21 +127,6 @@ class Quantities:
         """
         normals, offsets = _half_planes(region)
         return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
-
-    def _link_at(self, s: float) -> tuple[int, float]:
-        """The link at an arc length, and how much of that link lies before it."""
-        links = self._checked(s) / self.arm.link_length
-        # The very tip belongs to the last link, not to one beyond it.
-        link = min(int(links), self.arm.links - 1)
-        return link, links - link
-
-    def _checked(self, s: float) -> float:
-        """An arc length, or a refusal of what is none; rounding beyond the ends of the arm is forgiven."""
-        length = self.arm.length
-        rounding = 1e-9 * length
-        if not isinstance(s, int | float | np.floating) or not -rounding <= s <= length + rounding:
-            raise ProblemError(f"an arc length must be a number from 0 to the arm's length {length:g} m, got {s!r}")
-        return float(min(max(s, 0.0), length))
 
 
 def _linear(values: Any, at: float) -> Any:

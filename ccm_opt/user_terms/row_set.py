@@ -13,8 +13,8 @@ from ccm_opt.ground.rounding import TINY
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ccm_opt.user_terms.arm_quantities import ArmQuantities
     from ccm_opt.user_terms.functions import CompiledConstraint
-    from ccm_opt.user_terms.quantities import Quantities
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class RowSet:
     slopes: Any
 
     @classmethod
-    def from_constraints(cls, quantities: "Quantities", constraints: "Sequence[CompiledConstraint]") -> "RowSet":
+    def from_constraints(cls, quantities: "ArmQuantities", constraints: "Sequence[CompiledConstraint]") -> "RowSet":
         """The rows of constraints: an equation for equal bounds, else a gap for each finite bound."""
         rows = [row for compiled in constraints for row in _rows_of(compiled)]
         expressions = [row.expression for row in rows]

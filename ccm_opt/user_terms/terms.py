@@ -14,10 +14,10 @@ from ccm_opt.ground.arrays import BoolArray, FloatArray
 from ccm_opt.ground.expected import expect, expect_that
 
 if TYPE_CHECKING:
-    from ccm_opt.user_terms.quantities import Quantities
+    from ccm_opt.user_terms.arm_quantities import ArmQuantities
 
-Expression: TypeAlias = "Callable[[Quantities], Any]"
-"""Makes a CasADi expression, a scalar or a vector, from the symbolic quantities of the arm."""
+Expression: TypeAlias = Callable[[Any], Any]
+"""Makes a CasADi expression, a scalar or a vector, from the ``Quantities`` or ``SpaceQuantities`` of the arm."""
 Bound: TypeAlias = float | Sequence[float]
 """One number for all entries of an expression, or one for each."""
 PLACES = ("goal", "keyframes", "motion")
@@ -93,7 +93,7 @@ class Constraint:
             expect_that(partial(_is_bound, bound), bound, f"a number or a list of numbers for {side}=")
         expect(self.soft, bool, "True or False for soft=")
 
-    def __call__(self, quantities: "Quantities") -> Any:
+    def __call__(self, quantities: "ArmQuantities") -> Any:
         """The expression."""
         return self.expression(quantities)
 
@@ -117,7 +117,7 @@ class Cost:
     def __post_init__(self) -> None:
         _check(self, "cost")
 
-    def __call__(self, quantities: "Quantities") -> Any:
+    def __call__(self, quantities: "ArmQuantities") -> Any:
         """The expression."""
         return self.expression(quantities)
 

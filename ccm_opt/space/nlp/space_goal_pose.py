@@ -17,7 +17,9 @@ from ccm_opt.space.nlp.space_pose_program import SpacePoseProgram, SpacePoseSize
 from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
 from ccm_opt.space.nlp.space_pose_solver import SpaceArmPose, SpacePoseQuestion
 from ccm_opt.space.nlp.space_pose_task import LinkSides, SpacePoseTask
+from ccm_opt.space.nlp.space_pose_terms import with_terms_in_space
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.user_terms.compiled_terms import UserTerms
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +30,14 @@ class SpaceGoalPoses:
         problem: with a goal for the tip.
         tree: of the surfaces of its scene.
         near: configuration of the pose to stay near, shape (c,) [rad, m]; None for the pose that is improved.
+        terms: the user's constraints and costs, or None.
         settings: of the NLP.
     """
 
     problem: SpaceProblem
     tree: SurfaceTree
     near: FloatArray | None = None
+    terms: UserTerms | None = None
     settings: SpacePoseSettings = field(default_factory=SpacePoseSettings)
 
     def best(self, seed: FloatArray, deadline: Deadline | None = None) -> SpaceArmPose | None:
@@ -133,7 +137,8 @@ class SpaceGoalPoses:
     def _program(self, sides: LinkSides) -> SpacePoseProgram:
         sizes = (size for size in self.settings.region_sizes if size >= sides.most)
         size = next(sizes, sides.most)
-        return space_pose_program(SpacePoseSize.from_settings(self.problem.arm.links, size, self.settings))
+        program = space_pose_program(SpacePoseSize.from_settings(self.problem.arm.links, size, self.settings))
+        return program if self.terms is None else with_terms_in_space(program, self.terms)
 
     @property
     def _weights(self) -> FloatArray:
@@ -157,6 +162,7 @@ def goal_pose(
     tree: SurfaceTree,
     *,
     near: FloatArray | None = None,
+    terms: UserTerms | None = None,
     settings: SpacePoseSettings | None = None,
     deadline: Deadline | None = None,
 ) -> SpaceArmPose | None:
@@ -167,6 +173,7 @@ def goal_pose(
         seed: configuration at the goal that touches nothing, such as where a search ended, shape (c,) [rad, m].
         tree: of the surfaces of the problem's scene.
         near: configuration to stay near, such as where the motion starts; the seed when None.
+        terms: the user's constraints and costs, or None.
         settings: of the NLP.
         deadline: no further solution is begun after it.
 
@@ -176,5 +183,5 @@ def goal_pose(
     Raises:
         ProblemError: the goal is a pose of the whole arm.
     """
-    poses = SpaceGoalPoses(problem, tree, near, settings or SpacePoseSettings())
+    poses = SpaceGoalPoses(problem, tree, near, terms, settings or SpacePoseSettings())
     return poses.best(seed, deadline)
