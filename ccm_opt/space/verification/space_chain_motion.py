@@ -82,27 +82,8 @@ class SpaceChainMotion:
 
     @cached_property
     def bows(self) -> FloatArray:
-        """Bound on the second derivative of the joints' places over an interval of unit length, (T − 1, links + 1) [m].
-
-        With rates ω_j of the links, ω_j' is at most D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, as the axes of
-        joint j turn with what carries them; S_j = |ω_j at the middle| + ½ D_j is never less than |ω_j|. A link adds
-        l (ω' × t + ω × (ω × t)) to the second derivative of what is beyond it.
-        """
-        links = self.arm.links
-        bends = self.steps[:, : 2 * links].reshape(-1, links, 2)
-        frames = LinkFrames.of(self.arm, 0.5 * (self.positions[:-1] + self.positions[1:]))
-        turns = bends[..., :1] * frames.first_axes + bends[..., 1:] * frames.second_axes
-        rates = np.linalg.norm(np.cumsum(turns, axis=1), axis=2)
-        each = np.hypot(bends[..., 0], bends[..., 1])
-        both = np.abs(bends[..., 0] * bends[..., 1])
-        bows = np.zeros((len(bends), links + 1))
-        fastest = np.zeros(len(bends))
-        gain = np.zeros(len(bends))
-        for link in range(links):
-            gain = gain + fastest * each[:, link] + both[:, link]
-            fastest = rates[:, link] + 0.5 * gain
-            bows[:, link + 1] = bows[:, link] + self.arm.link_length * (fastest**2 + gain)
-        return bows
+        """Bound on the second derivative of the joints' places over an interval, shape (T − 1, links + 1) [m]."""
+        return bows_of(self.arm, 0.5 * (self.positions[:-1] + self.positions[1:]), self.steps)
 
     @cached_property
     def rounding(self) -> float:
@@ -116,14 +97,15 @@ class SpaceChainMotion:
 
     def poses(self, at: FloatArray) -> FloatArray:
         """Base, joints and tip at times counted in samples, shape (S, links + 1, 3) [m]."""
-        interval = np.minimum(at.astype(np.intp), len(self.time) - 2)
-        share = at - interval
-        between = (share > 0.0) & (share < 1.0)
-        poses = self.points[np.minimum(np.rint(at).astype(np.intp), len(self.time) - 1)]
-        some = interval[between]
-        places = self.positions[some] + share[between, None] * self.steps[some]
-        poses[between] = chain_of(self.arm, places)
+        between = at != np.floor(at)
+        poses = self.points[np.floor(at).astype(np.intp)]
+        poses[between] = chain_of(self.arm, self._places(at[between]))
         return poses
+
+    def _places(self, at: FloatArray) -> FloatArray:
+        """Coordinates at times counted in samples that are none, shape (S, c) [rad, m]."""
+        interval = at.astype(np.intp)
+        return np.asarray(self.positions[interval] + (at - interval)[:, None] * self.steps[interval])
 
     def when(self, at: float) -> float:
         """Time of what is counted in samples [s]."""
@@ -131,16 +113,27 @@ class SpaceChainMotion:
 
     def travels(self, stretches: Stretches) -> FloatArray:
         """How far each joint goes at most from where it is at the middle, shape (S, links + 1) [m]."""
-        low = stretches.low.astype(np.intp)
-        half = 0.5 * (stretches.high - stretches.low)
-        within = low.clip(max=len(self.time) - 2)
-        # The mean of the velocity is the chord, from which it is away by half of its greatest change at most.
-        fastest = np.linalg.norm(self.chords[within], axis=2) + 0.5 * self.bows[within]
-        travels = half[:, None] * fastest
-        long = np.flatnonzero(half > 0.5)
-        if len(long):
-            travels[long] = self._travels_over_samples(stretches.take(long))
-        return np.asarray(travels)
+        length = stretches.high - stretches.low
+        travels = np.zeros((len(stretches), self.arm.links + 1))
+        for some, of_kind in (
+            (length > 1.0, self._travels_over_samples),
+            (length == 1.0, self._travels_of_intervals),
+            ((length > 0.0) & (length < 1.0), self._travels_within),
+        ):
+            if np.any(some):
+                travels[some] = of_kind(stretches.take(np.flatnonzero(some)))
+        return travels
+
+    def _travels_of_intervals(self, stretches: Stretches) -> FloatArray:
+        """The same for whole intervals."""
+        interval = stretches.low.astype(np.intp)
+        return half_travels(self.chords[interval], self.bows[interval])
+
+    def _travels_within(self, stretches: Stretches) -> FloatArray:
+        """The same for parts of intervals, in which as much less changes."""
+        steps = (stretches.high - stretches.low)[:, None] * self.steps[stretches.low.astype(np.intp)]
+        chords = self.poses(stretches.high) - self.poses(stretches.low)
+        return half_travels(chords, bows_of(self.arm, self._places(stretches.middle), steps))
 
     def _travels_over_samples(self, stretches: Stretches) -> FloatArray:
         """The same for stretches of several intervals: the farthest sample, and what a path leaves its chords by."""
@@ -154,3 +147,39 @@ class SpaceChainMotion:
         # The last sample of a stretch begins no interval of it, but to count it does no harm.
         bows = self.bows[np.minimum(sample, len(self.bows) - 1)]
         return np.asarray(np.maximum.reduceat(away, starts) + np.maximum.reduceat(bows, starts) / 8.0)
+
+
+def bows_of(arm: SpaceArm, middle: FloatArray, steps: FloatArray) -> FloatArray:
+    """Bound on the second derivative of the joints' places over a stretch of unit length, shape (N, links + 1) [m].
+
+    With rates ω_j of the links, ω_j' is at most D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, as the axes of joint j
+    turn with what carries them; S_j = |ω_j at the middle| + ½ D_j is never less than |ω_j|. A link adds
+    l (ω' × t + ω × (ω × t)) to the second derivative of what is beyond it.
+
+    Args:
+        arm: the arm.
+        middle: configurations in the middle, shape (N, c) [rad, m].
+        steps: what changes over the stretch, evenly, shape (N, c) [rad, m].
+    """
+    bends = steps[:, : 2 * arm.links].reshape(-1, arm.links, 2)
+    frames = LinkFrames.of(arm, middle)
+    turns = bends[..., :1] * frames.first_axes + bends[..., 1:] * frames.second_axes
+    rates = np.linalg.norm(np.cumsum(turns, axis=1), axis=2)
+    each = np.hypot(bends[..., 0], bends[..., 1])
+    both = np.abs(bends[..., 0] * bends[..., 1])
+    bows = np.zeros((len(bends), arm.links + 1))
+    fastest = np.zeros(len(bends))
+    gain = np.zeros(len(bends))
+    for link in range(arm.links):
+        gain = gain + fastest * each[:, link] + both[:, link]
+        fastest = rates[:, link] + 0.5 * gain
+        bows[:, link + 1] = bows[:, link] + arm.link_length * (fastest**2 + gain)
+    return bows
+
+
+def half_travels(chords: FloatArray, bows: FloatArray) -> FloatArray:
+    """How far joints go from the middle of a stretch to its ends at most, shape (N, links + 1) [m].
+
+    The mean of the velocity is the chord, from which it is away by half of its greatest change at most.
+    """
+    return np.asarray(0.5 * (np.linalg.norm(chords, axis=2) + 0.5 * bows))

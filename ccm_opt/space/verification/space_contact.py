@@ -67,16 +67,16 @@ def _relative_travels(motion: SpaceChainMotion, stretches: Stretches, pairs: Str
     travels = motion.travels(stretches)
     k, i, j = pairs.stretch, pairs.link, pairs.other
     apart = np.maximum(travels[k, i], travels[k, i + 1]) + np.maximum(travels[k, j], travels[k, j + 1])
-    half = 0.5 * (stretches.high - stretches.low)[k]
-    within = np.flatnonzero(half <= 0.5)
-    interval = stretches.low[k[within]].astype(np.intp)
     # Within an interval what both do alike does not count.
+    within = np.flatnonzero((stretches.high - stretches.low)[k] <= 1.0)
+    chords = motion.poses(stretches.high) - motion.poses(stretches.low)
+    bows = 2.0 * travels - np.linalg.norm(chords, axis=2)
+    k, i, j = k[within], i[within], j[within]
     relative = np.zeros(len(within))
-    for first in (i[within], i[within] + 1):
-        for second in (j[within], j[within] + 1):
-            chord = np.linalg.norm(motion.chords[interval, first] - motion.chords[interval, second], axis=1)
-            bow = motion.bows[interval, first] + motion.bows[interval, second]
-            relative = np.maximum(relative, half[within] * (chord + 0.5 * bow))
+    for first in (i, i + 1):
+        for second in (j, j + 1):
+            chord = np.linalg.norm(chords[k, first] - chords[k, second], axis=1)
+            relative = np.maximum(relative, 0.5 * (chord + bows[k, first] + bows[k, second]))
     apart[within] = np.minimum(apart[within], relative)
     return np.asarray(apart)
 

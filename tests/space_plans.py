@@ -1,0 +1,107 @@
+"""A timed motion in space among a few bodies, true in every respect, for tests of the verifier."""
+
+from dataclasses import dataclass, replace
+from functools import cache, partial
+
+import numpy as np
+
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.drive_limits import Limits, PointLimit
+from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.problem import SimulationOptions, Tolerances
+from ccm_opt.retiming import retime
+from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.space.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
+from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.space.verification import verify_in_space
+from ccm_opt.space.verification.link_frames import LinkFrames, chain_of
+
+from .retiming_paths import make_path
+from .space_arms import space_arm
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+@dataclass(frozen=True)
+class SpacePlan:
+    """A motion with the problem that it solves.
+
+    Attributes:
+        problem: what is asked.
+        trajectory: the motion.
+        joints: the same for the drives.
+    """
+
+    problem: SpaceProblem
+    trajectory: JointTrajectory
+    joints: JointStates
+
+    def checks(self) -> tuple[Check, ...]:
+        """What the verifier finds."""
+        return verify_in_space(self.problem, self.trajectory, self.joints)
+
+    def failed(self) -> list[str]:
+        """Names of the checks that do not hold."""
+        return [check.name for check in self.checks() if not check.passed]
+
+    def asking(self, **changes: object) -> "SpacePlan":
+        """The same motion for another problem."""
+        return replace(self, problem=replace(self.problem, **changes))  # type: ignore[arg-type]
+
+    def moving(self, **changes: object) -> "SpacePlan":
+        """Another motion, the states of the drives as they follow from it."""
+        trajectory = replace(self.trajectory, **changes)  # type: ignore[arg-type]
+        dynamics = InverseDynamics(self.problem.arm, self.problem.simulation.gravity)
+        return replace(self, trajectory=trajectory, joints=joint_states(self.problem.arm, trajectory, dynamics))
+
+
+@cache
+def true_plan() -> SpacePlan:
+    """An arm of eight links on a feed axis moves among five kinds of bodies in a room, and passes a place."""
+    arm = space_arm(8, feed=Feed(0.0, 0.5, 0.0), rotor_inertia=1e-3, friction=0.01, payload=0.05)
+    n = 3 * arm.links
+    points = (PointLimit(None, 0.6, 3.0), PointLimit(0.35, 0.4, 2.0))
+    limits = Limits(np.full(n, 1.0), np.full(n, 5.0), np.full(n, 20.0), 0.1, 0.5, 100.0, points=points)
+    columns = 0.25 * np.sin(np.arange(17) + 2.0 * np.linspace(0.0, 1.0, 6)[:, None])
+    columns[:, 16] = np.linspace(0.1, 0.4, 6)
+    path = make_path(columns)
+    dynamics = InverseDynamics(arm, GRAVITY)
+    trajectory = retime(
+        path, limits, dynamics, revolutes=partial(revolute_angles, arm), coordinates=arm.coordinates, arm=arm, share=0.9
+    )
+    last = trajectory.positions[-1:]
+    tip = chain_of(arm, trajectory.positions)[:, -1]
+    goal = SpaceTipGoal(tip[-1], LinkFrames.of(arm, last).along[0, -1], via=(tip[len(tip) // 2],))
+    workspace = SpaceWorkspace(np.array([[-0.5, -1.0, -1.0], [1.6, 1.0, 1.0]]), bodies(), 0.005)
+    start = SpaceJointPose.from_configuration(trajectory.positions[0], arm.links)
+    problem = SpaceProblem("true", workspace, arm, limits, start, goal, tolerances=Tolerances(1e-3, 0.01))
+    problem = replace(problem, simulation=SimulationOptions(gravity=GRAVITY))
+    problem = replace(problem, planner=replace(problem.planner, effort_share=0.9))
+    return SpacePlan(problem, trajectory, joint_states(arm, trajectory, dynamics))
+
+
+def bodies() -> tuple[SpaceObstacle, ...]:
+    """One body of every kind, out of the way."""
+    low, high = np.array([0.2, 0.6, -0.2]), np.array([0.4, 0.8, 0.2])
+    corners = box_corners(low - [0.0, 1.5, 0.0], high - [0.0, 1.5, 0.0])
+    return (
+        SpaceObstacle("box", BoxBody(low, high)),
+        SpaceObstacle("ball", SphereBody(np.array([0.5, 0.0, 0.8]), 0.1)),
+        SpaceObstacle("bar", CapsuleBody(np.array([1.4, -0.5, -0.6]), np.array([1.4, 0.5, -0.6]), 0.05)),
+        SpaceObstacle("tube", CylinderBody(np.array([0.3, -0.5, -0.8]), np.array([0.9, 0.5, -0.8]), 0.05)),
+        SpaceObstacle("mesh", MeshBody(corners, BOX_FACES, closed=True)),
+    )
+
+
+def with_body(plan: SpacePlan, name: str, body: BoxBody | SphereBody | MeshBody) -> SpacePlan:
+    """The same motion with one more body in its room."""
+    workspace = plan.problem.workspace
+    return plan.asking(workspace=replace(workspace, obstacles=(*workspace.obstacles, SpaceObstacle(name, body))))
+
+
+def places_of(plan: SpacePlan) -> FloatArray:
+    """Joints and tip at the samples, shape (T, links + 1, 3) [m]."""
+    return chain_of(plan.problem.arm, plan.trajectory.positions)
