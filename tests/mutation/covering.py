@@ -10,7 +10,6 @@ from xml.etree import ElementTree as ET
 from tests.mutation.mutants import Mutant
 
 TESTS = (
-    "bad_poses",
     "contradictions",
     "corruption",
     "effort_share",
@@ -19,6 +18,7 @@ TESTS = (
     "motion_certificate",
     "motion_contacts",
     "near_pairs",
+    "pinned_figures",
     "point_limits",
     "promises",
     "radius_zero",

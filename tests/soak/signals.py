@@ -1,5 +1,6 @@
 """Ctrl-C at random moments of a command: it ends soon, with exit code 130 or its result, and without a traceback."""
 
+import itertools
 import random
 import shutil
 import signal
@@ -19,15 +20,17 @@ LATEST = 10.0
 def interrupted_commands(generator: random.Random) -> Iterator[str]:
     """Commands without end, each interrupted once; what was wrong, or an empty word.
 
-    Before the interpreter has come to the command line, at about 0.1 s, Python itself answers Ctrl-C.
+    Before the interpreter has come to the command line, at about 0.1 s, Python itself answers Ctrl-C. Every command is
+    interrupted in its turn, at any moment of its course.
     """
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         plan = place / "plan" / "swan-neck"
         _ended(["solve", str(PROBLEMS / "swan-neck.toml"), "--out", str(plan.parent), "--no-pictures"])
-        while True:
-            command = generator.choice(_commands(place, plan))
-            yield _interrupted(command, generator.uniform(0.15, 3.0), plan)
+        commands = _commands(place, plan)
+        lasts = [_seconds(command, place) for command in commands]
+        for command, seconds in itertools.cycle(zip(commands, lasts, strict=True)):
+            yield _interrupted(command, generator.uniform(0.15, max(seconds, 0.3)), plan)
             shutil.rmtree(place / "out", ignore_errors=True)
 
 
@@ -42,8 +45,21 @@ def _commands(place: Path, plan: Path) -> list[list[str]]:
         ["pose", problem, *out],
         ["reach", problem, *out],
         ["compare", problem, "--method", "nlp", *out],
-        ["export", str(plan), "--format", "urdf"],
+        ["export", str(plan), "--format", "urdf", "--out", str(place / "out" / "arm.urdf")],
+        ["tolerance", str(plan)],
+        ["draw", str(plan), *out],
+        ["describe", problem],
+        ["problems"],
+        ["new", str(place / "out" / "mine.toml")],
     ]
+
+
+def _seconds(command: list[str], place: Path) -> float:
+    """How long a command takes undisturbed [s]."""
+    begun = time.monotonic()
+    _ended(command)
+    shutil.rmtree(place / "out", ignore_errors=True)
+    return time.monotonic() - begun
 
 
 def _interrupted(command: list[str], after: float, plan: Path) -> str:
