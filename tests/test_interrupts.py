@@ -87,3 +87,74 @@ assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60)
     assert ended.returncode == 0, ended.stderr
+
+
+LOADING = """
+import os, signal, sys
+from ccm_opt.cli.cancelling import interrupts_insist, leave_cancelled, report_cancelled
+
+sys.path.insert(0, {folder!r})
+interrupts_insist()
+try:
+    import slow
+    print("loaded" if slow.done else "", flush=True)
+    import time
+    time.sleep(60)
+except KeyboardInterrupt:
+    print(slow.done, flush=True)
+    report_cancelled()
+    leave_cancelled()
+"""
+SLOW = """
+import os, signal, time
+
+class Watched:
+    def __set_name__(self, owner, name):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.3)  # an error here would come out as another
+
+class Owner:
+    watched = Watched()
+
+done = True
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there is no timer")
+def test_modules_are_loaded_whole_before_ctrl_c_is_met(tmp_path: Path) -> None:
+    """An interrupt that strikes while a module is loaded waits for its end, and comes as what it is."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    script = LOADING.format(folder=str(tmp_path))
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60)
+    assert ended.returncode == 130
+    assert ended.stdout.split()[-1] == "True"
+    assert ended.stderr == "error: cancelled\n"
+
+
+STRUCK = """
+import os, signal, sys
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what a shell starts in the background would ignore it
+left = None
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        global left
+        left = {after} if name == "ccm_opt.cli.commands" else left
+        if left is not None:
+            left -= 1
+            if left == 0:
+                os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+sys.argv = ["ccm-opt", "describe", {file!r}]
+from ccm_opt.cli import main
+main()
+"""
+
+
+@pytest.mark.parametrize("most", [3, 30, 100, 300])
+def test_ctrl_c_while_the_command_line_is_loaded(tmp_path: Path, most: int) -> None:
+    """Whichever module it strikes at, it ends the command with one line."""
+    script = STRUCK.format(after=random.randint(1, most), file=str(PROBLEMS / "swan-neck.toml"))  # noqa: S311
+    assert ended([sys.executable, "-c", script], tmp_path) == (130, "error: cancelled\n")

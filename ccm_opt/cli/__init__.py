@@ -56,9 +56,10 @@ def _run() -> None:
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, "1")
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
-    from ccm_opt.cli.cancelling import interrupts_insist  # noqa: PLC0415 - see above
+    from ccm_opt.cli.cancelling import interrupts_end_at_once, interrupts_insist  # noqa: PLC0415 - see above
+
+    interrupts_end_at_once()
+    from ccm_opt.cli.commands import app  # noqa: PLC0415 - Ctrl-C while loading is handled now
 
     interrupts_insist()
-    from ccm_opt.cli.commands import app  # noqa: PLC0415 - Ctrl-C while loading is handled above
-
     app()

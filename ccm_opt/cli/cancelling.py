@@ -5,7 +5,8 @@ Where Ctrl-C strikes decides who handles it and what remains on disk:
 ===================================  ===============================  =================================================
 while                                handled in                       what remains
 ===================================  ===============================  =================================================
-modules are loaded                   ``cli.main``, ``CommandGroup``   nothing is written
+the command line is loaded           ``interrupts_end_at_once``       nothing is written
+modules are loaded for a command     once they are, as below          as below
 IPOPT runs in CasADi                 ``ground/ipopt_call.py``         it is kept and raised again, as in the next line
 ``solve`` plans a problem            ``solving``, ``outcome``         ``solution.json`` with the status ``cancelled``;
                                                                       plans of earlier files stay, later ones are not
@@ -26,7 +27,8 @@ Where a folder of an earlier result stands, it stays, and what is no whole resul
 
 An interrupt may be lost: C code that calls Python, CasADi's wrappers among it, drops whatever is raised there. So the
 interrupt that is raised can be told from others, and is looked for until somebody has met it; where it is gone and
-nobody has, it is raised again.
+nobody has, it is raised again. While modules are loaded none is raised at all: there it may come out as another error,
+with half a module left behind.
 """
 
 import os
@@ -44,6 +46,10 @@ CANCELLED = 130
 """Exit code after Ctrl-C: 128 and the number of the signal, as shells count."""
 LOOK_AGAIN = 0.25
 """Time between two looks whether an interrupt was lost [s]; a share of the second within which a command is to end."""
+LOOK_FOR_LOADED = 0.02
+"""Time between two looks whether modules are loaded, after which an interrupt can be raised [s]."""
+_LOADER = "<frozen importlib._bootstrap>"
+"""Where Python loads modules."""
 
 
 @dataclass
@@ -68,6 +74,17 @@ class Interrupted(KeyboardInterrupt):
     """Ctrl-C, told from other interrupts, so that it is seen when one is lost."""
 
 
+def interrupts_end_at_once() -> None:
+    """From here on Ctrl-C ends the process with exit code 130: nothing has begun that would have to be put away."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, _leave)
+
+
+def _leave(_signal: int, _frame: FrameType | None) -> NoReturn:
+    report_cancelled()
+    leave_cancelled()
+
+
 def interrupts_insist() -> None:
     """From here on a Ctrl-C that is lost on its way is raised again, until ``interrupt_met``."""
     if threading.current_thread() is threading.main_thread():
@@ -84,13 +101,31 @@ def interrupt_met() -> None:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
-def _interrupt(_signal: int, _frame: FrameType | None) -> None:
+def interrupt_unmet() -> bool:
+    """Whether Ctrl-C was pressed and nobody has answered it yet: whatever error comes out is likely to be it."""
+    return not _NOTES.met
+
+
+def _interrupt(_signal: int, frame: FrameType | None) -> None:
     _NOTES.met = False
+    later = _is_loading(frame)
     if hasattr(signal, "setitimer"):  # not on every system
+        again = LOOK_FOR_LOADED if later else LOOK_AGAIN
         signal.signal(signal.SIGALRM, _look)
-        signal.setitimer(signal.ITIMER_REAL, LOOK_AGAIN, LOOK_AGAIN)
+        signal.setitimer(signal.ITIMER_REAL, again, again)
+        if later:
+            return
     # It has no name here: the frame would keep it, and be kept by it.
     raise _watched(Interrupted())
+
+
+def _is_loading(frame: FrameType | None) -> bool:
+    """Whether a module is being loaded."""
+    while frame is not None:
+        if frame.f_code.co_filename == _LOADER:
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _watched(interrupt: Interrupted) -> Interrupted:

@@ -26,7 +26,13 @@ from typing import TextIO, TypeVar
 from rich.console import Console
 from rich.markup import escape
 
-from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupt_met, interrupts_as_usual
+from ccm_opt.cli.cancelling import (
+    CANCELLED,
+    cancelled_meanwhile,
+    interrupt_met,
+    interrupt_unmet,
+    interrupts_as_usual,
+)
 from ccm_opt.cli.output import output
 from ccm_opt.cli.sentences import folded
 from ccm_opt.cli.surroundings import out_of_memory
@@ -162,12 +168,16 @@ def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
         complain(f"{name}: {error}")
         return NO_PLAN
     except KeyboardInterrupt:
-        interrupt_met()
-        output().note({"status": "cancelled"})
-        complain("cancelled")
-        return CANCELLED
+        return _cancelled()
     except Exception as error:  # noqa: BLE001 - the other files are still tried
-        return _broken_off(error, name)
+        return _cancelled() if interrupt_unmet() else _broken_off(error, name)
+
+
+def _cancelled() -> int:
+    interrupt_met()
+    output().note({"status": "cancelled"})
+    complain("cancelled")
+    return CANCELLED
 
 
 def _broken_off(error: Exception, name: str) -> int:

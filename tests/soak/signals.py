@@ -85,6 +85,8 @@ def _interrupted(command: list[str], after: float, plan: Path) -> str:
 
 
 def _started(command: list[str]) -> subprocess.Popen[bytes]:
+    # What a shell starts in the background ignores Ctrl-C, and so would its children.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     return subprocess.Popen(
         [sys.executable, "-m", "ccm_opt", *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )
