@@ -13,8 +13,8 @@ from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, repo
 from ccm_opt.cli.term_references import TermReferences
 from ccm_opt.files.export.reading_back import (
     SavedMotion,
+    load_any_problem,
     load_motion,
-    load_recorded_problem,
     recorded_constraints,
     recorded_results,
 )
@@ -24,6 +24,7 @@ from ccm_opt.files.export.text_agreement import checks_of_texts
 from ccm_opt.files.report.check_words import checks_in_words
 from ccm_opt.problem import CurvePose, Problem
 from ccm_opt.solution import Check, RoomRecord
+from ccm_opt.space.problem import AnyProblem, SpaceProblem, in_the_plane
 from ccm_opt.verification import verify
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.room_over_time import room_over_time
@@ -46,20 +47,20 @@ def check_folders(folders: Sequence[Path], constraints: tuple[str, ...] = ()) ->
 
 
 def _check(folder: Path, constraints: tuple[str, ...]) -> int:
-    problem = load_recorded_problem(folder)
+    problem = load_any_problem(folder)
     motion = load_motion(folder, problem.arm)
-    own = verify(problem, motion.trajectory, motion.joints)
-    of_terms = _checks_of_constraints(problem, motion, constraints) if constraints else ()
+    own = _verified(problem, motion)
+    of_terms = _checks_of_constraints(in_the_plane(problem, "--constraint"), motion, constraints) if constraints else ()
     # What is malformed ends the list of the verifier's checks, and nothing else can be held against it.
     whole = len(own) > len(MALFORMED)
-    room = room_over_time(problem, motion.trajectory, problem.wanted_gap, own) if whole else None
+    room = _room(problem, motion, own) if whole else None
     of_record = _checks_of_record(folder, problem, motion, own, room) if room is not None else []
     checks = (*own, *of_terms, *of_record)
     passed = all(check.passed for check in checks)
     verdict = "every check holds" if passed else "refused"
     # The room of a motion that is refused is in the checks that refuse it.
     room = room if passed else None
-    left_out = left_unchecked(problem, motion.trajectory) if passed else ()
+    left_out = left_unchecked(problem, motion.trajectory) if passed and isinstance(problem, Problem) else ()
     unchecked = _unchecked(recorded_constraints(folder), of_terms)
     if unchecked:
         _warn_of_unchecked(problem.name, unchecked)
@@ -87,8 +88,33 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     return print_result(show, SOLVED if passed else NO_PLAN, data)
 
 
+def _verified(problem: AnyProblem, motion: SavedMotion) -> tuple[Check, ...]:
+    """The checks of the verifier, of the plane or of space."""
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.space.verification import verify_in_space  # noqa: PLC0415 - most folders are in the plane
+
+        return verify_in_space(problem, motion.trajectory, motion.joints)
+    return verify(problem, motion.trajectory, motion.joints)
+
+
+def _room(problem: AnyProblem, motion: SavedMotion, own: tuple[Check, ...]) -> RoomRecord:
+    """The room that the motion keeps."""
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.driver.space_room import room_in_space  # noqa: PLC0415 - as above
+
+        return room_in_space(problem, motion.trajectory)
+    return room_over_time(problem, motion.trajectory, problem.wanted_gap, own)
+
+
+def _curves(folder: Path, problem: AnyProblem) -> tuple[CurvePose, ...]:
+    """The curves behind the keyframes, of which an arm in space has none in its folder."""
+    if isinstance(problem, SpaceProblem):
+        return ()
+    return tuple(CurvePose(curve) for curve in recorded_curves(folder, problem))
+
+
 def _checks_of_record(
-    folder: Path, problem: Problem, motion: SavedMotion, own: tuple[Check, ...], room: RoomRecord
+    folder: Path, problem: AnyProblem, motion: SavedMotion, own: tuple[Check, ...], room: RoomRecord
 ) -> list[Check]:
     """Whatever else the folder says of the motion, held against it."""
     from ccm_opt.driver.record_agreement import WrittenRecord, checks_of_record  # noqa: PLC0415 - loads the simulation
@@ -96,7 +122,9 @@ def _checks_of_record(
     figures, checks, outcome = recorded_results(folder)
     record = WrittenRecord(
         motion.keyframes,
-        tuple(CurvePose(curve) for curve in recorded_curves(folder, problem)),
+        ()
+        if isinstance(problem, SpaceProblem)
+        else tuple(CurvePose(each) for each in recorded_curves(folder, problem)),
         motion.simulated_angles,
         motion.simulated_torques,
         motion.simulated_base,

@@ -10,7 +10,7 @@ from ccm_opt.cli.choices import FigureKind, FigureName
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.pareto_folder import folder_of
-from ccm_opt.files.saved_plans import drawn, load
+from ccm_opt.files.saved_plans import SavedSpacePlan, drawn, load
 from ccm_opt.ground.whole_file import put_file
 from ccm_opt.solution import ParetoPlans
 from ccm_opt.space.space_solution import AnySolution, SpaceSolution
@@ -128,6 +128,26 @@ def _draw(folder: Path, options: DrawOptions) -> int:
     return print_result(lambda: sys.stdout.write(show), SOLVED, lambda: {"status": "drawn", "files": written})
 
 
+def _drawn_in_space(plan: SavedSpacePlan, figures: Sequence[FigureName], kind: FigureKind) -> dict[str, bytes]:
+    """The pictures of a written plan in space: those of the plane's that there are.
+
+    Raises:
+        ProblemError: naming what is asked for and drawn in the plane alone.
+    """
+    from ccm_opt.files.plotting.space_film import space_motion_gif  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
+
+    drawers: Mapping[FigureName, Callable[[], tuple[str, bytes]]] = {
+        FigureName.PLAN: lambda: (f"plan.{kind}", space_plan_picture(plan, kind)),
+        FigureName.GIF: lambda: ("motion.gif", space_motion_gif(plan)),
+    }
+    # Where nothing is asked for, what there is is drawn.
+    asked = [name for name in figures if name in drawers or tuple(figures) != STILL_FIGURES]
+    if unknown := [str(name) for name in asked if name not in drawers]:
+        raise ProblemError(f"{', '.join(unknown)}: drawn in the plane alone, and '{plan.problem.name}' is in space")
+    return dict(drawers[name]() for name in asked)
+
+
 def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = "png") -> dict[str, bytes]:
     """The pictures of a written plan by file name.
 
@@ -140,7 +160,10 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
         ProblemError: for an unreadable folder, or a video without ffmpeg.
         VerificationError: the folder holds no plan.
     """
-    plan = drawn(load(folder))
+    loaded = load(folder)
+    if isinstance(loaded, SavedSpacePlan):
+        return _drawn_in_space(loaded, figures, kind)
+    plan = drawn(loaded)
     from ccm_opt.files.plotting import paper_figures  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415
     from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415

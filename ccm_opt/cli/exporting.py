@@ -12,12 +12,18 @@ from ccm_opt.files.export.arrays_npz import arrays_npz, bends_of_arrays
 from ccm_opt.files.export.folder import ARRAYS
 from ccm_opt.files.export.mjcf import mjcf_text
 from ccm_opt.files.export.motion_glb import motion_glb
-from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem, read_arrays
+from ccm_opt.files.export.reading_back import load_any_problem, load_motion, read_arrays
 from ccm_opt.files.export.scene_solids import solid_scene
 from ccm_opt.files.export.scene_urdf import MESHES, URDF_MESHES, scene_meshes
+from ccm_opt.files.export.space_glb import space_motion_glb
+from ccm_opt.files.export.space_mjcf import space_mjcf
+from ccm_opt.files.export.space_scene import named_bodies, space_meshes
+from ccm_opt.files.export.space_urdf import space_urdf
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 from ccm_opt.files.export.urdf import urdf_text
 from ccm_opt.ground.whole_file import put_file
+from ccm_opt.problem import Problem
+from ccm_opt.space.problem import SpaceProblem
 
 BINARY = ("npz", "glb")
 """Formats that are no text, and have to go into a file."""
@@ -59,27 +65,45 @@ def exported_files(folder: Path, options: ExportOptions) -> dict[str, bytes]:
     Raises:
         ProblemError: for an unreadable folder.
     """
-    problem = load_recorded_problem(folder)
-    arm = problem.arm
+    problem = load_any_problem(folder)
     bends_only = options.bends_only
-    scene = solid_scene(problem.workspace, arm) if options.scene else None
-    match options.kind:
-        case "urdf":
-            meshes = URDF_MESHES if options.out is None else f"{options.out.name}{MESHES}"
-            text = urdf_text(arm, problem.name, problem.limits, scene, meshes, bends_only=bends_only)
-            return {"": text.encode()} | ({} if scene is None else scene_meshes(scene, meshes))
-        case "mjcf":
-            gravity = problem.simulation.gravity
-            return {"": mjcf_text(arm, problem.name, gravity, scene, bends_only=bends_only).encode()}
-        case "npz":
-            load_motion(folder, arm)  # refuses what is no plan of this arm
-            arrays = read_arrays(folder / ARRAYS)
-            return {"": arrays_npz(bends_of_arrays(arrays) if bends_only else arrays)}
-    motion = load_motion(folder, arm)
+    if options.kind in {"urdf", "mjcf"}:
+        return _space_model(problem, options) if isinstance(problem, SpaceProblem) else _model(problem, options)
+    motion = load_motion(folder, problem.arm)  # refuses what is no plan of this arm
+    if options.kind == "npz":
+        arrays = read_arrays(folder / ARRAYS)
+        return {"": arrays_npz(bends_of_arrays(arrays) if bends_only else arrays)}
     if options.kind == "glb":
+        if isinstance(problem, SpaceProblem):
+            return {"": space_motion_glb(problem, motion.trajectory)}
         return {"": motion_glb(problem, motion.trajectory)}
     csv, yaml = trajectory_texts(motion.trajectory, motion.joints, bends_only=bends_only)
     return {"": (csv if options.kind == "csv" else yaml).encode()}
+
+
+def _model(problem: Problem, options: ExportOptions) -> dict[str, bytes]:
+    """URDF or MJCF of an arm in the plane, under the name "", and the meshes beside it."""
+    arm = problem.arm
+    scene = solid_scene(problem.workspace, arm) if options.scene else None
+    if options.kind == "mjcf":
+        gravity = problem.simulation.gravity
+        return {"": mjcf_text(arm, problem.name, gravity, scene, bends_only=options.bends_only).encode()}
+    meshes = _mesh_folder(options)
+    text = urdf_text(arm, problem.name, problem.limits, scene, meshes, bends_only=options.bends_only)
+    return {"": text.encode()} | ({} if scene is None else scene_meshes(scene, meshes))
+
+
+def _space_model(problem: SpaceProblem, options: ExportOptions) -> dict[str, bytes]:
+    """The same of an arm in space; in MJCF too meshes are files beside it."""
+    bodies = named_bodies(problem) if options.scene else ()
+    meshes = _mesh_folder(options)
+    write = space_urdf if options.kind == "urdf" else space_mjcf
+    text = write(problem, bodies, meshes, bends_only=options.bends_only)
+    return {"": text.encode()} | space_meshes(bodies, meshes)
+
+
+def _mesh_folder(options: ExportOptions) -> str:
+    return URDF_MESHES if options.out is None else f"{options.out.name}{MESHES}"
 
 
 def _export(folder: Path, options: ExportOptions) -> int:

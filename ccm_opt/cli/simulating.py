@@ -60,7 +60,7 @@ def simulate_folders(folders: Sequence[Path], overrides: Overrides, *, pictures:
 
 
 def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
-    recorded = load_recorded_problem(folder)
+    recorded = load_recorded_problem(folder, "ccm-opt simulate")
     problem = overrides.applied(recorded)
     motion = load_motion(folder, recorded.arm)
     from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi

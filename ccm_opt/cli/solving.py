@@ -19,6 +19,7 @@ from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.files.export.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.files.export.pareto_folder import pareto_files
 from ccm_opt.problem import Problem
+from ccm_opt.space.problem import AnyProblem
 
 
 @dataclass(frozen=True)
@@ -63,11 +64,16 @@ def solve_files(files: Sequence[Path], options: SolveOptions) -> int:
         The exit code.
     """
     problems = NamedProblems(options.changes)
-    solve = _solve_several if options.several else _solve
-    return run_all(files, lambda file: solve(problems.read_planar(file, "ccm-opt solve"), options))
+
+    def solve_one(file: Path) -> int:
+        if options.several:
+            return _solve_several(problems.read_planar(file, "ccm-opt solve --pareto"), options)
+        return _solve(problems.read(file), options)
+
+    return run_all(files, solve_one)
 
 
-def _solve(problem: Problem, options: SolveOptions) -> int:
+def _solve(problem: AnyProblem, options: SolveOptions) -> int:
     target = options.out / problem.name
     check_target(target)
     with stage_display(problem.name) as clock:

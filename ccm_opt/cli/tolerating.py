@@ -33,7 +33,7 @@ def tolerance_of_folders(folders: Sequence[Path], *, simulated: bool, pictures: 
 
 
 def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
-    problem = load_recorded_problem(folder)
+    problem = load_recorded_problem(folder, "ccm-opt tolerance")
     motion = load_motion(folder, problem.arm)
     # The certificate takes for granted that the plan itself touches nothing.
     verified(problem, motion.trajectory, motion.joints)

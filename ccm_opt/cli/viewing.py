@@ -64,7 +64,9 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
     from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi
 
     folder = item.is_dir()
-    problem = load_recorded_problem(item) if folder else in_the_plane(load_problem(item), "ccm-opt view")
+    problem = (
+        load_recorded_problem(item, "ccm-opt view") if folder else in_the_plane(load_problem(item), "ccm-opt view")
+    )
     with stage_display(problem.name) as clock:
         clock.begin("planning")
         live = LivePlan(problem) if LivePlan.suits(problem) else None

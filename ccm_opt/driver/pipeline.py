@@ -1,6 +1,7 @@
 """The driver, in the paper's order: problem, plan, joint trajectory, dynamics, verification, simulation."""
 
 from collections.abc import Callable, Sequence
+from typing import Any, overload
 
 from ccm_opt.diagnosis.explain import refuse_impossible, with_proof
 from ccm_opt.driver.call_arguments import expect_arguments
@@ -12,7 +13,7 @@ from ccm_opt.driver.planned_for_errors import STAGE
 from ccm_opt.driver.planning_run import PlanningRun, compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
-from ccm_opt.errors import NoPlanFound
+from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
@@ -20,11 +21,12 @@ from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Solution
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.space.space_solution import AnySolution, SpaceSolution
 from ccm_opt.user_terms.terms import Constraint, Cost
 
 
-@on_one_thread
-@in_words_of_its_file
+@overload
 def solve(
     problem: Problem,
     *,
@@ -35,13 +37,41 @@ def solve(
     costs: Sequence[Cost] = (),
     explain: bool = True,
     settings: Settings | None = None,
-) -> Solution:
-    """Plan, time, verify and simulate a motion.
+) -> Solution: ...
+
+
+@overload
+def solve(
+    problem: SpaceProblem,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    planner: Planner | None = None,
+    retimer: Retimer | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    explain: bool = True,
+    settings: Settings | None = None,
+) -> SpaceSolution: ...
+
+
+def solve(
+    problem: AnyProblem,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    planner: Planner | None = None,
+    retimer: Retimer | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    explain: bool = True,
+    settings: Settings | None = None,
+) -> AnySolution:
+    """Plan, time, verify and simulate a motion, in the plane or in space.
 
     Args:
         problem: what to solve.
         progress: told when a stage starts, and when the search begins with another candidate.
-        planner: another planner; when None the feed planner for an arm on a feed axis, else the curve planner.
+        planner: another planner; when None the feed planner for an arm on a feed axis, else the curve planner. For a
+            problem in space, one that plans such problems; the space planner when None.
         retimer: another way to time the path; the one that the problem names when None.
         constraints: of the user; another planner is not given them, but its plan is held against them.
         costs: of the user; another planner is not given them.
@@ -52,11 +82,47 @@ def solve(
         A verified solution; there is no unverified one.
 
     Raises:
-        ProblemError: the problem cannot be used as it stands.
+        ProblemError: the problem cannot be used as it stands, or asks in space for what only the plane knows.
         NoPlanFound: with a diagnosis: there is no plan within the limits.
         VerificationError: the verifier refuses the plan; a defect of the planner.
         CancelledWithPlan: on Ctrl-C once there is a verified plan, which it holds; a ``KeyboardInterrupt``.
     """
+    if not isinstance(problem, SpaceProblem):
+        return solve_in_plane(
+            problem,
+            progress=progress,
+            planner=planner,
+            retimer=retimer,
+            constraints=constraints,
+            costs=costs,
+            explain=explain,
+            settings=settings,
+        )
+    from ccm_opt.driver.space_pipeline import solve_in_space  # noqa: PLC0415 - most problems are in the plane
+
+    given = {"constraints": bool(constraints), "costs": bool(costs), "retimer": retimer is not None}
+    if vain := [name for name, is_given in given.items() if is_given]:
+        raise ProblemError(f"{' and '.join(vain)} work in the plane alone, and '{problem.name}' is in space")
+    expect_arguments(progress=progress, planner=planner, retimer=None, settings=settings, explain=explain)
+    # A planner that is given with a problem in space plans such problems: both have one method of the same name.
+    of_space: Any = planner
+    return solve_in_space(problem, progress=progress, planner=of_space, settings=settings)
+
+
+@on_one_thread
+@in_words_of_its_file
+def solve_in_plane(
+    problem: Problem,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    planner: Planner | None = None,
+    retimer: Retimer | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    explain: bool = True,
+    settings: Settings | None = None,
+) -> Solution:
+    """Plan, time, verify and simulate a motion in the plane; see ``solve`` for arguments, result and errors."""
     Problem.expected(problem)
     expect_arguments(progress=progress, planner=planner, retimer=retimer, settings=settings, explain=explain)
     stages = Stages(progress, problem.planner.time_limit)

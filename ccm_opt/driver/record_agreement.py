@@ -7,10 +7,12 @@ import numpy as np
 
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.metrics import figures_of_motion
+from ccm_opt.driver.space_metrics import space_figures_of_motion
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.planners.keyframe_curves import keyframe_curves
 from ccm_opt.problem import CurvePose, Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory, RoomRecord, SimulatedMotion
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -21,7 +23,7 @@ class WrittenRecord:
 
     Attributes:
         keyframes: of all coordinates, shape (K, c) [rad, m].
-        curves: behind the keyframes.
+        curves: behind the keyframes; none in space.
         simulated_angles: shape (T, 3 * links) [rad].
         simulated_torques: shape (T, 3 * links) [N m].
         simulated_base: positions of the axes that carry the base, shape (T, axes) [m].
@@ -43,7 +45,7 @@ class WrittenRecord:
 
 
 def checks_of_record(
-    problem: Problem,
+    problem: AnyProblem,
     trajectory: JointTrajectory,
     joints: JointStates,
     record: WrittenRecord,
@@ -66,13 +68,11 @@ def checks_of_record(
     """
     settings = settings.for_problem(problem)
     found = [check_keyframes(problem.arm, trajectory, record.keyframes, settings)]
-    if problem.planner.method == "nlp":
-        wanted = [CurvePose(curve) for curve in keyframe_curves(problem.arm, record.keyframes)]
-        found.append(check_nearest_curves(record.curves, wanted, settings))
+    if isinstance(problem, SpaceProblem):
+        figures = dict(space_figures_of_motion(problem, trajectory, joints, checks))
     else:
-        found.append(check_followed_curves(problem.arm, record.curves, record.keyframes, settings))
-
-    figures = dict(figures_of_motion(problem, trajectory, joints, checks))
+        found.append(_curves(problem, record, settings))
+        figures = dict(figures_of_motion(problem, trajectory, joints, checks))
     figures["keyframes"] = float(len(record.keyframes))
     if record.outcome == "not simulated":
         found.append(_at_rest(trajectory, joints, record))
@@ -85,6 +85,14 @@ def checks_of_record(
     if record.room_arrays:
         found.append(_room(record.room_arrays, room, settings))
     return found
+
+
+def _curves(problem: Problem, record: WrittenRecord, settings: VerificationSettings) -> Check:
+    """The curves behind the keyframes of a motion in the plane."""
+    if problem.planner.method != "nlp":
+        return check_followed_curves(problem.arm, record.curves, record.keyframes, settings)
+    wanted = [CurvePose(curve) for curve in keyframe_curves(problem.arm, record.keyframes)]
+    return check_nearest_curves(record.curves, wanted, settings)
 
 
 def _at_rest(trajectory: JointTrajectory, joints: JointStates, record: WrittenRecord) -> Check:

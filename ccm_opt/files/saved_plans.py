@@ -6,13 +6,17 @@ from typing import TYPE_CHECKING
 
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import solution_files, write_folder
-from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
+from ccm_opt.files.export.reading_back import load_any_problem, load_motion
 from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest, recorded_simulation
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.expected import expect
 from ccm_opt.ground.whole_file import put_file
+from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory, Solution
 from ccm_opt.solution.presenting import present_with
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.space_solution import AnySolution, SpaceSolution
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +44,38 @@ class SavedPlan:
         return f"<SavedPlan of '{self.problem.name}': {self.trajectory.duration:.2f} s, from {self.folder}>"
 
 
-def load(folder: str | Path) -> SavedPlan:
+@dataclass(frozen=True, repr=False)
+class SavedSpacePlan:
+    """A plan in space as its folder holds it.
+
+    Attributes:
+        folder: where it was loaded from.
+        problem: what it solves.
+        trajectory: the motion in time.
+        joints: the same for the drives.
+    """
+
+    folder: Path
+    problem: SpaceProblem
+    trajectory: JointTrajectory
+    joints: JointStates = field(repr=False)
+
+    @property
+    def joint_positions(self) -> FloatArray:
+        """Joint and tip positions at every sample, shape (T, links + 1, 3) [m]."""
+        return joint_positions(self.problem.arm, self.trajectory.positions)
+
+    @property
+    def least_gap(self) -> float | None:
+        """Least gap of the motion beyond radius and clearance [m]; None where its record does not say."""
+        nearest = recorded_nearest(self.folder)
+        return None if nearest is None else nearest.gap
+
+    def __repr__(self) -> str:
+        return f"<SavedSpacePlan of '{self.problem.name}': {self.trajectory.duration:.2f} s, from {self.folder}>"
+
+
+def load(folder: str | Path) -> SavedPlan | SavedSpacePlan:
     """Load a plan from an output folder of ``ccm-opt solve`` or of ``save``.
 
     What is loaded is read, not verified again: ``ccm_opt.check(plan.problem, plan.trajectory, plan.joints)`` does that.
@@ -54,12 +89,14 @@ def load(folder: str | Path) -> SavedPlan:
     """
     expect(folder, (str, Path), "the path of an output folder")
     place = Path(folder)
-    problem = load_recorded_problem(place)
+    problem = load_any_problem(place)
     motion = load_motion(place, problem.arm)
+    if isinstance(problem, SpaceProblem):
+        return SavedSpacePlan(place, problem, motion.trajectory, motion.joints)
     return SavedPlan(place, problem, motion.trajectory, motion.joints)
 
 
-def save(solution: Solution, folder: str | Path) -> Path:
+def save(solution: AnySolution, folder: str | Path) -> Path:
     """Save a solution to a folder, as ``ccm-opt solve --no-pictures`` does.
 
     Args:
@@ -72,12 +109,12 @@ def save(solution: Solution, folder: str | Path) -> Path:
     Raises:
         ProblemError: it cannot be written, or holds something else.
     """
-    expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
+    expect(solution, (Solution, SpaceSolution), "a ccm_opt.Solution", "ccm_opt.solve makes one")
     expect(folder, (str, Path), "the path of an output folder")
     return write_folder(Path(folder), solution_files(solution))
 
 
-def plot(plan: Solution | SavedPlan) -> "Figure":
+def plot(plan: AnySolution | SavedPlan | SavedSpacePlan) -> "Figure":
     """Draw a plan: room, start, poses on the way, goals, path of the tip, least gap.
 
     Args:
@@ -86,17 +123,21 @@ def plot(plan: Solution | SavedPlan) -> "Figure":
     Returns:
         A matplotlib figure, which notebooks show, and ``savefig`` writes.
     """
+    if isinstance(plan, (SpaceSolution, SavedSpacePlan)):
+        from ccm_opt.files.plotting.space_plan import space_plan_figure  # noqa: PLC0415 - loads matplotlib
+
+        return space_plan_figure(plan)
     from ccm_opt.files.plotting.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
     return plan_figure(drawn(plan))
 
 
-def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
+def animate(plan: AnySolution | SavedPlan | SavedSpacePlan, file: str | Path) -> Path:
     """Write a film of a plan.
 
     Args:
         plan: just made, or loaded.
-        file: ends with ``.gif``, or with ``.mp4`` where ffmpeg is installed.
+        file: ends with ``.gif``, or in the plane with ``.mp4`` where ffmpeg is installed.
 
     Returns:
         The file.
@@ -109,10 +150,17 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
 
     expect(file, (str, Path), "the path of a film")
     place = Path(file)
-    films = {".gif": motion_gif, ".mp4": motion_mp4}
-    if place.suffix not in films:
-        raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
-    content = films[place.suffix](drawn(plan))
+    if isinstance(plan, (SpaceSolution, SavedSpacePlan)):
+        from ccm_opt.files.plotting.space_film import space_motion_gif  # noqa: PLC0415
+
+        if place.suffix != ".gif":
+            raise ProblemError(f"a film of a plan in space ends with .gif, got '{place.name}'")
+        content = space_motion_gif(plan)
+    else:
+        films = {".gif": motion_gif, ".mp4": motion_mp4}
+        if place.suffix not in films:
+            raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
+        content = films[place.suffix](drawn(plan))
     try:
         put_file(place, content)
     except OSError as error:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.problem import CurvePose
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.link_motion import link_headings
@@ -15,7 +16,10 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 
 def check_keyframes(
-    arm: Arm, trajectory: JointTrajectory, keyframes: FloatArray, settings: VerificationSettings = DEFAULT_VERIFICATION
+    arm: DrivenArm,
+    trajectory: JointTrajectory,
+    keyframes: FloatArray,
+    settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> Check:
     """Check that a motion passes its keyframes in order, and ends at the last of them.
 
@@ -32,11 +36,15 @@ def check_keyframes(
     if len(keyframes) == 0:
         return Check(name, np.inf, 0.0, "rad", "there are none", passed=False)
     # On the axes that carry the base a link's length counts like a radian.
-    scale = np.where(np.arange(keyframes.shape[1]) < arm.links, 1.0, 1.0 / arm.link_length)
+    scale = np.where(np.arange(keyframes.shape[1]) < arm.coordinates.joints, 1.0, 1.0 / arm.link_length)
     wanted = keyframes * scale
     allowed = np.full(len(wanted), settings.start_tolerance)
     bent = np.linalg.norm(wanted[2:] - 2.0 * wanted[1:-1] + wanted[:-2], axis=1)
     allowed[1:-1] += settings.keyframe_share * bent
+    if len(bent) > 1:
+        # Beside a clamped end the fourth control point, and with it what the third bends, counts by t³ / 6, and a path
+        # of even steps is beside the second at t = 0.42.
+        allowed[[1, -2]] += settings.clamped_share * bent[[1, -2]]
     path = _Chain(trajectory.positions * scale)
     # A motion that was given a new goal on its way has keyframes from the stop on alone.
     rests = (0, *trajectory.stops)

@@ -45,6 +45,9 @@ class VerificationSettings:
         half_turn_rounding: by which bends may fall short of half a turn and still count as one, by rounding [rad].
         keyframe_share: share of the second difference of its keyframes by which a motion may pass one of them. Derived:
             twice the sixth of a uniform cubic B-spline; 0.23 was seen beside clamped ends.
+        clamped_share: share of the second difference of the third keyframe by which a motion may pass the second one
+            besides, and likewise at the end. Derived: twice t³ / 6 at t = 0.407, where a clamped uniform cubic B-spline
+            of even steps passes its second control point.
         curve_match: difference of a reported curve from that of its keyframe, as a share of the greatest curvature,
             that is rounding. Derived: a least-squares fit of some twenty numbers keeps some ten digits.
         followed_curve: difference of a link's heading from that of a curve that was planned first [rad]. Taste: the
@@ -93,6 +96,7 @@ class VerificationSettings:
     curve_shape_slack: float = 0.1
     half_turn_rounding: float = 1e-9
     keyframe_share: float = 1.0 / 3.0
+    clamped_share: float = 0.0225
     curve_match: float = 1e-6
     followed_curve: float = 0.05
     simulated_angle: float = 1e-6

@@ -22,7 +22,7 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory
-from ccm_opt.space.problem import in_the_plane
+from ccm_opt.space.problem import AnyProblem, in_the_plane
 
 POSITION_TOLERANCE = 1e-9
 """Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
@@ -127,8 +127,22 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
     return data
 
 
-def load_recorded_problem(folder: Path) -> Problem:
-    """The problem that a folder's plan solves.
+def load_recorded_problem(folder: Path, what: str = "this") -> Problem:
+    """The problem that a folder's plan solves, which must be in the plane.
+
+    Args:
+        folder: an output folder.
+        what: what knows the plane alone, for the refusal.
+
+    Raises:
+        ProblemError: when there is no readable record, or the problem in it is not usable, or in space.
+        VerificationError: when the record says that there is no plan.
+    """
+    return in_the_plane(load_any_problem(folder), what)
+
+
+def load_any_problem(folder: Path) -> AnyProblem:
+    """The problem that a folder's plan solves, in the plane or in space; meshes are those that the folder keeps.
 
     Args:
         folder: an output folder.
@@ -137,8 +151,7 @@ def load_recorded_problem(folder: Path) -> Problem:
         ProblemError: when there is no readable record, or the problem in it is not usable.
         VerificationError: when the record says that there is no plan.
     """
-    problem = problem_from_mapping(load_problem_data(folder), str(folder / RECORD))
-    return in_the_plane(problem, "what reads plans back")
+    return problem_from_mapping(load_problem_data(folder), str(folder / RECORD), folder)
 
 
 def recorded_results(folder: Path) -> tuple[Mapping[str, float | None], Mapping[str, Bounds], str]:
