@@ -8,6 +8,7 @@ from typing import Protocol, TypeVar
 
 from ccm_opt import retiming
 from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
+from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.solution_assembly import versions
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.space_metrics import space_figures_of_motion
@@ -64,6 +65,7 @@ class VerifiedSpacePlan:
 
 
 @on_one_thread
+@in_words_of_its_file
 def solve_in_space(
     problem: SpaceProblem,
     *,
