@@ -19,7 +19,7 @@ from ccm_opt.space.motion.search import find_motion
 from ccm_opt.space.motion.settings import SpaceMotionSettings
 from ccm_opt.space.motion.smooth_path import certified_spline
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.enclosures import Enclosure, deepest_enclosure
 from ccm_opt.space.scene.scene import ROOM_NAME
 
@@ -75,7 +75,7 @@ def space_task(
         arm=arm,
         tree=tree,
         start=problem.start.configuration(arm),
-        goal=None if isinstance(goal, SpaceJointPose) else TipPose(goal.position, goal.direction),
+        goal=None if isinstance(goal, SpaceJointPose) else tip_pose(problem, goal),
         goal_pose=goal.configuration(arm) if isinstance(goal, SpaceJointPose) else None,
         via=() if isinstance(goal, SpaceJointPose) else goal.via,
         clearance=problem.workspace.clearance,
@@ -87,6 +87,12 @@ def space_task(
         seed=problem.planner.seed,
         settings=settings,
     )
+
+
+def tip_pose(problem: SpaceProblem, goal: SpaceTipGoal) -> TipPose:
+    """The goal of the tip; half of the tolerances is left to what comes after planning."""
+    tolerances = problem.tolerances
+    return TipPose(goal.position, goal.direction, 0.5 * tolerances.position, 0.5 * tolerances.heading)
 
 
 def slowness(problem: SpaceProblem) -> FloatArray:

@@ -175,9 +175,9 @@ PUBLIC void chain(ChainQuery *q)
 
 typedef struct {
     int64_t joints, knots;
-    double first, spacing, length; /* arc length of the first knot, spacing of the knots, length of a link */
-    const double *places;          /* arc lengths of the joints, (joints,) */
-    double *shapes;                /* out: turns by a unit of curvature at each knot, (joints, knots) */
+    double spacing, length; /* of the knots, the first of which is at 0, and of a link */
+    const double *places;   /* arc lengths of the joints, (joints,) */
+    double *shapes;         /* out: turns by a unit of curvature at each knot, (joints, knots) */
 } ShapeQuery;
 
 static inline double ramp(double x) { return x > 0.0 ? x * x * x : 0.0; }
@@ -197,7 +197,7 @@ PUBLIC void curve_shapes(ShapeQuery *q)
 {
     double scale = q->spacing * q->spacing / (6.0 * q->length), step = q->length / q->spacing;
     for (int64_t j = 0; j < q->joints; j++) {
-        double top = (q->places[j] - q->first) / q->spacing;
+        double top = q->places[j] / q->spacing;
         for (int64_t k = 0; k < q->knots; k++) {
             /* A joint knows the curvature within a link of its place alone. */
             double x = top - (double)k, turn = 0.0;

@@ -79,5 +79,7 @@ def settle(stepper: Stepper, goal: TipPose, pose: SpacePose, deadline: Deadline)
         moved = float(np.max(np.linalg.norm(pose.chain.points - before.chain.points, axis=1)))
         if deadline.passed() or (k > 10 and moved < 1e-4 * stepper.unit):
             break
+    if goal.met(pose):
+        return poses
     distance, turn = goal.errors(pose)
     raise Stalled(f"settling ended {1e3 * distance:.2f} mm and {np.rad2deg(turn):.1f}° off the goal", poses)

@@ -3,8 +3,8 @@
 The curve's curvature about each of two axes is linear between its values at even knots. A joint at arc length σ turns
 by the second difference of the twice integrated curvature, (F(σ + l) − 2 F(σ) + F(σ − l)) / l: by as much as the mean
 heading changes from the link before it to the one behind it. Where the base is fed, σ is counted from the end of the
-guide tube, so that an arm that is fed with all else still follows its own shape; curvature begins far enough beyond
-the tube for joints inside it to stay straight from keyframe to keyframe.
+guide tube, so that an arm that is fed with all else still follows its own shape; joints bend a little
+beyond the tube only, so that those inside it stay straight from keyframe to keyframe.
 
 Unknowns v: where the base is fixed its two turns, then the curvatures about the first and about the second axis, then
 the feed. They are scaled so that every one turns the joints by about as much.
@@ -12,6 +12,7 @@ the feed. They are scaled so that every one turns the joints by about as much.
 
 import ctypes
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -21,6 +22,10 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.motion.arm_library import arm_library
 
 KNOTS = 11
+STRAIGHT_BEFORE = 0.3
+"""Nominal links beyond a guide tube on which joints are straight: the less, the more places to stop at."""
+FREE_AFTER = 2.0
+"""Nominal links beyond it from where on they bend as they like."""
 NOMINAL_LINKS = 24
 """Nominal links to the length of an arm, the unit of length of all weights in planning."""
 
@@ -30,7 +35,7 @@ class _ShapeStruct(ctypes.Structure):
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("joints", "knots")),
-        *((name, ctypes.c_double) for name in ("first", "spacing", "length")),
+        *((name, ctypes.c_double) for name in ("spacing", "length")),
         *((name, ctypes.c_void_p) for name in ("places", "shapes")),
     )
 
@@ -41,7 +46,6 @@ class CurveMap:
 
     Attributes:
         arm: the arm.
-        first: arc length of the first knot, from the base, or from the end of the guide tube [m].
         spacing: of the knots [m].
         knots: their number, about each of the two axes.
         scale: turn by the unknowns' unit, shape (p,).
@@ -51,7 +55,6 @@ class CurveMap:
     """
 
     arm: SpaceArm
-    first: float
     spacing: float
     knots: int
     scale: FloatArray
@@ -62,10 +65,9 @@ class CurveMap:
     @classmethod
     def through(cls, arm: SpaceArm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
         """The map that holds a configuration exactly, and its unknowns there."""
-        knots = max(3, min(knots, arm.links // 2 + 1))
-        first = arm.link_length + free_before(arm) if arm.base_axes else 0.0
-        spacing = max(arm.length - first, 2.0 * arm.link_length) / (knots - 1)
-        plain = cls(arm, first, spacing, knots, np.ones(0), np.zeros((2, 2)), np.array([0.0, 1.0]))
+        knots = max(3, min(knots, arm.links - 1))
+        spacing = arm.length / (knots - 1)
+        plain = cls(arm, spacing, knots, np.ones(0), np.zeros((2, 2)), np.array([0.0, 1.0]))
         shapes = plain._shapes(plain._places_at_full_feed)
         norms = np.maximum(np.linalg.norm(shapes, axis=0), 1e-9 * np.max(np.linalg.norm(shapes, axis=0)))
         of_base = np.ones(0 if arm.base_axes else 2)
@@ -213,30 +215,42 @@ class CurveMap:
 
     def _shapes(self, places: FloatArray) -> FloatArray:
         """Turns of joints at places by a unit of curvature at each knot, shape (links, knots) [m]."""
-        library = arm_library()
+        library = self._library
         l = self.arm.link_length
         if library is None:
             ahead = self._twice_integrated(places + l)
             here = self._twice_integrated(places)
             behind = self._twice_integrated(places - l)
-            return (ahead - 2.0 * here + behind) / l
+            return np.asarray((ahead - 2.0 * here + behind) / l * self._free(places)[:, None])
         places = np.ascontiguousarray(places)
         shapes = np.empty((len(places), self.knots))
-        query = _ShapeStruct(len(places), self.knots, self.first, self.spacing, l)
+        query = _ShapeStruct(len(places), self.knots, self.spacing, l)
         query.places = places.ctypes.data
         query.shapes = shapes.ctypes.data
         library.curve_shapes(pointer_to(query))
-        return shapes
+        return shapes * self._free(places)[:, None] if self.arm.base_axes else shapes
+
+    def _free(self, places: FloatArray) -> FloatArray:
+        """Share of its turn that a joint at a place takes, which grows smoothly beyond a guide tube, shape (links,)."""
+        if not self.arm.base_axes:
+            return np.ones(len(places))
+        straight = free_before(self.arm)
+        x = np.clip((places - straight) / (FREE_AFTER * self.nominal_length - straight), 0.0, 1.0)
+        return np.asarray(x * x * (3.0 - 2.0 * x))
+
+    @cached_property
+    def _library(self) -> ctypes.PyDLL | None:
+        return arm_library()
 
     def _twice_integrated(self, s: FloatArray) -> FloatArray:
         """∫∫ of every knot's hat from the first knot to places, shape (places, knots) [m²]."""
         h = self.spacing
-        x = (s[:, None] - self.first) / h - np.arange(self.knots)
+        x = s[:, None] / h - np.arange(self.knots)
         # A hat is the second difference of the ramps (x)₊; twice integrated those are (x)₊³ / 6. At both ends of the
         # curve hats are halves, and beyond them there is no curvature.
         last = float(self.knots - 1)
         whole = _cube(x + 1.0) - 2.0 * _cube(x) + _cube(x - 1.0)
-        top = (s - self.first) / h
+        top = s / h
         whole[:, 0] = 3.0 * _square(top) - _cube(top) + _cube(top - 1.0)
         end = top - last
         whole[:, -1] = _cube(end + 1.0) - _cube(end) - 3.0 * _square(end)
@@ -246,10 +260,23 @@ class CurveMap:
 def free_before(arm: SpaceArm) -> float:
     """Arc length beyond the end of the guide tube on which joints stay straight [m].
 
-    From keyframe to keyframe the feed advances by less, so that no joint begins to bend in an interval in which the
-    tube still holds it.
+    Every joint that comes out stops there once, so that none begins to bend while the tube still holds it.
     """
-    return arm.length / NOMINAL_LINKS
+    return STRAIGHT_BEFORE * arm.length / NOMINAL_LINKS
+
+
+def feed_to_next_stop(arm: SpaceArm, feed: float, *, forward: bool) -> float:
+    """How far the base may be carried in one piece until a joint has to stop just outside the guide tube [m].
+
+    In a piece all coordinates change evenly. A joint that is inside at one end may not be bent at the other.
+    """
+    straight = free_before(arm)
+    places = feed + arm.link_length * np.arange(arm.links) - arm.hole
+    if forward:
+        inside = places[places < 0.0]
+        return float(-inside[-1]) + 0.8 * straight if len(inside) else np.inf
+    outside = places[places > straight]
+    return float(outside[0]) - 0.2 * straight if len(outside) else np.inf
 
 
 def _cube(x: FloatArray) -> FloatArray:

@@ -16,10 +16,14 @@ class TipPose:
     Attributes:
         position: shape (3,) [m].
         direction: unit vector, shape (3,), or None when any will do.
+        tolerance: how near counts where limits keep the arm from the place itself [m].
+        direction_tolerance: the same of the direction [rad].
     """
 
     position: FloatArray
     direction: FloatArray | None = None
+    tolerance: float = 0.0
+    direction_tolerance: float = 0.0
 
     def errors(self, pose: SpacePose) -> tuple[float, float]:
         """Distance of the tip [m] and turn of its direction [rad]."""
@@ -28,6 +32,11 @@ class TipPose:
             return distance, 0.0
         sine = float(np.linalg.norm(np.cross(pose.tip_direction, self.direction)))
         return distance, float(np.arctan2(sine, pose.tip_direction @ self.direction))
+
+    def met(self, pose: SpacePose) -> bool:
+        """Whether a pose is as near as counts."""
+        distance, turn = self.errors(pose)
+        return distance < self.tolerance and (self.direction is None or turn < self.direction_tolerance)
 
     def rows(self, pose: SpacePose, unit: float) -> tuple[FloatArray, FloatArray]:
         """Rows of what is missed and by how much, places in units of length: shapes (3 or 5, p) and (3 or 5,)."""

@@ -214,7 +214,7 @@ def shortened(tree: SurfaceTree, way: FloatArray, kept: float, finest: float) ->
         ahead = len(way) - 1
         while ahead > here + 1:
             direct = tree.distances(way[[here, ahead]][None], reach)[0]
-            if direct >= min(kept, float(np.min(own[here:ahead]))):
+            if direct > 0.0 and direct >= min(kept, float(np.min(own[here:ahead]))):
                 break
             ahead = here + max(1, (ahead - here) // 2)
         corners.append(ahead)

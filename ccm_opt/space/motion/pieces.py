@@ -5,19 +5,26 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.motion.curve_map import free_before
+from ccm_opt.space.motion.curve_map import feed_to_next_stop
 from ccm_opt.space.motion.step import Stepper
 
 
 def pieces(stepper: Stepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:
     """Unknowns along an edge, so near that no joint bends in between while the guide tube of a fed arm holds it."""
     arm = stepper.curve.arm
-    count = 1
-    if arm.base_axes:
-        column = stepper.curve.feed_column
-        fed = abs(float(after[column] - before[column])) * float(stepper.curve.scale[column])
-        count = max(1, int(np.ceil(fed / (stepper.settings.step.feed * free_before(arm)) - 1e-9)))
-    return [before + k / count * (after - before) for k in range(count + 1)]
+    if not arm.base_axes:
+        return [before, after]
+    column = stepper.curve.feed_column
+    scale = float(stepper.curve.scale[column])
+    start = float(before[column]) * scale
+    way = float(after[column]) * scale - start
+    share = 0.0
+    places = [before]
+    while share < 1.0:
+        room = feed_to_next_stop(arm, start + share * way, forward=way > 0.0)
+        share = 1.0 if abs(way) * (1.0 - share) <= room else share + room / abs(way)
+        places.append(before + share * (after - before))
+    return places
 
 
 def edge_is_safe(stepper: Stepper, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:

@@ -30,8 +30,8 @@ class StepSettings:
         pull: weight that draws out what lies within the margin.
         turn: largest turn of a link in a step [rad].
         travel: farthest way of a joint in a step [u].
-        feed: farthest way of the base in a step, as a share of what joints stay straight beyond the guide tube; below
-            a third, so that the cubic spline through the keyframes bends no joint inside the tube either.
+        feed: farthest way of the base in a step [u].
+        travel_near_walls: the same where walls or other links are within reach.
         still_turns: weight on the turns of the links.
         still_moves: weight on the ways of the joints.
         follow: weight on the links' directions along the track of the tip.
@@ -50,6 +50,7 @@ class StepSettings:
     pull: float = 30.0
     turn: float = 0.15
     travel: float = 1.5
+    travel_near_walls: float = 0.8
     feed: float = 0.3
     still_turns: float = 0.01
     still_moves: float = 0.01
@@ -229,8 +230,8 @@ class OptimisationSettings:
     rounds: int = 10
     first_rounds: int = 3
     margin: float = 0.02
-    active: float = 0.8
-    most_travel: float = 1.5
+    active: float = 0.5
+    most_travel: float = 0.75
     planes: int = 6
     groups: int = 24
     pair_share: float = 0.25

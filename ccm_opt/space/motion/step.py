@@ -11,7 +11,7 @@ from ccm_opt.ground.small_qp import solve_small_qp
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.certificate import SpaceCertificate
 from ccm_opt.space.motion.chain import Chains
-from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap, free_before
+from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap, feed_to_next_stop
 from ccm_opt.space.motion.pose import SpacePose, Term
 from ccm_opt.space.motion.settings import SpaceMotionSettings
 
@@ -87,19 +87,22 @@ class Stepper:
         delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense)
         if delta is None:
             return pose
-        delta = self._scaled(pose, delta)
+        delta = self._scaled(pose, delta, near_walls=len(clear.target) > 0)
         return self._taken(pose, delta) if certified else self.pose(pose.v + delta)
 
-    def _scaled(self, pose: SpacePose, delta: FloatArray) -> FloatArray:
+    def _scaled(self, pose: SpacePose, delta: FloatArray, *, near_walls: bool) -> FloatArray:
         """The step no longer than its linearisation is good for."""
         settings = self.settings.step
+        travel = settings.travel_near_walls if near_walls else settings.travel
         turns = np.linalg.norm(pose.chain.turning @ delta, axis=1)
         moves = np.linalg.norm(pose.chain.moving @ delta, axis=1)
-        excess = max(float(np.max(turns)) / settings.turn, float(np.max(moves)) / (settings.travel * self.unit))
+        excess = max(float(np.max(turns)) / settings.turn, float(np.max(moves)) / (travel * self.unit))
         arm = self.curve.arm
         if arm.base_axes:
-            fed = abs(float(pose.slopes[-1] @ delta))
-            excess = max(excess, fed / (settings.feed * free_before(arm)))
+            fed = float(pose.slopes[-1] @ delta)
+            feed = float(pose.q[-1])
+            most = min(feed_to_next_stop(arm, feed, forward=fed > 0.0), settings.feed * self.unit)
+            excess = max(excess, abs(fed) / most)
         return delta / max(excess, 1.0)
 
     def _taken(self, pose: SpacePose, delta: FloatArray) -> SpacePose:

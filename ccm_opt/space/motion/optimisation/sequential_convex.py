@@ -154,6 +154,8 @@ class SequentialConvex:
         if self.end_fixed or self.task.goal is None:
             return unknowns
         onto = onto_goal(self.stepper, self.task.goal, unknowns[-1])
+        if onto is None and self.task.goal.met(self.stepper.pose(unknowns[-1])):
+            return unknowns
         return None if onto is None else np.vstack((unknowns[:-1], onto))
 
     def _damped(self, damping: float, share: float, gain: float) -> float:
