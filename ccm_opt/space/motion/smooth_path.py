@@ -4,6 +4,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.motion.task import SpaceTask
 
 DEGREE = 3
@@ -47,12 +48,34 @@ def _failing_spans(task: SpaceTask, spline: BSpline) -> IntArray:
     spans = len(spline.c) - DEGREE
     q = np.asarray(spline(np.linspace(0.0, 1.0, samples * spans + 1)))
     failing = np.unique(task.certificate.failures(q) // samples)
-    arm = task.arm
-    if arm.base_axes:
-        held = arm.held_bends(arm.coordinates.advance(q))
-        bent = np.any(held & (q[:, : 2 * arm.links] != 0.0), axis=1)
-        failing = np.union1d(failing, np.minimum(np.flatnonzero(bent) // samples, spans - 1))
+    if task.arm.base_axes:
+        failing = np.union1d(failing, _bent_inside(task.arm, spline, q, samples))
     return failing.astype(np.intp)
+
+
+def _bent_inside(arm: SpaceArm, spline: BSpline, q: FloatArray, samples: int) -> IntArray:
+    """Spans on which a joint may be bent while the guide tube holds it.
+
+    A joint bends on the whole of a span when one of the span's four control points bends it; the feed is within half of
+    the way between samples of what they have.
+
+    Args:
+        arm: with a feed axis.
+        spline: of configurations.
+        q: at even samples of it, shape (N, c).
+        samples: of a span.
+    """
+    control = np.asarray(spline.c)
+    spans = len(control) - DEGREE
+    links = arm.links
+    bent = np.any(control[:, : 2 * links].reshape(-1, links, 2) != 0.0, axis=2)
+    bent_on_span = np.any([bent[k : k + spans] for k in range(DEGREE + 1)], axis=0)
+    feed = arm.coordinates.advance(q)
+    of_span = np.stack([feed[k : k + samples * spans : samples] for k in range(samples)] + [feed[samples::samples]])
+    way = np.max(np.abs(np.diff(of_span, axis=0)), axis=0)
+    least = np.min(of_span, axis=0) - 0.5 * way
+    outside = least[:, None] + arm.link_length * np.arange(links) - arm.hole
+    return np.flatnonzero(np.any(bent_on_span & (outside < 0.0), axis=1))
 
 
 def _halved(control: FloatArray, legs: IntArray) -> FloatArray:

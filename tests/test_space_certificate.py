@@ -1,0 +1,108 @@
+"""Bounds on the motion of an arm in space, and the proof that stands on them: laws, against dense samples."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.certificate import SpaceCertificate
+from ccm_opt.space.motion.link_motion import LinkMotion, segment_distances
+from tests.space_arms import balls, boxes, least_gaps, snake
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+@given(seeds, st.integers(2, 14), st.floats(0.01, 1.5))
+@settings(max_examples=60, deadline=None)
+def test_no_point_moves_faster_than_its_bound(seed: int, links: int, size: float) -> None:
+    """Nor does it curve more than its bound."""
+    rng = np.random.default_rng(seed)
+    arm = snake(links)
+    before = rng.normal(size=2 * links) * 0.5
+    after = before + rng.normal(size=2 * links) * size / np.sqrt(links)
+    bows = LinkMotion(arm).bows(link_rotations(arm, 0.5 * (before + after)), after - before)
+    t = np.linspace(0.0, 1.0, 400)[:, None]
+    points = joint_positions(arm, before + t * (after - before))
+    speeds = np.linalg.norm(np.diff(points, axis=0), axis=2) * 399.0
+    chords = np.linalg.norm(points[-1] - points[0], axis=1)
+    assert np.all(speeds.max(axis=0) <= chords + 0.5 * bows + 1e-9)
+    # And the second derivative itself.
+    bends = np.diff(points, 2, axis=0) * 399.0**2
+    assert np.all(np.linalg.norm(bends, axis=2).max(axis=0) <= bows * (1.0 + 1e-6) + 1e-6)
+
+
+@given(seeds, st.integers(4, 20))
+@settings(max_examples=30, deadline=None)
+def test_c_and_numpy_agree_on_bounds_and_pairs(seed: int, links: int) -> None:
+    """With and without a compiler."""
+    rng = np.random.default_rng(seed)
+    arm = snake(links)
+    q = rng.normal(size=2 * links) * 0.6
+    compiled = LinkMotion(arm)
+    interpreted = LinkMotion(arm)
+    interpreted._library = None
+    turns = rng.normal(size=2 * links) * 0.2
+    rotations = link_rotations(arm, q)
+    assert compiled.bows(rotations, turns) == pytest.approx(interpreted.bows(rotations, turns), abs=1e-12)
+    points = joint_positions(arm, q)
+    one = compiled.near_pairs(points, 0.3)
+    other = interpreted.near_pairs(points, 0.3)
+    assert sorted(zip(one.first, one.second, strict=True)) == sorted(zip(other.first, other.second, strict=True))
+    order = np.lexsort((one.second, one.first))
+    assert one.distance[order] == pytest.approx(other.distance[np.lexsort((other.second, other.first))], abs=1e-12)
+
+
+@given(seeds)
+@settings(max_examples=100, deadline=None)
+def test_segments_are_as_near_as_their_nearest_samples(seed: int) -> None:
+    """The nearest points of two segments, parallel ones among them."""
+    rng = np.random.default_rng(seed)
+    ends = rng.normal(size=(4, 1, 3))
+    if rng.random() < 0.3:  # parallel ones
+        ends[3] = ends[2] + rng.normal() * (ends[1] - ends[0])
+    s, t, distance, normal = segment_distances(*ends)
+    share = np.linspace(0.0, 1.0, 201)[:, None]
+    one = ends[0, 0] + share * (ends[1, 0] - ends[0, 0])
+    other = ends[2, 0] + share * (ends[3, 0] - ends[2, 0])
+    sampled = np.linalg.norm(one[:, None] - other[None], axis=2).min()
+    assert distance[0] <= sampled + 1e-12
+    assert sampled <= distance[0] + 0.02 * np.linalg.norm(ends[1] - ends[0]) + 0.02 * np.linalg.norm(ends[3] - ends[2])
+    apart = ends[0] + s[:, None] * (ends[1] - ends[0]) - ends[2] - t[:, None] * (ends[3] - ends[2])
+    assert apart == pytest.approx(distance[:, None] * normal, abs=1e-9)
+
+
+@given(seeds, st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_what_is_certified_touches_nothing(seed: int, folded: bool) -> None:
+    """And what has room is certified."""
+    rng = np.random.default_rng(seed)
+    arm = snake(int(rng.integers(4, 16)))
+    soup = (
+        balls(rng.uniform(-1.0, 1.0, size=(8, 3)), 0.08)
+        if rng.random() < 0.5
+        else boxes([(list(c - 0.1), list(c + 0.1)) for c in rng.uniform(-1.0, 1.0, size=(4, 3))])
+    )
+    bend = 0.6 if folded else 0.25
+    keyframes = rng.normal(size=(2, 2 * arm.links)) * bend
+    certificate = SpaceCertificate(arm, SurfaceTree.of(soup))
+    wall, pair = least_gaps(arm, soup, keyframes, samples=200)
+    if certificate.safe(keyframes[0], keyframes[1]):
+        assert wall >= -1e-9
+        assert pair >= -1e-9
+    else:
+        # Nothing is refused that has room: the halvings are many.
+        assert min(wall, pair) < 2e-3
+
+
+def test_the_part_of_a_link_beyond_the_mount_counts() -> None:
+    """Only what lies in the mount may touch."""
+    arm = snake(4)
+    # The mount covers 15 mm of the first link; a ball beside its middle is beyond.
+    soup = balls(np.array([[0.12, 0.0, 0.02]]), 0.01)
+    certificate = SpaceCertificate(arm, SurfaceTree.of(soup))
+    still = np.zeros(8)
+    assert not certificate.safe(still, still)
+    beside_the_mount = balls(np.array([[-0.012, 0.0, 0.0]]), 0.01)
+    assert SpaceCertificate(arm, SurfaceTree.of(beside_the_mount)).safe(still, still)

@@ -1,0 +1,100 @@
+"""The map from curvature to configurations: exact where it is asked to be, its slopes, and joints in a guide tube."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.motion.chain import Chains
+from ccm_opt.space.motion.curve_map import CurveMap
+from tests.space_arms import snake
+
+seeds = st.integers(0, 2**32 - 1)
+fed = Feed(0.0, 0.8, 0.8)
+
+
+@given(seeds, st.integers(4, 40), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_the_start_is_held_exactly(seed: int, links: int, carried: bool) -> None:
+    """Whatever configuration it is, and a goal that is blended in too."""
+    rng = np.random.default_rng(seed)
+    arm = snake(links, feed=fed if carried else None)
+    q = np.append(rng.normal(size=2 * links) * 0.3, [0.7] * carried)
+    if carried:
+        q[: 2 * links][arm.held_bends(0.7)] = 0.0
+    curve, v = CurveMap.through(arm, q)
+    assert curve.configuration(v) == pytest.approx(q, abs=1e-12)
+    goal = np.append(rng.normal(size=2 * links) * 0.3, [0.8] * carried)
+    blended, end = curve.blended_to(goal)
+    assert blended.configuration(end) == pytest.approx(goal, abs=1e-9)
+    assert blended.configuration(np.append(v, 0.0)) == pytest.approx(q, abs=1e-9)
+
+
+@given(seeds, st.integers(4, 30), st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_slopes_and_chains_are_derivatives(seed: int, links: int, carried: bool) -> None:
+    """By differences, and in C as in numpy."""
+    rng = np.random.default_rng(seed)
+    arm = snake(links, feed=fed if carried else None)
+    curve, v = CurveMap.through(arm, np.zeros(len(arm.coordinates)))
+    v = v + rng.normal(size=len(v)) * 0.2
+    if carried:
+        v[curve.feed_column] = rng.uniform(0.2, 0.7) / curve.scale[curve.feed_column]
+    q = curve.configuration(v)
+    slopes = curve.slopes(v)
+    chain = Chains(arm).at(q, slopes)
+    interpreted = Chains(arm)
+    interpreted._library = None
+    step = 1e-6
+    for k in range(len(v)):
+        ahead = curve.configuration(v + step * np.eye(len(v))[k])
+        behind = curve.configuration(v - step * np.eye(len(v))[k])
+        assert slopes[:, k] == pytest.approx((ahead - behind) / (2.0 * step), abs=1e-6)
+        moved = (joint_positions(arm, ahead) - joint_positions(arm, behind)) / (2.0 * step)
+        assert chain.moving[:, :, k] == pytest.approx(moved, abs=1e-6)
+    other = interpreted.at(q, slopes)
+    for name in ("points", "rotations", "turning", "moving"):
+        assert getattr(chain, name) == pytest.approx(getattr(other, name), abs=1e-12)
+    assert chain.points == pytest.approx(joint_positions(arm, q), abs=1e-12)
+
+
+@given(seeds, st.integers(4, 40))
+@settings(max_examples=40, deadline=None)
+def test_shapes_by_c_and_by_numpy_agree(seed: int, links: int) -> None:
+    """Turns of joints by unit curvature."""
+    rng = np.random.default_rng(seed)
+    curve, _ = CurveMap.through(snake(links, feed=fed), np.zeros(2 * links + 1))
+    places = rng.uniform(-0.5, 1.2, size=links)
+    compiled = curve._shapes(places)
+    vars(curve)["_library"] = None
+    assert compiled == pytest.approx(curve._shapes(places), abs=1e-12)
+
+
+@given(seeds, st.floats(0.0, 0.8))
+@settings(max_examples=40, deadline=None)
+def test_joints_in_the_guide_tube_are_straight(seed: int, feed: float) -> None:
+    """For all unknowns."""
+    rng = np.random.default_rng(seed)
+    arm = snake(24, feed=fed)
+    curve, v = CurveMap.through(arm, np.zeros(49))
+    v = rng.normal(size=len(v))
+    v[curve.feed_column] = feed / curve.scale[curve.feed_column]
+    q = curve.configuration(v)
+    assert np.all(q[:48][arm.held_bends(feed)] == 0.0)
+
+
+def test_a_fed_arm_follows_its_own_shape() -> None:
+    """Beyond the tube, where joints bend as they like."""
+    # Four links farther out a joint takes the bend of the one four before it: those that are free of the tube in both.
+    arm = snake(24, feed=fed)
+    curve, v = CurveMap.through(arm, np.zeros(49))
+    v = v + 0.3 * np.random.default_rng(1).normal(size=len(v))
+    scale = curve.scale[curve.feed_column]
+    v[curve.feed_column] = 0.5 / scale
+    before = curve.configuration(v)
+    v[curve.feed_column] = (0.5 + 4.0 * arm.link_length) / scale
+    after = curve.configuration(v)
+    assert after[:40] == pytest.approx(before[8:48], abs=1e-12)
+    assert joint_positions(arm, after)[:-4] == pytest.approx(joint_positions(arm, before)[4:], abs=1e-9)

@@ -1,0 +1,179 @@
+"""Motions of arms in space, found and optimised: judged by dense samples, whatever tactic found them."""
+
+from itertools import pairwise
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from ccm_opt.errors import NoPlanFound
+from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.connect import Connect
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.goal import TipPose
+from ccm_opt.space.motion.goal_poses import goal_poses
+from ccm_opt.space.motion.grid_ways import TipGrid, shortened
+from ccm_opt.space.motion.optimisation.optimise import optimise
+from ccm_opt.space.motion.search import find_motion
+from ccm_opt.space.motion.settings import ConnectSettings
+from ccm_opt.space.motion.smooth_path import certified_spline
+from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
+from ccm_opt.space.scene.surfaces import SurfaceSoup
+from tests.space_arms import balls, boxes, least_gaps, snake, task_of
+
+GOAL = TipPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
+BALLS = balls(np.array([[0.5, 0.25, 0.1], [0.7, -0.2, 0.2], [0.3, 0.3, -0.2], [0.6, 0.1, 0.45]]), 0.08)
+
+
+def judged(task: SpaceTask, soup: SurfaceSoup, motion: SpaceMotion) -> None:
+    """A motion begins at the start, keeps limits and touches nothing, between its keyframes too."""
+    arm = task.arm
+    q = motion.configurations
+    assert q[0] == pytest.approx(task.start, abs=1e-9)
+    assert np.all(q >= arm.lower_limits - 1e-8)
+    assert np.all(q <= arm.upper_limits + 1e-8)
+    walls, pairs = least_gaps(arm, soup, q)
+    assert walls > 0.0
+    assert pairs > 0.0
+
+
+def ends_at(task: SpaceTask, motion: SpaceMotion, goal: TipPose) -> None:
+    """A motion ends at a goal of the tip."""
+    points = joint_positions(task.arm, motion.configurations[-1])
+    assert points[-1] == pytest.approx(goal.position, abs=1e-7)
+    if goal.direction is not None:
+        along = (points[-1] - points[-2]) / task.arm.link_length
+        assert along == pytest.approx(goal.direction, abs=1e-6)
+
+
+@pytest.mark.parametrize("links", [8, 12, 31])
+@pytest.mark.parametrize("directed", [True, False])
+def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
+    """Found, made shorter and laid as a smooth path, a motion stays clear and ends on the goal."""
+    goal = TipPose(GOAL.position, GOAL.direction if directed else None)
+    task = task_of(snake(links), BALLS, goal)
+    motion = find_motion(task)
+    judged(task, BALLS, motion)
+    ends_at(task, motion, goal)
+    better = optimise(motion, task)
+    judged(task, BALLS, better)
+    ends_at(task, better, goal)
+
+    def length(q: np.ndarray) -> float:
+        return float(np.linalg.norm(np.diff(q, axis=0), axis=1).sum())
+
+    assert length(better.configurations) < length(motion.configurations)
+    spline = certified_spline(task, better.configurations)
+    assert spline is not None
+    judged(task, BALLS, SpaceMotion(motion.curve, better.unknowns, np.asarray(spline(np.linspace(0.0, 1.0, 300))), ""))
+
+
+def test_a_motion_to_a_pose_of_the_whole_arm() -> None:
+    """A pose that no curve shows is reached exactly."""
+    arm = snake(12)
+    rng = np.random.default_rng(5)
+    curve, v = CurveMap.through(arm, np.zeros(24))
+    wiggle = 0.02 * rng.normal(size=24)  # no curve shows this
+    goal = np.clip(curve.configuration(v + 0.25 * rng.normal(size=len(v))) + wiggle, -0.7, 0.7)
+    task = task_of(arm, SurfaceSoup.joined([]), None, goal_pose=goal)
+    motion = optimise(find_motion(task), task)
+    assert motion.configurations[0] == pytest.approx(task.start, abs=1e-12)
+    assert motion.configurations[-1] == pytest.approx(goal, abs=1e-9)
+
+
+def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
+    """Joints inside the guide tube are straight at every moment, also on the smooth path."""
+    # A wall with a window of 120 mm; the goal lies behind it, to the side.
+    wall = [
+        ([0.25, -0.6, 0.06], [0.27, 0.6, 0.6]),
+        ([0.25, -0.6, -0.6], [0.27, 0.6, -0.06]),
+        ([0.25, 0.06, -0.06], [0.27, 0.6, 0.06]),
+        ([0.25, -0.6, -0.06], [0.27, -0.06, 0.06]),
+    ]
+    soup = boxes(wall)
+    arm = snake(20, length=0.8, feed=Feed(-0.8, 0.0, 0.0))
+    goal = TipPose(np.array([0.5, 0.2, 0.1]), np.array([0.6, 0.8, 0.0]))
+    start = np.append(np.zeros(40), -0.8)
+    task = task_of(arm, soup, goal, start=start)
+    found = find_motion(task)
+    for motion in (found, optimise(found, task)):
+        judged(task, soup, motion)
+        ends_at(task, motion, goal)
+        q = motion.configurations
+        share = np.linspace(0.0, 1.0, 20)[:, None]
+        dense = np.concatenate([a + share * (b - a) for a, b in pairwise(q)])
+        held = arm.held_bends(dense[:, -1])
+        assert np.all(dense[:, :40][held] == 0.0)
+    spline = certified_spline(task, motion.configurations)
+    assert spline is not None
+    dense = np.asarray(spline(np.linspace(0.0, 1.0, 3000)))
+    assert np.all(np.abs(dense[:, :40][arm.held_bends(dense[:, -1])]) < 1e-12)
+
+
+def test_the_tip_passes_the_places_on_the_way() -> None:
+    """The tip comes near every place that it was told to pass."""
+    via = np.array([0.6, -0.4, -0.2])
+    task = task_of(snake(16), SurfaceSoup.joined([]), GOAL, via=(via,))
+    motion = find_motion(task)
+    tips = joint_positions(task.arm, motion.configurations)[:, -1]
+    assert np.linalg.norm(tips - via, axis=1).min() < 1.5 * task.unit
+
+
+def test_why_nothing_is_found_names_the_wall() -> None:
+    """A goal in a closed box is not reached, and the box is named."""
+    # The goal is in a closed box.
+    soup = boxes([([0.4, 0.2, 0.15], [0.7, 0.5, 0.45])])
+    task = task_of(snake(12), soup, TipPose(GOAL.position), seconds=3.0)
+    with pytest.raises(NoPlanFound, match="box 1"):
+        find_motion(task)
+
+
+def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
+    """Drawn poses hold the goal, and the trees of the sampler meet."""
+    arm = snake(8)
+    task = task_of(arm, BALLS, GOAL)
+    curve, v = CurveMap.through(arm, task.start)
+    stepper = task.stepper(curve)
+    rng = np.random.default_rng(3)
+    goals = []
+    for pose in goal_poses(task, stepper, rng):
+        assert pose.tip == pytest.approx(GOAL.position, abs=1e-7)
+        assert min(least_gaps(arm, BALLS, np.stack((pose.q, pose.q)))) > 0.0
+        goals.append(pose)
+        if len(goals) == 3:
+            break
+    assert goals
+    poses = Connect(stepper, stepper.pose(v), goals, rng, ConnectSettings()).path(task.deadline)
+    assert poses is not None
+    judged(task, BALLS, SpaceMotion.of(curve, poses, "a sampler"))
+
+
+def test_ways_through_the_grid_are_cheapest() -> None:
+    """As cheap as by Dijkstra; where corners are cut the way stays clear."""
+    soup = boxes([([-0.1, -0.5, -0.5], [0.1, 0.2, 0.5])])
+    tree = SurfaceTree.of(soup)
+    grid = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 4000, 0.02, 0.1)
+    start = np.array([-0.4, -0.3, 0.0])
+    goal = np.array([0.4, -0.3, 0.0])
+    way = grid.cheapest_way(start, goal, 3.0)
+    assert way is not None
+    price = 1.0 + 3.0 * (1.0 - np.clip(grid.gaps / grid.far, 0.0, 1.0)) ** 2
+    graph = nx.Graph()
+    shape = np.array(grid.gaps.shape)
+    steps = [np.array(s) for s in np.ndindex(3, 3, 3) if s != (1, 1, 1)]
+    for cell in np.ndindex(*shape):
+        for step in steps:
+            other = tuple(int(c) for c in np.array(cell) + step - 1)
+            if min(other) < 0 or np.any(np.array(other) >= shape) or grid.gaps[cell] <= 0.0 or grid.gaps[other] <= 0.0:
+                continue
+            graph.add_edge(cell, other, weight=np.linalg.norm(step - 1) * 0.5 * (price[cell] + price[other]))
+    first, last = grid.free_near(start), grid.free_near(goal)
+    best = nx.dijkstra_path_length(graph, first, last)
+    cells = [grid.index(corner) for corner in way[1:-1]]
+    cost = sum(graph.edges[a, b]["weight"] for a, b in pairwise(cells))
+    assert cost == pytest.approx(best, rel=1e-5)
+    short = shortened(tree, way, 0.02, 0.05)
+    assert len(short) < len(way)
+    assert tree.distances(np.stack((short[:-1], short[1:]), axis=1), 1.0).min() > 0.0
