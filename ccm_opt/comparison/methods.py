@@ -9,6 +9,7 @@ from typing import Any, cast
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.protocols import Planner
+from ccm_opt.solution import JointPath
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 
@@ -58,11 +59,28 @@ class Method:
         return cast("Planner", SpacePlanner(Stages()))
 
 
-def _ompl_planner() -> Planner:
-    from ccm_opt.planners.ompl_peer import OmplPlanner  # noqa: PLC0415 - nobody else needs it
-    from ccm_opt.planners.own_units import OwnUnitsPlanner  # noqa: PLC0415 - likewise
+class OmplOfEitherKind:
+    """OMPL's planner for problems in the plane and in space."""
 
-    return OwnUnitsPlanner(OmplPlanner())
+    def __init__(self) -> None:
+        """Refuse where OMPL is not installed."""
+        from ccm_opt.planners.ompl_peer import OmplPlanner  # noqa: PLC0415 - nobody else needs it
+        from ccm_opt.planners.own_units import OwnUnitsPlanner  # noqa: PLC0415 - likewise
+
+        self._in_the_plane = OwnUnitsPlanner(OmplPlanner())
+
+    def plan(self, problem: AnyProblem) -> JointPath:
+        """Plan a certified motion.
+
+        Raises:
+            ProblemError: the problem has something that this planner does not know.
+            NoPlanFound: none was found in time.
+        """
+        if not isinstance(problem, SpaceProblem):
+            return self._in_the_plane.plan(problem)
+        from ccm_opt.space.ompl_in_space import SpaceOmplPlanner  # noqa: PLC0415 - likewise
+
+        return SpaceOmplPlanner().plan(problem)
 
 
 METHODS: Mapping[str, Method] = {
@@ -72,7 +90,7 @@ METHODS: Mapping[str, Method] = {
         Method("nlp-as-found", "the curve planner, its motion as found", {"method": "nlp", "optimiser": "none"}),
         Method("nlp-paul", "the curve planner, timed by Paul's transitions", {"method": "nlp", "retiming": "paul"}),
         Method("hill-climbing", "the paper's planner", {"method": "hill-climbing"}),
-        Method("ompl", "RRT-Connect of OMPL, under our certificate (extra 'ompl')", make=_ompl_planner),
+        Method("ompl", "RRT-Connect of OMPL, under our certificate (extra 'ompl')", make=OmplOfEitherKind),
         Method("hill-climbing-paul", "the paper's planner and timing", {"method": "hill-climbing", "retiming": "paul"}),
     )
 }

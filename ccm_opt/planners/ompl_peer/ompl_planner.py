@@ -42,7 +42,7 @@ class OmplPlanner:
 
     def __post_init__(self) -> None:
         """Refuse where OMPL is not installed."""
-        _ompl()
+        ompl_modules()
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
@@ -64,7 +64,7 @@ class OmplPlanner:
         self, problem: Problem, ends: Ends, certificate: Certificate, goals: FloatArray, deadline: Deadline
     ) -> FloatArray:
         """Link headings of a certified way, shape (K ≥ 2, links) [rad], the ends exact."""
-        base, geometric, util = _ompl()
+        base, geometric, util = ompl_modules()
         util.noOutputHandler()
         # OMPL's generators take their seeds from this one when they are made; 0 is none.
         util.RNG.setSeed(problem.planner.seed + 1)
@@ -119,7 +119,7 @@ def _out_of_time(deadline: Deadline, goals: int) -> Diagnosis:
     return Diagnosis(reason, "motion", ("raise planner.time_limit", "use planner.method nlp"), {"goal_poses": goals})
 
 
-def _ompl() -> tuple[Any, Any, Any]:
+def ompl_modules() -> tuple[Any, Any, Any]:
     """OMPL's modules ``base``, ``geometric`` and ``util``.
 
     Raises:

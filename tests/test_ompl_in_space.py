@@ -1,0 +1,45 @@
+"""OMPL's planner in space: what it draws stands for configurations that keep the guide tube, and it plans."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ccm_opt.comparison.space_clutter import space_clutter
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.certificate import SpaceCertificate
+from ccm_opt.space.ompl_in_space import FedJoints
+from tests.space_arms import FEED_OF_TESTS, space_arm
+
+
+@given(seed=st.integers(0, 2**32), fed=st.booleans())
+def test_draws_stand_for_what_the_tube_allows(seed: int, fed: bool) -> None:
+    """Along a line between draws held joints are straight from keyframe to keyframe, and no joint turns far."""
+    arm = space_arm(links=6, feed=FEED_OF_TESTS if fed else None)
+    joints = FedJoints(arm, 0.2)
+    rng = np.random.default_rng(seed)
+    before, after = rng.uniform(joints.low, joints.high, (2, len(joints.low)))
+    keyframes = joints.keyframes(before, after)
+    assert np.allclose(keyframes[0], joints.configuration(before))
+    assert np.allclose(keyframes[-1], joints.configuration(after))
+    assert np.all(keyframes >= arm.lower_limits - 1e-12)
+    assert np.all(keyframes <= arm.upper_limits + 1e-12)
+    for share in (0.0, 0.3, 0.9):
+        between = (1.0 - share) * keyframes[:-1] + share * keyframes[1:]
+        held = arm.held_bends(arm.coordinates.advance(between) + 1e-7)
+        assert np.all(np.abs(between[:, :12][held]) < 1e-9)
+    drawn = joints.drawn(keyframes[0])
+    assert drawn is not None
+    assert np.allclose(joints.configuration(drawn), keyframes[0])
+
+
+def test_ompl_plans_in_space() -> None:
+    """In open clutter OMPL finds a motion from the start to the goal that our certificate proves."""
+    pytest.importorskip("ompl.geometric")
+    from ccm_opt.space.ompl_in_space import SpaceOmplPlanner
+
+    problem = space_clutter(0, 5, 12, "clutter")
+    path = SpaceOmplPlanner().plan(problem)
+    assert np.allclose(path.keyframes[0], problem.start.configuration(problem.arm))
+    certificate = SpaceCertificate(problem.arm, SurfaceTree.of(problem.workspace.soup))
+    assert len(certificate.failures(np.asarray(path.spline(np.linspace(0.0, 1.0, 2000))))) == 0
