@@ -1,105 +1,64 @@
-"""Small arms and scenes in space for tests, and what judges their motions by dense samples."""
-
-from itertools import pairwise
+"""Arms in space for tests: equal links on a base, and whatever a test wants otherwise."""
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.deadline import Deadline
+from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.goal import TipPose
-from ccm_opt.space.motion.link_motion import segment_distances
-from ccm_opt.space.motion.task import SpaceTask
-from ccm_opt.space.planner import reach_box
-from ccm_opt.space.scene.bodies import BOX_FACES, box_corners
-from ccm_opt.space.scene.surfaces import SurfaceSoup
+
+FEED_OF_TESTS = Feed(0.0, 0.5, 0.5)
+"""A feed of half a metre whose guide tube ends where the feed does."""
 
 
-def snake(
-    links: int = 12, length: float = 1.0, radius: float = 0.015, feed: Feed | None = None, limit_deg: float = 45.0
-) -> SpaceArm:
-    """An arm along x from the origin."""
-    masses = np.full(links, 0.05)
-    inertia = np.full(links, 1e-5)
-    return SpaceArm(
-        links=links,
-        link_length=length / links,
-        radius=radius,
-        base=np.zeros(3),
-        direction=np.array([1.0, 0.0, 0.0]),
-        up=np.array([0.0, 0.0, 1.0]),
-        joint_limit=np.deg2rad(limit_deg),
-        base_limit=np.deg2rad(limit_deg if feed else 180.0),
-        self_collision=True,
-        mount_length=0.0 if feed else radius,
-        masses=masses,
-        inertia_axial=inertia,
-        inertia_transverse=inertia,
-        feed=feed,
+def space_arm(links: int = 6, link_length: float = 0.1, radius: float = 0.02, **changes: object) -> SpaceArm:
+    """An arm at the origin along x with z upwards, without a mount; 0.1 kg a link, joints to 0.8 rad a bend."""
+    values: dict[str, object] = {
+        "links": links,
+        "link_length": link_length,
+        "radius": radius,
+        "base": np.zeros(3),
+        "direction": np.array([1.0, 0.0, 0.0]),
+        "up": np.array([0.0, 0.0, 1.0]),
+        "joint_limit": 0.8,
+        "base_limit": 3.0,
+        "self_collision": True,
+        "mount_length": 0.0,
+        "masses": np.full(links, 0.1),
+        "inertia_axial": np.full(links, 3e-5),
+        "inertia_transverse": np.full(links, 4e-5),
+    }
+    return SpaceArm(**(values | changes))  # type: ignore[arg-type]
+
+
+def planar_twin(arm: SpaceArm) -> Arm:
+    """The arm of the plane of direction (x) and left (y) with the same links, where the base is the origin."""
+    return Arm(
+        links=arm.links,
+        link_length=arm.link_length,
+        radius=arm.radius,
+        base=np.zeros(2),
+        base_heading=0.0,
+        joint_limit=arm.joint_limit,
+        base_limit=arm.base_limit,
+        self_collision=arm.self_collision,
+        mount_length=arm.mount_length,
+        masses=arm.masses,
+        inertia_axial=arm.inertia_axial,
+        inertia_transverse=arm.inertia_transverse,
+        feed=arm.feed,
     )
 
 
-def balls(centres: FloatArray, radius: float) -> SurfaceSoup:
-    """Balls as triangles that are points, with a rounding."""
-    return SurfaceSoup.joined(
-        (f"ball {k + 1}", np.repeat(centre[None], 3, axis=0)[None], radius) for k, centre in enumerate(centres)
-    )
+def random_rotation(random: np.random.Generator) -> FloatArray:
+    """A rotation drawn evenly, shape (3, 3)."""
+    q, r = np.linalg.qr(random.normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return np.asarray(q * np.array([1.0, 1.0, np.sign(np.linalg.det(q))]))
 
 
-def boxes(corners: list[tuple[list[float], list[float]]]) -> SurfaceSoup:
-    """Boxes between two corners each."""
-    return SurfaceSoup.joined(
-        (f"box {k + 1}", box_corners(np.array(low), np.array(high))[BOX_FACES], 0.0)
-        for k, (low, high) in enumerate(corners)
-    )
-
-
-def task_of(
-    arm: SpaceArm,
-    soup: SurfaceSoup,
-    goal: TipPose | None,
-    *,
-    goal_pose: FloatArray | None = None,
-    via: tuple[FloatArray, ...] = (),
-    start: FloatArray | None = None,
-    seconds: float = 60.0,
-) -> SpaceTask:
-    """The search from a straight arm, or from another configuration, to a goal."""
-    width = len(arm.coordinates)
-    slowness = np.append(np.ones(2 * arm.links), np.full(len(arm.base_axes), 10.0))
-    return SpaceTask(
-        arm=arm,
-        tree=SurfaceTree.of(soup),
-        start=np.zeros(width) if start is None else start,
-        goal=goal,
-        goal_pose=goal_pose,
-        via=via,
-        clearance=0.0,
-        wanted_gap=0.25 * arm.radius,
-        box=reach_box(arm, None),
-        names=soup.names,
-        slowness=slowness,
-        deadline=Deadline.after(seconds),
-    )
-
-
-def least_gaps(arm: SpaceArm, soup: SurfaceSoup, keyframes: FloatArray, samples: int = 40) -> tuple[float, float]:
-    """Least gaps from walls and between distant links at dense samples of a motion linear between keyframes [m]."""
-    share = np.linspace(0.0, 1.0, samples, endpoint=False)[:, None]
-    q = np.concatenate([a + share * (b - a) for a, b in pairwise(keyframes)])
-    q = np.concatenate((q, keyframes[-1:]))
-    points = joint_positions(arm, q)
-    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
-    segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2).reshape(-1, 2, 3)
-    walls = SurfaceTree.of(soup).distances(segments, 2.0 * arm.length)
-    i, j = arm.self_pairs
-    apart = segment_distances(
-        points[:, i].reshape(-1, 3),
-        points[:, i + 1].reshape(-1, 3),
-        points[:, j].reshape(-1, 3),
-        points[:, j + 1].reshape(-1, 3),
-    )[2]
-    return float(walls.min()) - arm.radius, float(apart.min(initial=np.inf)) - 2.0 * arm.radius
+def turned_arm(random: np.random.Generator, links: int = 6, **changes: object) -> SpaceArm:
+    """An arm with its base somewhere, turned at random."""
+    rotation = random_rotation(random)
+    base = random.normal(0.0, 0.5, 3)
+    return space_arm(links, base=base, direction=rotation[:, 0], up=rotation[:, 2], **changes)

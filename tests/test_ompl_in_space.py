@@ -10,13 +10,13 @@ from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.certificate import SpaceCertificate
 from ccm_opt.space.ompl_in_space import FedJoints
-from tests.space_arms import space_arm
+from tests.snakes_in_space import snake
 
 
 @given(seed=st.integers(0, 2**32), fed=st.booleans())
 def test_draws_stand_for_what_the_tube_allows(seed: int, fed: bool) -> None:
     """Along a line between draws held joints are straight from keyframe to keyframe, and no joint turns far."""
-    arm = space_arm(links=6, feed=Feed(0.0, 0.5, 0.5) if fed else None)
+    arm = snake(links=6, feed=Feed(0.0, 0.5, 0.5) if fed else None)
     joints = FedJoints(arm, 0.2)
     rng = np.random.default_rng(seed)
     before, after = rng.uniform(joints.low, joints.high, (2, len(joints.low)))

@@ -9,7 +9,7 @@ from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.certificate import SpaceCertificate
 from ccm_opt.space.motion.link_motion import LinkMotion, segment_distances
-from tests.space_arms import balls, boxes, least_gaps, snake
+from tests.snakes_in_space import balls, boxes, least_gaps, snake
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -9,7 +9,7 @@ from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.motion.chain import Chains
 from ccm_opt.space.motion.curve_map import CurveMap
-from tests.space_arms import snake
+from tests.snakes_in_space import snake
 
 seeds = st.integers(0, 2**32 - 1)
 fed = Feed(0.0, 0.8, 0.8)

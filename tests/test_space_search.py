@@ -21,7 +21,7 @@ from ccm_opt.space.motion.settings import ConnectSettings
 from ccm_opt.space.motion.smooth_path import certified_spline
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 from ccm_opt.space.scene.surfaces import SurfaceSoup
-from tests.space_arms import balls, boxes, least_gaps, snake, task_of
+from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of
 
 GOAL = TipPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
 BALLS = balls(np.array([[0.5, 0.25, 0.1], [0.7, -0.2, 0.2], [0.3, 0.3, -0.2], [0.6, 0.1, 0.45]]), 0.08)
