@@ -3,10 +3,14 @@
 import numpy as np
 
 from ccm_opt.driver.simulated_touch import Seen, Touch
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.frames import joint_positions_3d
 from ccm_opt.solution import JointTrajectory, SimulatedMotion
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.room_at_samples import GapsAtSamples
+
+FIRST_REACH = 1.0 / 16.0
+"""How far is looked for surfaces at first, in links; looking far costs most of the time."""
 
 
 def seen_in_space(problem: SpaceProblem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> Seen | None:
@@ -22,7 +26,7 @@ def seen_in_space(problem: SpaceProblem, trajectory: JointTrajectory, simulated:
     if simulated.verdict.outcome == "not simulated" or len(simulated.angles) < 2:
         return None
     carried = np.sum(simulated.base_positions, axis=1)
-    gaps = GapsAtSamples.of(problem, joint_positions_3d(problem.arm, simulated.angles, carried))
+    gaps = _as_far_as_needed(problem, joint_positions_3d(problem.arm, simulated.angles, carried))
     walls = gaps.walls
     itself = gaps.itself
     touching = np.flatnonzero((walls.gap <= 0.0) | (itself.gap <= 0.0))
@@ -32,4 +36,16 @@ def seen_in_space(problem: SpaceProblem, trajectory: JointTrajectory, simulated:
         near = walls if walls.gap[first] <= 0.0 else itself
         touch = Touch(int(near.link[first]), gaps.other(near, first), float(trajectory.time[first]))
     own = float(np.min(itself.gap)) if problem.arm.self_collision else None
-    return Seen(touch, float(np.min(walls.gap)), own)
+    least = float(np.min(walls.gap))
+    return Seen(touch, least if least < gaps.reach else np.inf, own)
+
+
+def _as_far_as_needed(problem: SpaceProblem, points: FloatArray) -> GapsAtSamples:
+    """The gaps of poses, looked for no farther than the least of them is, but up to a link's length."""
+    most = problem.arm.link_length
+    reach = most * FIRST_REACH
+    while True:
+        gaps = GapsAtSamples.of(problem, points, min(reach, most))
+        if float(np.min(gaps.walls.gap)) < gaps.reach or reach >= most:
+            return gaps
+        reach *= 4.0

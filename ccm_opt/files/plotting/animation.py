@@ -80,7 +80,7 @@ class Film:
         plan = self.plan
         scene, to_pixels = _scene(plan, self.settings)
         width = max(2.0 * plan.problem.arm.radius * to_pixels.pixels_a_metre, self.settings.least_body)
-        brush = _ArmBrush(width, self.settings)
+        brush = ArmBrush(width, self.settings)
         brush.paint(scene, to_pixels(plan.points[0].copy()), style.START, style.START_EDGE, self.settings.start_opacity)
         time = plan.trajectory.time
         faster = time[-1] / self.seconds if self.seconds > 0.0 else 1.0
@@ -153,7 +153,7 @@ class _PixelMap:
 
 
 @dataclass(frozen=True)
-class _ArmBrush:
+class ArmBrush:
     """Paints the arm into a frame: its body and its axis, with smooth edges.
 
     Attributes:

@@ -201,7 +201,7 @@ class SpacePictureSettings:
     poses: int = 6
     side: float = 4.6
     dots_per_inch: int = 110
-    places: int = 160
+    places: int = 100
     section_share: float = 0.12
     film_side: int = 520
     film_frames: int = 60

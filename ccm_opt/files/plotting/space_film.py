@@ -1,5 +1,6 @@
 """The film ``motion.gif`` of a plan in space: the scene from before and above, drawn once, and the arm on top of it."""
 
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -9,14 +10,12 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
 from ccm_opt.files.plotting import style
-from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePictureSettings
+from ccm_opt.files.plotting.animation import ArmBrush
+from ccm_opt.files.plotting.picture_settings import FILM, SPACE_PICTURES, SpacePictureSettings
 from ccm_opt.files.plotting.space_plan import draw_goals_in_space
 from ccm_opt.files.plotting.space_views import SLANTED, SeenScene, window_of
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.space_solution import SpacePlan
-
-_OVERSAMPLING = 2
-"""The arm is drawn so much larger, so that shrinking makes its edges smooth."""
 
 
 def space_motion_gif(plan: SpacePlan, settings: SpacePictureSettings = SPACE_PICTURES) -> bytes:
@@ -26,11 +25,11 @@ def space_motion_gif(plan: SpacePlan, settings: SpacePictureSettings = SPACE_PIC
     count = int(np.clip(np.ceil(settings.film_rate * time[-1]), 2, settings.film_frames))
     shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
     scene, pixels, scale = _scene(plan, points, settings)
-    width = max(2.0 * plan.problem.arm.radius * scale, 2.0)
+    brush = ArmBrush(max(2.0 * plan.problem.arm.radius * scale, FILM.least_body), replace(FILM, oversampling=2))
     frames = []
     for sample in shown:
         frame = scene.copy()
-        _paint(frame, pixels(points[sample]), width)
+        brush.paint(frame, pixels(points[sample]), style.GOAL_ARM, style.GOAL_ARM_EDGE, FILM.body_opacity)
         ImageDraw.Draw(frame).text((6, frame.height - 16), f"{time[sample]:.1f} s", fill=style.BOUNDARY)
         frames.append(frame)
     palette = frames[-1].quantize(settings.colours)
@@ -85,16 +84,3 @@ class _Pixels:
         flat = (SLANTED(points) - self._low) * self._scale
         flat[..., 1] = self._height - flat[..., 1]
         return np.asarray(flat)
-
-
-def _paint(frame: Image.Image, pixels: FloatArray, width: float) -> None:
-    """Paint the arm, body and axis, with round joints."""
-    for wide, colour, value in ((width, style.GOAL_ARM, 215), (1.0, style.GOAL_ARM_EDGE, 255)):
-        mask = Image.new("L", (_OVERSAMPLING * frame.width, _OVERSAMPLING * frame.height))
-        draw = ImageDraw.Draw(mask)
-        large = _OVERSAMPLING * pixels
-        draw.line([tuple(point) for point in large.tolist()], fill=value, width=max(round(_OVERSAMPLING * wide), 1))
-        half = 0.5 * _OVERSAMPLING * wide
-        for x, y in large.tolist():
-            draw.ellipse((x - half, y - half, x + half, y + half), fill=value)
-        frame.paste(colour, (0, 0), mask.reduce(_OVERSAMPLING))
