@@ -14,7 +14,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
 from ccm_opt.user_terms.compiled_terms import compile_terms
-from ccm_opt.user_terms.space_quantities import SpaceQuantities
+from ccm_opt.user_terms.symbols_in_space import SpaceQuantities
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 from tests.space_clutter import clutter
 

@@ -17,7 +17,7 @@ from ccm_opt.user_terms.building import compiled_constraint, compiled_cost, refu
 from ccm_opt.user_terms.functions import CompiledConstraint, CompiledCost, as_cost
 from ccm_opt.user_terms.quantities import Quantities
 from ccm_opt.user_terms.row_set import RowSet
-from ccm_opt.user_terms.space_quantities import SpaceQuantities
+from ccm_opt.user_terms.symbols_in_space import SpaceQuantities
 from ccm_opt.user_terms.terms import Constraint, Cost, Interval, Where
 from ccm_opt.user_terms.timed_constraints import TimedConstraint
 

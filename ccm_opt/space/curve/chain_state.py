@@ -27,7 +27,7 @@ class ChainState(NamedTuple):
     jacobian: FloatArray
 
 
-class Chain(Protocol):
+class ChainEvaluator(Protocol):
     """Evaluates an arm with q = B v + q₀; not for use by two threads at once."""
 
     def at(self, v: FloatArray) -> ChainState:

@@ -8,12 +8,12 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.compiled_source import compiled_source, pointer_to
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.space.curve.chain_state import Chain, ChainByNumpy, ChainState
+from ccm_opt.space.curve.chain_state import ChainByNumpy, ChainEvaluator, ChainState
 
 SYMBOLS = ("chain_state",)
 
 
-class _ChainStruct(ctypes.Structure):
+class _ChainStateStruct(ctypes.Structure):
     """``Chain`` of chain_state.c."""
 
     _fields_ = (
@@ -25,7 +25,7 @@ class _ChainStruct(ctypes.Structure):
 
 
 class CompiledChain:
-    """Satisfies the ``Chain`` protocol.
+    """Satisfies the ``ChainEvaluator`` protocol.
 
     Args:
         library: compiled from chain_state.c.
@@ -38,7 +38,7 @@ class CompiledChain:
         links = arm.links
         coordinates, p = matrix.shape
         self._function = library.chain_state
-        self._chain = chain = _ChainStruct(links, coordinates, p, arm.link_length)
+        self._chain = chain = _ChainStateStruct(links, coordinates, p, arm.link_length)
         given = (arm.base, arm.base_rotation, matrix, offset)
         self._given = [np.ascontiguousarray(array, dtype=np.float64) for array in given]  # C has their addresses
         chain.base, chain.rotation, chain.matrix, chain.offset = (array.ctypes.data for array in self._given)
@@ -72,7 +72,7 @@ class CompiledChain:
         )
 
 
-def chain_of(arm: SpaceArm, matrix: FloatArray, offset: FloatArray) -> Chain:
+def chain_of(arm: SpaceArm, matrix: FloatArray, offset: FloatArray) -> ChainEvaluator:
     """What evaluates an arm with q = B v + q₀: compiled, or numpy where there is no compiling.
 
     Args:

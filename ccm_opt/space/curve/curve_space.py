@@ -14,7 +14,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.curve.bend_matrix import bend_matrix
-from ccm_opt.space.curve.chain_state import Chain, ChainState
+from ccm_opt.space.curve.chain_state import ChainEvaluator, ChainState
 from ccm_opt.space.curve.compiled_chain import chain_of
 
 KNOTS = 11
@@ -114,7 +114,7 @@ class CurveSpace:
         return np.delete(rows, [0, each], axis=0)
 
     @cached_property
-    def chain(self) -> Chain:
+    def chain(self) -> ChainEvaluator:
         """What evaluates the arm; not for use by two threads at once."""
         return chain_of(self.arm, self.matrix, self.offset)
 
