@@ -4,7 +4,6 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.space.curve.rigid_motions import exponential
 from ccm_opt.space.curve.space_configuration import SpaceConfiguration
 from ccm_opt.space.nlp.shooting_start import CurveNumbers
 from ccm_opt.space.nlp.space_pose_program import SpacePoseProgram
@@ -18,16 +17,8 @@ def curve_from(program: SpacePoseProgram, variables: FloatArray, arm: SpaceArm) 
         arcs = np.linspace(0.0, 1.0, len(arcs))
     curvatures = np.stack((variables[places["curvature left"]], variables[places["curvature up"]]))
     turn = variables[places["base turn"]]
-    lengths, values, shares = CurveNumbers(arcs, curvatures, turn).segment_values()
-    rotation, _ = exponential(np.array([0.0, -turn[1], turn[0], 0.0, 0.0, 0.0]))
     feed = float(variables[places["feed"]][0]) * arm.length
-    return SpaceConfiguration.chain(
-        arm.base + feed * arm.direction,
-        arm.base_rotation @ rotation,
-        [arm.length * length for length in lengths],
-        [value / arm.length for value in values],
-        shares,
-    )
+    return CurveNumbers(arcs, curvatures, turn).configuration(arm, feed)
 
 
 def shaping_rows(names: tuple[str, ...], multipliers: FloatArray, least: float) -> dict[str, float]:

@@ -11,6 +11,8 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.curve.curve_space import CurveSpace
+from ccm_opt.space.curve.rigid_motions import exponential
+from ccm_opt.space.curve.space_configuration import SpaceConfiguration
 from ccm_opt.space.nlp.quaternions import chained_quaternions, quaternions_of
 
 
@@ -54,6 +56,18 @@ class CurveNumbers:
             inner = (arcs[1:-1] - arcs[0]) / lengths[-1]
             shares.append((float(inner[0]), float(inner[1]), float(inner[2])))
         return lengths, values, shares
+
+    def configuration(self, arm: SpaceArm, feed: float) -> SpaceConfiguration:
+        """The curve in metres, from where the base is carried so far [m]."""
+        lengths, values, shares = self.segment_values()
+        rotation, _ = exponential(np.array([0.0, -self.base_turn[1], self.base_turn[0], 0.0, 0.0, 0.0]))
+        return SpaceConfiguration.chain(
+            arm.base + feed * arm.direction,
+            arm.base_rotation @ rotation,
+            [arm.length * length for length in lengths],
+            [value / arm.length for value in values],
+            shares,
+        )
 
     def planar(self, index: int) -> Configuration:
         """The curve of the plane with one of the curvatures, whose headings are its turns."""

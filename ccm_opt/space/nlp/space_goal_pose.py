@@ -152,6 +152,7 @@ class SpaceGoalPoses:
                 settings.distance_weight * given.path_length,
                 settings.knot_weight,
                 settings.bow_weight,
+                settings.stray_weight,
             ]
         )
 

@@ -22,7 +22,7 @@ from ccm_opt.space.nlp.space_pose_rows import (
 )
 from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
 
-SPACE_PARTS = ("room", "bending", "distance", "knots", "bows")
+SPACE_PARTS = ("room", "bending", "distance", "knots", "bows", "stray")
 """Names of the parts of the objective, in the order of their weights among the parameters."""
 
 
@@ -55,7 +55,7 @@ class SpacePoseParameters:
     """Symbols of what changes from question to question; lengths in units of the arm's length, axes of its base.
 
     Attributes:
-        weights: of the parts of the objective, shape (5, 1).
+        weights: of the parts of the objective, shape (6, 1).
         wanted_gap: scalar.
         near: bends to stay near, shape (2, n) [rad].
         first_shares: where on each link the part begins that must be inside its region, shape (n, 1).
@@ -65,6 +65,7 @@ class SpacePoseParameters:
         normals: of the regions' sides, inwards, shape (3, n · sides).
         offsets: shape (sides, n).
         gap_shares: shape (sides, n).
+        offsets_from_curve: what the links of the start have of the curve's directions across them, shape (2, n).
     """
 
     weights: ca.SX
@@ -77,6 +78,7 @@ class SpacePoseParameters:
     normals: ca.SX
     offsets: ca.SX
     gap_shares: ca.SX
+    offsets_from_curve: ca.SX
 
     @classmethod
     def symbols(cls, size: SpacePoseSize) -> "SpacePoseParameters":
@@ -92,6 +94,7 @@ class SpacePoseParameters:
             normals=ca.SX.sym("normal", 3, size.links * size.sides),
             offsets=ca.SX.sym("offset", size.sides, size.links),
             gap_shares=ca.SX.sym("gap_share", size.sides, size.links),
+            offsets_from_curve=ca.SX.sym("offset_from_curve", 2, size.links),
         )
 
     @property
@@ -112,6 +115,7 @@ class SpacePoseProgram:
         points: joint and tip positions, shape (3, n + 1).
         feed: position of the base, scalar.
         tip_parts: what the last link has of the axes across the goal's direction, shape (2, 1).
+        stray: share of the start's offsets from its curve that the pose keeps, scalar.
         gap: g, scalar.
         parameters: what changes from question to question.
         rows: all blocks of rows.
@@ -126,6 +130,7 @@ class SpacePoseProgram:
     points: ca.SX
     feed: ca.SX
     tip_parts: ca.SX
+    stray: ca.SX
     gap: ca.SX
     parameters: SpacePoseParameters
     rows: tuple[RowBlock, ...]
@@ -134,9 +139,9 @@ class SpacePoseProgram:
 
     @property
     def variables(self) -> ca.SX:
-        """The curve, the bends, the links, the points, the feed, the tip's parts and the gap in one column."""
+        """The curve, bends, links, points, the feed, the tip's parts, what strays and the gap in one column."""
         flat = [ca.vec(symbols) for symbols in (self.bends, self.links, self.points)]
-        return ca.vertcat(self.curve.variables, *flat, self.feed, self.tip_parts, self.gap)
+        return ca.vertcat(self.curve.variables, *flat, self.feed, self.tip_parts, self.stray, self.gap)
 
     @cached_property
     def places(self) -> Mapping[str, slice]:
@@ -150,7 +155,7 @@ class SpacePoseProgram:
             sizes |= {f"{name} {direction}": size for name, size in each}
         sizes |= {"base turn": 2, "turns": 2 * links, "means": 2 * links, "frames": 4 * links}
         sizes |= {"bends": 2 * links, "links": 4 * links, "points": 3 * (links + 1)}
-        sizes |= {"feed": 1, "tip parts": 2, "gap": 1}
+        sizes |= {"feed": 1, "tip parts": 2, "stray": 1, "gap": 1}
         stops = np.cumsum(list(sizes.values())).tolist()
         return {name: slice(stop - size, stop) for (name, size), stop in zip(sizes.items(), stops, strict=True)}
 
@@ -187,13 +192,14 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
     points = ca.SX.sym("point", 3, size.links + 1)
     feed = ca.SX.sym("feed")
     tip_parts = ca.SX.sym("tip_part", 2)
+    stray = ca.SX.sym("stray")
     gap = ca.SX.sym("gap")
     given = SpacePoseParameters.symbols(size)
     rows = (
         *curve.rows(size.least_piece, size.window),
         turning_rows(bends, links),
         place_rows(links, points, feed),
-        mapping_rows_in_space(curve, links),
+        mapping_rows_in_space(curve, links, stray * given.offsets_from_curve),
         side_rows(points, given.first_shares, given.normals, given.offsets, given.gap_shares, gap),
         tip_place_row(points[:, size.links], given.goal, given.goal_room),
         tip_direction_rows(links[:, size.links - 1], given.across, tip_parts),
@@ -205,6 +211,9 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
         "distance": ca.sumsqr(bends - given.near),
         "knots": pose_costs.uneven_knots(first),
         "bows": pose_costs.rough_curvature(first) + pose_costs.rough_curvature(second),
+        "stray": stray**2 * ca.sumsqr(given.offsets_from_curve),
     }
     objective = ca.dot(given.weights, ca.vertcat(*(parts[name] for name in SPACE_PARTS)))
-    return SpacePoseProgram(size, curve, bends, links, points, feed, tip_parts, gap, given, rows, parts, objective)
+    return SpacePoseProgram(
+        size, curve, bends, links, points, feed, tip_parts, stray, gap, given, rows, parts, objective
+    )

@@ -49,13 +49,19 @@ def place_rows(links: ca.SX, points: ca.SX, feed: ca.SX) -> RowBlock:
     return equal_to_zero((*at_base, *of_links), ca.vec(points - before))
 
 
-def mapping_rows_in_space(curve: BishopShooting, links: ca.SX) -> RowBlock:
-    """Every link points as the curve does in the mean over the link: neither of its other axes has a part of that."""
+def mapping_rows_in_space(curve: BishopShooting, links: ca.SX, offsets: ca.SX) -> RowBlock:
+    """Every link points as the curve does in the mean over the link, but for its offset.
+
+    Args:
+        curve: the curve.
+        links: quaternions of the links, shape (4, n).
+        offsets: what the links' y and z axes have of the curve's direction, shape (2, n).
+    """
     rows = []
     for link, direction in enumerate(curve.directions()):
         frame = curve.frames[:, link]
         along = sum((direction[k] * axis(frame, k) for k in range(3)), ca.SX(0))
-        rows += [ca.dot(axis(links[:, link], k), along) for k in (1, 2)]
+        rows += [ca.dot(axis(links[:, link], k), along) - offsets[k - 1, link] for k in (1, 2)]
     names = tuple(f"mapping of link {link + 1}, {side}" for link in range(curve.links) for side in ("left", "up"))
     return equal_to_zero(names, ca.vertcat(*rows))
 

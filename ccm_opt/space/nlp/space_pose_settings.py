@@ -8,29 +8,31 @@ class SpacePoseSettings:
     """How a goal pose is asked for; lengths are in units of the arm's length unless a unit is given.
 
     Attributes:
-        segments: curvature segments of the curve (measured by ``tests.benchmarks.bench_space_poses``: two to five find
-            the same room in clutter of 150 bodies, three in the least time).
+        segments: curvature segments of the curve (measured by ``tests.benchmarks.bench_space_poses``: in clutter two to
+            five find the same room; with three, arms that are straight up to a hole take three times the iterations).
         window: spline pieces on either side of the one in which a joint lies at first, among which the joint may come
             to lie while knots move (as in the plane).
         least_piece: least share of its segment that a piece between knots keeps (as in the plane).
         limit_share: share of a joint limit that a pose may use (as the steps of the motion have it).
-        torque_share: share of a torque limit that holding the pose may take (as in the plane).
         room_weight: cost of having no room at all, of the wanted gap; beside it bending costs little (as in the plane).
         bending_weight: of ∫(κ1² + κ2²) ds (as in the plane).
         knot_weight: of uneven knots and segments (as in the plane).
         bow_weight: of what the curvatures leave their chords by between knots (as in the plane).
         distance_weight: of the squared bends by which the pose differs from the one to stay near [1/rad²]; less than in
             the plane, for the same change of shape is one of both bends (taste).
-        torque_weight: of the mean square holding torque, as shares of its limits (as in the plane).
+        stray_weight: of the squared angles by which links point elsewhere than the curve [1/rad²] (taste).
         tolerance: of the solver, relative (as in the plane).
         iterations: most iterations of one solution (taste).
-        first_barrier: where the barrier starts; small, for a pose of the arm is known (as in the plane).
+        first_barrier: where the barrier starts; small, for the start keeps every row (measured: with 1e-2 arms behind
+            holes are lost).
+        push: how far the start is moved off its bounds, relative (measured: with the solver's own hundredth, which is
+            more than any gap, two of the three shared problems do not converge, with this all do).
         rounds: most solutions, the planes drawn anew about the links between them (as in the plane).
         worthwhile: a further round is worth its time when the one before brought this share of the cost, or of the
             wanted gap (as in the plane).
         reach: surfaces farther away than this from a link make no side of its region (as in the plane).
         behind: by how much a surface may stand out behind a side that covers it (as the distances have it).
-        most_sides: of a link's region, the nearest (as the distances have it).
+        most_sides: of a link's region, the nearest (as in the plane).
         pair_reach: links whose axes are farther apart than this have no side between them (taste).
         far_reach: ``reach`` where a link has strayed farther than that and met a surface there (as in the plane).
         more_sides: ``most_sides`` where a pose has less room than its rows say, for a side that was left out (taste).
@@ -40,28 +42,28 @@ class SpacePoseSettings:
         enough: share of the wanted gap at which no further round is worth its time (as in the plane).
     """
 
-    segments: int = 3
+    segments: int = 5
     window: int = 1
     least_piece: float = 0.08
     limit_share: float = 0.98
-    torque_share: float = 0.9
     room_weight: float = 10.0
     bending_weight: float = 0.01
     knot_weight: float = 4.0
     bow_weight: float = 1e-3
     distance_weight: float = 1.0
-    torque_weight: float = 0.1
+    stray_weight: float = 1.0
     tolerance: float = 1e-4
     iterations: int = 100
-    first_barrier: float = 1e-2
+    first_barrier: float = 1e-3
+    push: float = 1e-5
     rounds: int = 4
     worthwhile: float = 0.02
     reach: float = 0.25
     behind: float = 1e-3
-    most_sides: int = 14
-    pair_reach: float = 0.15
+    most_sides: int = 8
+    pair_reach: float = 0.1
     far_reach: float = 1.0
-    more_sides: int = 40
+    more_sides: int = 24
     region_sizes: tuple[int, ...] = (2, 4, 8, 16, 32, 64)
     feasible: float = 1e-6
     binding: float = 1e-4

@@ -13,6 +13,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.ipopt_call import ipopt_answer
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
+from ccm_opt.space.curve.link_directions import mean_directions
 from ccm_opt.space.curve.space_configuration import SpaceConfiguration
 from ccm_opt.space.nlp.pose_reading import curve_from, named_above, shaping_rows
 from ccm_opt.space.nlp.shooting_start import CurveNumbers, start_values
@@ -24,9 +25,12 @@ _SWITCHES: dict[str, Any] = {
     **IPOPT_SWITCHES,
     "calc_lam_p": False,
     "no_nlp_grad": True,
+    # From a start that keeps every row the barrier has only to fall.
+    "ipopt.mu_strategy": "monotone",
     # What the links' chain leaves open adds up along the arm.
     "ipopt.constr_viol_tol": 1e-10,
 }
+_PUSHES = ("ipopt.bound_push", "ipopt.bound_frac", "ipopt.slack_bound_push", "ipopt.slack_bound_frac")
 _solvers: WeakKeyDictionary[SpacePoseProgram, dict[SpacePoseSettings, ca.Function]] = WeakKeyDictionary()
 
 
@@ -77,7 +81,7 @@ class SpacePoseQuestion:
     Attributes:
         program: symbols, perhaps with user terms.
         task: the numbers.
-        weights: of the parts of the objective, in the order of ``SPACE_PARTS``, shape (5,).
+        weights: of the parts of the objective, in the order of ``SPACE_PARTS``, shape (6,).
         settings: of the solver.
     """
 
@@ -86,18 +90,15 @@ class SpacePoseQuestion:
     weights: FloatArray
     settings: SpacePoseSettings
 
-    def solve(self, curve: CurveNumbers | None = None) -> SpaceArmPose:
+    def solve(self) -> SpaceArmPose:
         """Solve from the task's start; never raises on failure, the result says how it went.
-
-        Args:
-            curve: near the start; the one whose bends come nearest when None.
 
         Raises:
             KeyboardInterrupt: Ctrl-C was pressed meanwhile.
         """
         lower, upper = self._variable_bounds()
         row_lower, row_upper = self.program.bounds
-        start = np.clip(self._start(curve), lower, upper)
+        start = np.clip(self._start(), lower, upper)
         bounds = {"lbx": lower, "ubx": upper, "lbg": row_lower, "ubg": row_upper}
         solver = partial(_built_solver, self.program, self.settings)
         return self._read(*ipopt_answer(solver, start, p=self._parameters(), **bounds))
@@ -139,8 +140,22 @@ class SpacePoseQuestion:
             normals.reshape(size.links * size.sides, 3).ravel(),
             offsets.ravel(),
             gap_shares.ravel(),
+            self._offsets_from_curve.ravel(),
         ]
         return np.concatenate(values)
+
+    @cached_property
+    def _offsets_from_curve(self) -> FloatArray:
+        """What the links of the start have of the mean directions of the curve near it, shape (n, 2).
+
+        With them the start keeps every row. The pose may lose them, but need not: so it is with the coordinates of
+        motions, whose offset from the curve stays all the way.
+        """
+        task = self.task
+        links = link_rotations(task.arm, task.start)
+        curve = self._near.configuration(task.arm, float(task.arm.coordinates.advance(task.start)))
+        means = mean_directions(curve, task.arm.links)
+        return np.asarray(np.einsum("nij,ni->nj", links[:, :, 1:], means))
 
     def _padded_sides(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Normals (n, sides, 3), offsets and shares of the gap (n, sides) in the axes of the base.
@@ -185,17 +200,23 @@ class SpacePoseQuestion:
             most = np.sin(task.room[1]) / np.sqrt(2.0)
             lower[places["tip parts"]] = -most
             upper[places["tip parts"]] = most
+        lower[places["stray"]] = 0.0
+        upper[places["stray"]] = 1.0
         upper[places["gap"]] = task.wanted_gap / self._length
         return lower, upper
 
-    def _start(self, curve: CurveNumbers | None) -> FloatArray:
+    @cached_property
+    def _near(self) -> CurveNumbers:
+        """The curve whose bends come nearest to those of the start."""
+        return CurveNumbers.near(self.task.arm, self.task.start, self.program.size.segments)
+
+    def _start(self) -> FloatArray:
         task = self.task
-        near = CurveNumbers.near(task.arm, task.start, self.program.size.segments) if curve is None else curve
         scale = self.program.curve.parts[0].moment_scale
-        values = start_values(task.arm, task.start, near, scale)
+        values = start_values(task.arm, task.start, self._near, scale)
         last = link_rotations(task.arm, task.start)[-1, :, 0] @ self._rotation
         gap = min(task.sides.gap(task.first_shares, joint_positions(task.arm, task.start)), task.wanted_gap)
-        return np.concatenate((values, self._across.T @ last, [gap / self._length]))
+        return np.concatenate((values, self._across.T @ last, [1.0, gap / self._length]))
 
     def _read(self, answer: Mapping[str, Any], statistics: Mapping[str, Any]) -> SpaceArmPose:
         program = self.program
@@ -249,6 +270,7 @@ def _built_solver(program: SpacePoseProgram, settings: SpacePoseSettings) -> ca.
             "ipopt.max_iter": settings.iterations,
             "ipopt.tol": settings.tolerance,
             "ipopt.mu_init": settings.first_barrier,
+            **dict.fromkeys(_PUSHES, settings.push),
         }
         kept[settings] = ca.nlpsol("space_goal_pose", "ipopt", symbols, options)
     return kept[settings]
