@@ -79,17 +79,18 @@ class _SurfaceProof:
         pairs = StretchPairs(stretch, link, np.zeros(len(link), dtype=np.intp))
         return prove_stretches(self._motion, stretches, pairs, self._measure, least, settings, self._opened, nearest)
 
-    def _measure(self, stretches: Stretches, poses: FloatArray, pairs: StretchPairs) -> Measured:
+    def _measure(self, stretches: Stretches, poses: FloatArray, pairs: StretchPairs, cutoff: float) -> Measured:
         travels = self._motion.travels(stretches)
         k, link = pairs.stretch, pairs.link
         travel = np.maximum(travels[k, link], travels[k, link + 1])
         end = poses[k, link + 1]
         start = poses[k, link] + self._exposed[link, None] * (end - poses[k, link])
         low, high = self._surfaces.bounds(pairs.other, start, end)
-        exact = self._surfaces.is_triangle(pairs.other)
+        thick = self._motion.arm.radius + self._surfaces.rounding[pairs.other]
+        # Triangles whose boxes are far enough need not be measured.
+        exact = self._surfaces.is_triangle(pairs.other) & (low - thick - self._lost - travel < cutoff)
         triangles = self._surfaces.triangles[pairs.other[exact] - self._surfaces.offsets[-2]]
         low[exact], high[exact] = separations(start[exact], end[exact], triangles)
-        thick = self._motion.arm.radius + self._surfaces.rounding[pairs.other]
         # A box may hold triangles of less rounding than the largest, which are farther.
         most = high - np.where(exact, thick, self._motion.arm.radius)
         return Measured(low - thick - self._lost, most, travel, exact)

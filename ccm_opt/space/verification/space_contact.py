@@ -53,7 +53,7 @@ def _prove(
 ) -> Verdict:
     lost = 2.0 * motion.rounding + distance_rounding(float(np.max(np.abs(motion.points))))
 
-    def measure(some: Stretches, poses: FloatArray, which: StretchPairs) -> Measured:
+    def measure(some: Stretches, poses: FloatArray, which: StretchPairs, _cutoff: float) -> Measured:
         k, i, j = which.stretch, which.link, which.other
         distance = axis_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - thickness
         travel = _relative_travels(motion, some, which)

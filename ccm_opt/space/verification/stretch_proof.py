@@ -64,8 +64,9 @@ class Measured:
     exact: BoolArray
 
 
-Measure = Callable[[Stretches, FloatArray, StretchPairs], Measured]
-"""Stretches, the poses at their middles, shape (S, links + 1, 3) [m], and pairs, to what is known of these."""
+Measure = Callable[[Stretches, FloatArray, StretchPairs, float], Measured]
+"""Stretches, the poses at their middles, shape (S, links + 1, 3) [m], pairs, and the gap [m] beyond which it is enough
+to know that they keep it, to what is known of the pairs."""
 Opened = Callable[[StretchPairs, FloatArray], tuple[StretchPairs, BoolArray]]
 """Pairs and their travels, to those that take the place of boxes, and which were boxes to be opened."""
 
@@ -99,8 +100,10 @@ def prove_stretches(
         nearest: the least gap that is known to be met; none by default.
     """
     nearest = Nearest() if nearest is None else nearest
+    ceiling = nearest.gap
     while len(pairs):
-        known = measure(stretches, motion.poses(stretches.middle), pairs)
+        cutoff = max(least, ceiling - settings.report_resolution)
+        known = measure(stretches, motion.poses(stretches.middle), pairs, cutoff)
         nearest = _nearer(motion, stretches, pairs, known, nearest)
         # A pose of the motion itself is too near: a counterexample, so that no halving can help.
         if nearest.gap < least:
@@ -113,7 +116,8 @@ def prove_stretches(
             return Verdict(proved=False, nearest=nearest, remark="so close for so long that the proof was given up")
 
         # What is proved may still hold the least gap, which the report wants more exactly.
-        vague = after < min(nearest.gap, float(np.min(known.most))) - settings.report_resolution
+        ceiling = min(ceiling, nearest.gap, float(np.min(known.most)))
+        vague = after < ceiling - settings.report_resolution
         vague &= ~known.exact | (known.travel > 0.0)
         if np.count_nonzero(vague) < settings.most_report_pairs:
             undecided |= vague
