@@ -257,10 +257,9 @@ def test_every_c_file_goes_with_the_package() -> None:
     """The files that are compiled at building are those that are asked for at run time."""
     package = Path(library_cache.__file__).parents[1]
     asked = {
-        path.with_name(word.strip('"') + ".c").name
-        for path in package.rglob("compiled_*.py")
+        line.split('.with_name("')[1].split('"')[0]
+        for path in package.rglob("*.py")
         for line in path.read_text(encoding="utf-8").splitlines()
-        if '.with_name("' in line
-        for word in [line.split('.with_name("')[1].split('.c"')[0]]
+        if '.with_name("' in line and '.c")' in line
     }
     assert {recipe.name + ".c" for recipe in recipes_of_sources()} == asked

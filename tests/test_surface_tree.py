@@ -139,6 +139,23 @@ def test_fewer_planes_are_the_first_of_more(seed: int, count: int, most: int) ->
         np.testing.assert_array_equal(few.normal, many.normal[first])
 
 
+@settings(max_examples=40)
+@given(seed=seeds, count=st.integers(1, 100), reach=reaches)
+def test_a_grid_is_of_its_points(seed: int, count: int, reach: float) -> None:
+    """The distances of a grid are those of its cells' middles one by one, whichever its counts."""
+    rng = np.random.default_rng(seed)
+    scene = random_triangles(rng, count)
+    counts = tuple(int(number) for number in rng.integers(1, 20, 3))
+    low = rng.uniform(-1.2, 0.0, 3)
+    cell = float(rng.uniform(0.02, 0.2))
+    points = low + cell * np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    for tree in trees(scene):
+        gaps = tree.grid(low, cell, (counts[0], counts[1], counts[2]), reach)
+        assert gaps.shape == counts
+        expected = tree.distances(np.repeat(points[:, None], 2, axis=1), reach)
+        np.testing.assert_allclose(gaps.ravel(), expected, atol=1e-9)
+
+
 def test_a_finely_meshed_wall_is_one_plane() -> None:
     """A flat wall of thousands of triangles gives one half-space a link."""
     ticks = np.linspace(-1.0, 1.0, 41)
@@ -161,6 +178,7 @@ def test_without_triangles_nothing_is_near() -> None:
     np.testing.assert_array_equal(tree.distances(segments, 0.5), [0.5] * 3)
     assert np.all(tree.nearest(segments, 0.5).owner == -1)
     assert len(tree.planes(segments, 0.5).gap) == 0
+    np.testing.assert_array_equal(tree.grid(np.zeros(3), 0.1, (1, 2, 3), 0.5), np.full((1, 2, 3), 0.5))
 
 
 def test_a_segment_that_is_not_finite_is_not_free() -> None:
@@ -234,3 +252,33 @@ def test_without_a_compiler_numpy_measures(monkeypatch: pytest.MonkeyPatch, capl
     np.testing.assert_allclose(tree.distances(segments, 1.0), expected, atol=1e-9)
     assert "numpy" in caplog.messages[-1]
     compiled_source.forget_troubles()
+
+
+def test_coal_measures_the_same() -> None:
+    """The distances of capsules from a mesh are those of coal, a library of its own."""
+    coal = pytest.importorskip("coal", reason="coal comes with the tests where there is a wheel of it")
+    rng = np.random.default_rng(6)
+    corners = rng.uniform(-1.0, 1.0, (300, 1, 3)) + rng.normal(0.0, 0.15, (300, 3, 3))
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(300, 900)
+    for triangle in corners:
+        mesh.addTriangle(*triangle)
+    mesh.endModel()
+    tree = SurfaceTree.of(soup(corners, np.zeros(300), np.zeros(300, dtype=np.intp)))
+    segments = random_segments(rng, 100)
+    lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+    compared = 0
+    for segment, length, gap in zip(segments, lengths, tree.distances(segments, 10.0), strict=True):
+        # Coal's capsules lie along z, have a length and some radius, and where they touch their depth is another thing.
+        if length < 1e-3 or gap < 0.011:
+            continue
+        along = (segment[1] - segment[0]) / length
+        turn, _ = np.linalg.qr(np.column_stack((along, np.eye(3)[:, :2] + 0.1 * rng.normal(size=(3, 2)))))
+        rotation = np.column_stack((turn[:, 1], np.cross(along, turn[:, 1]), along))
+        result = coal.DistanceResult()
+        place = coal.Transform3s(rotation, segment.mean(axis=0))
+        capsule = coal.Capsule(0.01, length)
+        coal.distance(mesh, coal.Transform3s.Identity(), capsule, place, coal.DistanceRequest(), result)
+        assert result.min_distance == pytest.approx(gap - 0.01, abs=1e-5)
+        compared += 1
+    assert compared > 20

@@ -58,6 +58,18 @@ class _PlaneStruct(ctypes.Structure):
     )
 
 
+class _GridStruct(ctypes.Structure):
+    """``GridQuery`` of grid_gaps.c."""
+
+    _fields_ = (
+        ("surfaces", _SurfacesStruct),
+        ("counts", _LONG * 3),
+        ("low", _DOUBLE * 3),
+        *((name, _DOUBLE) for name in ("cell", "reach")),
+        ("gap", _POINTER),
+    )
+
+
 def boxes_by_c(triangles: FloatArray, rounding: FloatArray, leaf: int) -> SurfaceBoxes | None:
     """The hierarchy, every box cut where that costs later walks least; None where there is no compiling.
 
@@ -92,12 +104,14 @@ class CompiledSearch:
         boxes: the hierarchy.
         nearest: library of nearest_surfaces.c.
         planes: library of free_planes.c.
+        grid: library of grid_gaps.c.
     """
 
-    def __init__(self, boxes: SurfaceBoxes, nearest: ctypes.PyDLL, planes: ctypes.PyDLL) -> None:
+    def __init__(self, boxes: SurfaceBoxes, nearest: ctypes.PyDLL, planes: ctypes.PyDLL, grid: ctypes.PyDLL) -> None:
         self._boxes = boxes  # C has the addresses of its arrays
         self._nearest = nearest.nearest_surfaces
         self._planes = planes.free_planes
+        self._grid = grid.grid_gaps
         arrays = (boxes.nodes, boxes.corners, boxes.rounding)
         self._surfaces = _SurfacesStruct(*(array.ctypes.data for array in arrays))
 
@@ -134,9 +148,19 @@ class CompiledSearch:
             raise MemoryError("no memory for the half-spaces about the links")
         return PlaneRows(whole[0, :rows], share[:rows], normal[:rows], point[:rows], gap[:rows], whole[1, :rows])
 
+    def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
+        """Gaps of the middles of cells, or the reach, shape of the counts."""
+        gap = np.empty(counts)
+        query = _GridStruct(self._surfaces, (_LONG * 3)(*counts), (_DOUBLE * 3)(*low), cell, reach, gap.ctypes.data)
+        self._grid(ctypes.byref(query))
+        return gap
+
 
 def compiled_search(boxes: SurfaceBoxes) -> CompiledSearch | None:
     """A compiled search; None where there is no compiling."""
     nearest = compiled_source(Path(__file__).with_name("nearest_surfaces.c"), ("nearest_surfaces",))
     planes = compiled_source(Path(__file__).with_name("free_planes.c"), ("free_planes",))
-    return None if nearest is None or planes is None else CompiledSearch(boxes, nearest, planes)
+    grid = compiled_source(Path(__file__).with_name("grid_gaps.c"), ("grid_gaps",))
+    if nearest is None or planes is None or grid is None:
+        return None
+    return CompiledSearch(boxes, nearest, planes, grid)

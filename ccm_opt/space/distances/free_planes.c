@@ -129,7 +129,7 @@ static int planes_about(PlaneQuery *q, int64_t number)
     Probe probe = probe_of(&segment);
     int64_t first = q->rows;
     double least;
-    Found found = nearest_face(&q->surfaces, &segment, q->reach, 0.0, &least);
+    Found found = nearest_face(&q->surfaces, &segment, q->reach, 0.0, -1, &least);
     if (found.face < 0 || q->most < 1) return 1;
     keep(q, number, &segment, &found);
     q->size = 0;

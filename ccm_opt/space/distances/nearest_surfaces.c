@@ -16,7 +16,7 @@ PUBLIC void nearest_surfaces(NearestQuery *q)
     for (int64_t k = 0; k < q->count; k++) {
         Segment segment = segment_between(q->segments + 6 * k);
         double least;
-        Found found = nearest_face(&q->surfaces, &segment, q->reach, q->slack, &least);
+        Found found = nearest_face(&q->surfaces, &segment, q->reach, q->slack, -1, &least);
         if (!isfinite(segment.square + dot(segment.start, segment.start))) found.gap = least = NAN;
         q->gap[k] = q->face ? found.gap : least;
         if (!q->face) continue;

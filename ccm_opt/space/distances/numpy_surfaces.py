@@ -15,6 +15,8 @@ from ccm_opt.space.distances.surface_boxes import SurfaceBoxes
 
 _CHUNK = 200_000
 """Pairs that are looked at together, so that memory stays bounded."""
+_POINTS = 5_000
+"""Likewise, points of a grid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,14 @@ class NumpySearch:
         chosen = found.taken(np.concatenate([np.zeros(0, dtype=np.intp), *kept]))
         normal, point = self._sides(segments, chosen)
         return PlaneRows(chosen.segment, chosen.share, normal, point, chosen.gap, chosen.face)
+
+    def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
+        """Gaps of the middles of cells, a part of them at a time."""
+        axes = [low[d] + cell * np.arange(counts[d]) for d in range(3)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        parts = [points[k : k + _POINTS] for k in range(0, len(points), _POINTS)]
+        gaps = [self.distances(np.repeat(part[:, None], 2, axis=1), reach, 0.0) for part in parts]
+        return np.concatenate([np.zeros(0), *gaps]).reshape(counts)
 
     def _standing_out(
         self, segments: FloatArray, found: _FacePairs, rows: IntArray, most: int, behind: float

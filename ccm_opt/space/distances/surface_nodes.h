@@ -76,7 +76,8 @@ static inline double squared_bound(const Probe *probe, const Node *node, double 
         apart += gap * gap;
         at += offset * probe->half[d];
     }
-    if (apart >= limit) return apart;
+    /* Of a point the first look is the last. */
+    if (apart >= limit || probe->square == 0.0) return apart;
     at = probe->square > 0.0 ? smaller(larger(at / probe->square, -1.0), 1.0) : 0.0;
     double bound = larger(apart, tangent_bound(probe, centre, size, at, &slope, &curvature));
     /* A step of Newton's: the squared distance is quadratic but for few kinks. */

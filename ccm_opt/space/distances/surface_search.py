@@ -20,3 +20,7 @@ class SurfaceSearch(Protocol):
     def planes(self, segments: FloatArray, reach: float, most: int, behind: float) -> PlaneRows:
         """At most so many half-spaces about each segment (k, 2, 3), the nearest first."""
         ...
+
+    def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
+        """Gaps of the middles of the cells of a grid, the first of which is at ``low``, cut off at the reach [m]."""
+        ...

@@ -106,3 +106,21 @@ class SurfaceTree:
         behind = self.settings.behind * reach if behind is None else behind
         found = self.search.planes(np.ascontiguousarray(segments, dtype=np.float64), reach, most, behind)
         return replace(found, owner=self.owner[found.owner])
+
+    def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
+        """Distances of the middles of the cells of a grid from the surfaces, as of segments without length.
+
+        Any point of a cell is as far from the surfaces as the middle, less half the cell's diagonal at most.
+
+        Args:
+            low: middle of the first cell, shape (3,) [m].
+            cell: size of a cell [m].
+            counts: number of cells along x, y and z.
+            reach: distances are cut off here [m].
+
+        Returns:
+            Distances, shape of the counts [m].
+        """
+        if self.search is None:
+            return np.full(counts, float(reach))
+        return self.search.grid(low, cell, counts, reach)

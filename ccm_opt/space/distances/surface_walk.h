@@ -46,16 +46,18 @@ static inline void step_down(Walk *walk, const Surfaces *surfaces, const Probe *
     }
 }
 
-/* The nearest triangle; no triangle is nearer than the least, which is below its gap by the slack at most. */
+/* The nearest triangle; no triangle is nearer than the least, which is below its gap by the slack at most. A hint of
+   one that may be near, or -1, saves time. */
 static inline Found nearest_face(const Surfaces *surfaces, const Segment *segment, double reach, double slack,
-                                 double *least)
+                                 int64_t hint, double *least)
 {
     Found found = {reach, {0.0, 0.0, {0.0, 0.0, 0.0}}, -1};
+    if (hint >= 0) look_at(surfaces, segment, hint, &found);
     Probe probe = probe_of(segment);
     Walk walk = {0};
     walk.least = reach;
     step_to(&walk, 0, least_gap(&probe, surfaces->nodes, reach));
-    double limit = reach;
+    double limit = found.face >= 0 ? found.gap - slack : reach;
     while (next_node(&walk, limit)) {
         const Node *node = surfaces->nodes + walk.node;
         for (int64_t face = node->first; face < node->first + node->count; face++)

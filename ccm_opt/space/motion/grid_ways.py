@@ -64,11 +64,9 @@ class TipGrid:
         size = np.maximum(high - low, 1e-9)
         cell = float((np.prod(size) / cells) ** (1.0 / 3.0))
         counts = np.maximum(np.ceil(size / cell).astype(np.intp), 1)
-        axes = [low[d] + cell * (0.5 + np.arange(counts[d])) for d in range(3)]
-        centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        reach = kept + far
-        gaps = np.minimum(tree.distances(np.repeat(centres[:, None], 2, axis=1), reach), reach) - kept
-        return cls(low + 0.5 * cell, cell, gaps.reshape(counts), far)
+        first = low + 0.5 * cell
+        gaps = tree.grid(first, cell, (int(counts[0]), int(counts[1]), int(counts[2])), kept + far) - kept
+        return cls(first, cell, gaps, far)
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
         """The cell of a place; the nearest one where it lies outside."""
