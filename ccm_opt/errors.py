@@ -39,13 +39,17 @@ class FileIssue:
         line: line in the file, counted from 1; 0 when the defect has no line.
         key: dotted key path, for example ``workspace.obstacles[2].polygon``.
         message: what was got and what was expected.
+        setting: ``key.path=value`` from outside that the defect comes from; empty where it is the file's.
     """
 
     line: int
     key: str
     message: str
+    setting: str = ""
 
     def __str__(self) -> str:
+        if self.setting:
+            return f"--set {self.setting}: {self.message}"
         place = f"line {self.line}: " if self.line else ""
         return f"{place}{self.key}: {self.message}" if self.key else f"{place}{self.message}"
 

@@ -1,6 +1,7 @@
 """Keys of problem files set from outside: each reads back as set, the rest stays, and what leads nowhere is refused."""
 
 import tomllib
+from pathlib import Path
 
 import pytest
 import tomlkit
@@ -49,7 +50,7 @@ VALUES = st.one_of(
 @given(settings=st.dictionaries(st.sampled_from(sorted(PATHS)), VALUES, min_size=1))
 def test_keys_read_back_as_set(settings: dict[str, object]) -> None:
     """Every key has the value that it was set to, every other value is as it was, and comments stay."""
-    text = with_keys_set(TEXT, [f"{key}={tomlkit.item(value).as_string()}" for key, value in settings.items()])
+    text = with_keys_set(TEXT, [f"{key}={tomlkit.item(value).as_string()}" for key, value in settings.items()]).text
     data, before = tomllib.loads(text), tomllib.loads(TEXT)
     for key, path in PATHS.items():
         assert lookup(data, path) == settings.get(key, lookup(before, path))
@@ -58,7 +59,10 @@ def test_keys_read_back_as_set(settings: dict[str, object]) -> None:
 
 def test_a_bare_word_is_a_text() -> None:
     """Quotes are not asked for, as shells take them away."""
-    assert tomllib.loads(with_keys_set(TEXT, ["planner.method=hill-climbing"]))["planner"]["method"] == "hill-climbing"
+    assert (
+        tomllib.loads(with_keys_set(TEXT, ["planner.method=hill-climbing"]).text)["planner"]["method"]
+        == "hill-climbing"
+    )
 
 
 @pytest.mark.parametrize(
@@ -85,5 +89,18 @@ def test_the_changed_problem_is_the_recorded_one() -> None:
     assert changed.arm.radius == pytest.approx(0.021e-3)
     assert changed.length_unit == "mm"
     assert lookup(recorded_data(changed), ("arm", "radius")) == 0.021
-    with pytest.raises(ProblemFileError, match=r"arm\.colour: unknown key 'colour'"):
+    with pytest.raises(ProblemFileError, match=r"--set arm\.colour=3: unknown key 'colour'"):
         load_problem(file, changes=["arm.colour=3"])
+
+
+def test_a_wrong_setting_is_told_by_itself_and_the_files_defects_by_its_lines(tmp_path: Path) -> None:
+    """What was set is no line of the file, and does not move the lines of what the file itself has wrong."""
+    file = tmp_path / "wrong.toml"
+    lines = (PROBLEMS / "swan-neck.toml").read_text().replace("links = 12", "links = 13").splitlines()
+    file.write_text("\n".join(lines))
+    with pytest.raises(ProblemFileError) as error:
+        load_problem(file, changes=["goal.position=3", "limits.jerk=-1", "workspace.clearance=0.001"])
+    told = {issue.key: str(issue) for issue in error.value.issues}
+    assert told["goal.position"] == "--set goal.position=3: expected a list in brackets, got 3"
+    assert told["limits.jerk"].startswith("--set limits.jerk=-1: ")
+    assert told["arm.links"].startswith(f"line {lines.index('links = 13') + 1}: ")

@@ -34,7 +34,7 @@ def test_velocities_are_those_of_the_arm(small_problem: Problem) -> None:
         rest = np.zeros(5)
         states = MotionStates(arm.headings(q), rest, rest, np.cumsum(qd, axis=1), rest)
         expected = np.max(np.abs(point.velocity(q, qd)), axis=1)
-        np.testing.assert_allclose(timed.residuals(states), expected, atol=1e-12)
+        np.testing.assert_allclose(timed.excesses(states), expected, atol=1e-12)
 
 
 def test_a_motion_that_is_too_fast_is_refused_and_a_limited_one_is_not(small_problem: Problem) -> None:

@@ -99,10 +99,11 @@ def solve_command(
     out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs"),
     method: Annotated[MethodChoice | None, typer.Option(help="Planner to use instead of the one in the file.")] = None,
     time_limit: Annotated[
-        float | None, typer.Option(help="CPU time for planning, in s.", show_default="the file's planner.time_limit")
+        float | None,
+        typer.Option(min=0.001, help="CPU time for planning, in s.", show_default="the file's planner.time_limit"),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="Seed of the search.", show_default="the file's planner.seed")
+        int | None, typer.Option(min=0, help="Seed of the search.", show_default="the file's planner.seed")
     ] = None,
     changes: Changes = None,
     constraint: Constraints = None,

@@ -53,15 +53,24 @@ class CompiledConstraint:
         headings, feed = self.quantities.parted(headings, feed)
         return self.violations(evaluated(self.function, headings, u, feed))
 
+    def excesses(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+        """The same with its sign: below zero there is so much to spare; arguments as for ``residuals``."""
+        headings, feed = self.quantities.parted(headings, feed)
+        return self.beyond_bounds(evaluated(self.function, headings, u, feed))
+
     def violations(self, values: FloatArray) -> FloatArray:
-        """The same for values of the expression, shape (N, m)."""
+        """As ``residuals`` for values of the expression, shape (N, m)."""
+        beyond: FloatArray = np.maximum(self.beyond_bounds(values), 0.0)
+        return beyond
+
+    def beyond_bounds(self, values: FloatArray) -> FloatArray:
+        """As ``excesses`` for values of the expression, shape (N, m)."""
         # NaN would win or lose any comparison unnoticed, so it is set aside and put back at the end.
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)
         below = self.lower - values
         above = values - self.upper
-        violations = np.maximum(np.maximum(below, above), 0.0)
-        worst: FloatArray = np.where(finite, violations.max(axis=1), np.nan)
+        worst: FloatArray = np.where(finite, np.maximum(below, above).max(axis=1), np.nan)
         return worst
 
 

@@ -128,11 +128,11 @@ def metrics_of_terms(
     every = poses_at_rate(terms, arm, path, trajectory, settings)
     figures = {}
     for constraint in terms.constraints:
-        residual, _ = _worst(constraint, every)
-        figures[f"residual_{_key(constraint.constraint.name)}"] = residual
+        excess, _ = _worst(constraint, every)
+        figures[f"residual_{_key(constraint.constraint.name)}"] = _missed(excess)
     for timed in terms.timed:
-        residual, _ = _worst_in_time(timed, every)
-        figures[f"residual_{_key(timed.compiled.constraint.name)}"] = residual
+        excess, _ = _worst_in_time(timed, every)
+        figures[f"residual_{_key(timed.compiled.constraint.name)}"] = _missed(excess)
     for cost in terms.costs:
         poses = every.where(cost.cost.where)
         figures[f"cost_{_key(cost.cost.name)}"] = float(np.mean(cost.values(poses.headings, poses.u, poses.feed)))
@@ -208,7 +208,7 @@ def _check_in_time(timed: TimedConstraint, poses: CheckedPoses, tolerance: float
 def _worst_in_time(timed: TimedConstraint, poses: CheckedPoses) -> tuple[float, str]:
     """As ``_worst`` for a constraint on speeds."""
     chosen = poses.where(timed.compiled.constraint.where)
-    return _largest(timed.residuals(chosen.states), chosen) if len(chosen.u) else (0.0, "at no sample")
+    return _largest(timed.excesses(chosen.states), chosen) if len(chosen.u) else (0.0, "at no sample")
 
 
 def _check(compiled: CompiledConstraint, poses: CheckedPoses, tolerance: float) -> Check:
@@ -221,20 +221,28 @@ def _check(compiled: CompiledConstraint, poses: CheckedPoses, tolerance: float) 
 
 
 def _worst(compiled: CompiledConstraint, poses: CheckedPoses) -> tuple[float, str]:
-    """Largest residual where the constraint applies, NaN when one is not finite, and the place of it in words."""
+    """By how much the bounds are passed at worst where the constraint applies, and the place of that in words.
+
+    Negative where they are kept, with so much to spare; NaN when a value is not finite.
+    """
     chosen = poses.where(compiled.constraint.where)
     if not len(chosen.u):
         return 0.0, "at no sample"
-    return _largest(compiled.residuals(chosen.headings, chosen.u, chosen.feed), chosen)
+    return _largest(compiled.excesses(chosen.headings, chosen.u, chosen.feed), chosen)
 
 
-def _largest(residuals: FloatArray, chosen: CheckedPoses) -> tuple[float, str]:
-    """The largest residual, NaN before all others, and its place in words."""
-    k = int(np.argmax(np.where(np.isnan(residuals), np.inf, residuals)))
+def _largest(excesses: FloatArray, chosen: CheckedPoses) -> tuple[float, str]:
+    """The largest excess, NaN before all others, and its place in words."""
+    k = int(np.argmax(np.where(np.isnan(excesses), np.inf, excesses)))
     where = f"u = {chosen.u[k]:.4f}"
     if np.isfinite(chosen.time[k]):
         where += f", t = {chosen.time[k]:.4f} s"
-    return float(residuals[k]), where
+    return float(excesses[k]), where
+
+
+def _missed(excess: float) -> float:
+    """By how much a constraint is missed; NaN stays."""
+    return max(0.0, excess)
 
 
 def _key(name: str) -> str:

@@ -66,8 +66,8 @@ class TimedConstraint:
         symbols = list(self.compiled.quantities.timed_symbols)
         return ca.Function("timed_constraint", symbols, [self.compiled.expression])
 
-    def residuals(self, states: MotionStates) -> FloatArray:
-        """By how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite."""
+    def excesses(self, states: MotionStates) -> FloatArray:
+        """By how much the worst entry passes its bounds, shape (N,); negative where all hold, NaN where not finite."""
         # CasADi maps a function over the columns of its arguments: one state, one column.
         count = len(states.u)
         arguments = (
@@ -78,4 +78,4 @@ class TimedConstraint:
             ca.DM(states.feed_rate).T,
         )
         values = np.asarray(self._function(*arguments), dtype=np.float64).reshape(-1, count).T
-        return self.compiled.violations(values)
+        return self.compiled.beyond_bounds(values)

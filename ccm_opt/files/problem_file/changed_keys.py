@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
@@ -14,8 +15,25 @@ _PART = re.compile(r"\.?(?P<key>[A-Za-z0-9_-]+)|\[(?P<entry>[^\]]+)\]")
 """A key of a table, or an entry of a list: its number from 0, or the name of the table there."""
 
 
-def with_keys_set(text: str, settings: Sequence[str]) -> str:
+@dataclass(frozen=True)
+class ChangedText:
     """The text of a problem file with keys set to other values.
+
+    Attributes:
+        text: the changed text.
+        settings: what was set, ``key.path=value``, by the key path.
+    """
+
+    text: str
+    settings: Mapping[KeyPath, str]
+
+    def setting_of(self, path: KeyPath) -> str:
+        """The setting that a key path comes from; empty where it is the file's own."""
+        return next((self.settings[path[:k]] for k in range(len(path), 0, -1) if path[:k] in self.settings), "")
+
+
+def with_keys_set(text: str, settings: Sequence[str]) -> ChangedText:
+    """Set keys of a problem file to other values.
 
     Args:
         text: of the file, valid TOML.
@@ -24,18 +42,20 @@ def with_keys_set(text: str, settings: Sequence[str]) -> str:
             ``workspace.obstacles[post].circle.radius=0.1``.
 
     Returns:
-        The changed text; whether the values make sense is for the reader of the problem to say.
+        The changed text, and what was set where; whether the values make sense is for the reader of the problem to say.
 
     Raises:
         ProblemError: for a setting that has no such form, or that leads to no place.
     """
     document: tomlkit.TOMLDocument = tomlkit.parse(text)
+    changed: dict[KeyPath, str] = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
             raise ProblemError(f"cannot set '{setting}'; expected key=value, for example arm.radius=0.02")
-        _set(document, _parts(key.strip(), setting), _value(value.strip()), setting)
-    return tomlkit.dumps(document)
+        path = _set(document, _parts(key.strip(), setting), _value(value.strip()), setting)
+        changed[path] = setting
+    return ChangedText(tomlkit.dumps(document), changed)
 
 
 def _parts(key: str, setting: str) -> tuple[str, ...]:
@@ -59,7 +79,8 @@ def _value(text: str) -> object:
         return text
 
 
-def _set(document: tomlkit.TOMLDocument, parts: tuple[str, ...], value: object, setting: str) -> None:
+def _set(document: tomlkit.TOMLDocument, parts: tuple[str, ...], value: object, setting: str) -> KeyPath:
+    """Set one value, and return where it stands."""
     here: object = document
     path: KeyPath = ()
     for part in parts[:-1]:
@@ -70,6 +91,7 @@ def _set(document: tomlkit.TOMLDocument, parts: tuple[str, ...], value: object, 
         here = here[step]  # type: ignore[index]
     last = _step(here, parts[-1], path, setting)
     here[last] = value  # type: ignore[index]
+    return (*path, last)
 
 
 def _step(here: object, part: str, path: KeyPath, setting: str) -> str | int:

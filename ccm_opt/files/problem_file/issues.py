@@ -1,7 +1,7 @@
 """The messages about a problem file: defects are collected under their key paths, pydantic's become sentences."""
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, time
 from types import MappingProxyType
@@ -31,9 +31,16 @@ class Issues:
         """Note one defect."""
         self.found.append((path, message))
 
-    def located(self, lines: Mapping[KeyPath, int]) -> list[FileIssue]:
-        """The defects with the lines of their keys."""
-        return [FileIssue(line_of_key(lines, path), dotted(path), message) for path, message in self.found]
+    def located(
+        self, lines: Mapping[KeyPath, int], setting_of: Callable[[KeyPath], str] = lambda _: ""
+    ) -> list[FileIssue]:
+        """The defects with the lines of their keys, or with the settings that took the place of the file's values."""
+        located = []
+        for path, message in self.found:
+            setting = setting_of(path)
+            line = 0 if setting else line_of_key(lines, path)
+            located.append(FileIssue(line, dotted(path), message, setting))
+        return located
 
     def validate(self, model: type[Model], table: Mapping[str, object], path: KeyPath, scale: float) -> Model | None:
         """Validate one table; its defects are noted.

@@ -10,7 +10,7 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
 from ccm_opt.errors import FileIssue, ProblemFileError
-from ccm_opt.files.problem_file.changed_keys import with_keys_set
+from ccm_opt.files.problem_file.changed_keys import ChangedText, with_keys_set
 from ccm_opt.files.problem_file.input_bounds import BOUNDS, content_defect, size_defect, text_defect
 from ccm_opt.files.problem_file.issues import Issues
 from ccm_opt.files.problem_file.lines import locate_keys
@@ -50,9 +50,10 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside
         path_name = str(path)
         text = _read_text(Path(path))
     if changes:
+        # What is no TOML is told with lines of the file as it is.
         _parse_toml(text, path_name)
-        text = with_keys_set(text, changes)
-    return parse_problem(text, path_name, Path(path).parent, allow_outside=allow_outside)
+    changed = with_keys_set(text, changes) if changes else ChangedText(text, {})
+    return _read(changed, text, path_name, Path(path).parent, allow_outside=allow_outside)
 
 
 def parse_problem(
@@ -72,11 +73,22 @@ def parse_problem(
     Raises:
         ProblemFileError: with every defect of the text, its key path and its line.
     """
-    data = _parse_toml(text, path_name)
+    return _read(ChangedText(text, {}), text, path_name, folder, allow_outside=allow_outside)
+
+
+def _read(
+    changed: ChangedText, original: str, path_name: str, folder: Path | None, *, allow_outside: bool
+) -> AnyProblem:
+    """Read a text, perhaps with other values than the file's, whose lines are those of the file.
+
+    Raises:
+        ProblemFileError: with every defect, its key path, and its line or the setting that it comes from.
+    """
+    data = _parse_toml(changed.text, path_name)
     issues = Issues()
-    problem = _checked(data, issues, text, folder, allow_outside=allow_outside)
+    problem = _checked(data, issues, changed.text, folder, allow_outside=allow_outside)
     if problem is None:
-        raise ProblemFileError(path_name, issues.located(locate_keys(text)))
+        raise ProblemFileError(path_name, issues.located(locate_keys(original), changed.setting_of))
     return problem
 
 

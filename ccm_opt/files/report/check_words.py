@@ -36,7 +36,13 @@ _OF_ITSELF = re.compile(
     r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*|.* of the samples"
 )
 """Checks of the plan against itself, and of what planning leaves to the controller."""
+_PATH = re.compile(r"u = (\d+(?:\.\d+)?)")
+"""Where on the path a constraint comes nearest to its bounds, which says something only where there is no time."""
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
+
+
+_BOUND = 1e-5
+"""What is no farther from its bound stands at it; a constraint may be missed by a tenth of that."""
 
 
 @dataclass(frozen=True)
@@ -85,22 +91,24 @@ def _rank(name: str) -> int:
 
 def _in_words(check: Check, units: PageUnits) -> CheckWords:
     gap = check.name in {"wall clearance", "self-collision"}
-    # Of gaps only what is beyond the clearance is told, as everywhere else; their limit is the clearance.
-    worst = units.shown(check.worst - check.limit if gap else check.worst, check.unit, check.limit)
     bound = units.given(check.limit, check.unit)
     if "constraint " in check.name:
         # A constraint's value is by how much its bounds are passed, in a unit that only the user knows.
-        worst = "kept" if check.worst <= _tolerance(check) else f"missed by {check.worst:.3g}"
+        worst = _constraint_kept(check)
         limit = "soft" if check.name.startswith("soft") else "must be kept"
     elif gap:
+        # Only what is beyond the clearance is told, as everywhere else; the limit is the clearance.
+        worst = units.shown(check.worst - check.limit, check.unit, check.limit)
         limit = "no contact"
     else:
+        worst = units.shown(check.worst, check.unit, check.limit)
         limit = "none" if check.limit == 0.0 else f"at most {bound}"
     bounded = 0.0 < check.limit < float("inf") and not gap and "constraint " not in check.name
     used = abs(check.worst) / check.limit if bounded else None
     when = _TIME.search(check.where)
     # The time is a field of its own; the revolute's name says no more than the joint's number.
-    where = re.sub(r"\s*,?\s*(at )?t = \S+ s| \(ball\d+_bend\)", "", check.where)
+    where = _PATH.sub(lambda u: "" if when else f"{100.0 * float(u[1]):.0f} % of the path", check.where)
+    where = re.sub(r"\s*,?\s*(at )?t = \S+ s| \(ball\d+_bend\)", "", where)
     return CheckWords(
         title=f"{title_of(check.name)} beyond {bound}" if gap and check.limit else title_of(check.name),
         worst=worst if check.worst != float("inf") else "nothing near",
@@ -128,6 +136,9 @@ def title_of(name: str) -> str:
     return name[:1].upper() + name[1:]
 
 
-def _tolerance(check: Check) -> float:
-    """By how much a user's constraint may be missed; a soft one may be by anything, and is kept only if it is not."""
-    return 0.0 if check.name.startswith("soft") else check.limit
+def _constraint_kept(check: Check) -> str:
+    """How far a user's constraint is from its bounds; a soft one may be missed by anything, and is kept only if not."""
+    allowed = 0.0 if check.name.startswith("soft") else check.limit
+    if not check.worst <= allowed:
+        return f"missed by {check.worst:.3g}"
+    return "at its bound" if check.worst > -_BOUND else f"{-check.worst:.3g} to spare"

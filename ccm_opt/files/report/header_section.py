@@ -68,7 +68,7 @@ def plan_figures(solution: AnySolution, units: PageUnits) -> list[Figure]:
         )
     found += _peak_torque(solution, units)
     found.append((units.shown(solution.simulation.tracking_error, "rad"), "tracking error, simulated"))
-    found.append((f"{sum(solution.timings.values()):.2f} s", "CPU time in all"))
+    found.append((f"{sum(solution.timings.values()):.2f} s", "CPU time of solving"))
     return found
 
 
