@@ -59,6 +59,15 @@ def test_every_format_gives_the_same_surface(tmp_path: Path, name: str, content:
     assert volume(mended.mesh) == pytest.approx(1.0)
 
 
+MUTATED = {
+    "stl": binary_stl(),
+    "obj": OBJ.encode(),
+    "ply": by_trimesh("ply"),
+    "glb": by_trimesh("glb"),
+    "3mf": cube_3mf(),
+}
+PLACES = {"workspace.obstacles[0]", "workspace.obstacles[0].scale", "arm.base"}
+"""Keys under which a mesh may be refused; one that has become huge or tiny, or has come to hold the base, likewise."""
 NAN_STL = binary_stl(np.where(CUBE > 0.5, np.nan, CUBE))
 FLAT_STL = binary_stl(np.zeros((8, 3)))
 UNKNOWN = three_mf('<model><resources/><build><item objectid="7"/></build></model>')
@@ -88,6 +97,8 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
         ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "part.obj"),
         ("part.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "part.obj"),
         ("part.obj", bytes(range(256)) * 40, "part.obj"),
+        ("part.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "part.obj"),
+        ("part.3mf", cube_3mf()[30:], "not readable as 3MF"),
         ("part.ply", b"ply\nformat ascii 1.0\nelement vertex 9\nend_header\n", "not readable as PLY"),
         ("part.glb", b"glTF" + bytes(40), "not readable as GLB"),
         ("part.3mf", b"PK\3\4 and then nothing", "not readable as 3MF"),
@@ -96,7 +107,7 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
         ("part.3mf", DEEP, "nested more than 20 deep"),
         ("part.step", b"ISO-10303-21;", "no mesh of a known kind; expected a file that ends in one of .stl, .obj"),
     ],
-    ids=range(18),
+    ids=range(20),
 )
 def test_a_broken_mesh_is_one_clear_error(tmp_path: Path, name: str, content: bytes, words: str) -> None:
     """A mesh that cannot be used is one defect of the file, under the key of the mesh and with its line."""
@@ -107,6 +118,30 @@ def test_a_broken_mesh_is_one_clear_error(tmp_path: Path, name: str, content: by
     assert (issue.key, issue.line) == ("workspace.obstacles[0].mesh", 11)
     assert words in issue.message
     assert "Traceback" not in issue.message
+
+
+def refused_keys(file: Path) -> set[str]:
+    """Keys of the defects of a problem file; none where it is read."""
+    try:
+        ccm_opt.load_problem(file)
+    except ProblemFileError as refused:
+        return {issue.key.removesuffix(".mesh") for issue in refused.issues}
+    return set()
+
+
+@settings(max_examples=60)
+@given(data=st.data(), kind=st.sampled_from(("stl", "obj", "ply", "glb", "3mf")))
+def test_mutated_meshes_are_read_or_refused(
+    data: st.DataObject, kind: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Whatever a few bytes of a mesh become, it is read, or refused as a defect of the file."""
+    content = bytearray(MUTATED[kind])
+    for _ in range(data.draw(st.integers(1, 5))):
+        at = data.draw(st.integers(0, len(content)))
+        new = data.draw(st.sampled_from((b"", b"9999999999", b"-1", b"nan", b" inf ", b"\n", b"\xff")))
+        content[at : at + data.draw(st.integers(0, 8))] = new
+    file = written(tmp_path_factory.mktemp("mutated"), bytes(content), f"part.{kind}")
+    assert refused_keys(file) <= PLACES
 
 
 @pytest.mark.parametrize(
@@ -167,7 +202,7 @@ def test_what_is_mended_is_told() -> None:
     faces = np.concatenate((BOX_FACES, BOX_FACES[:2], [[0, 8, 1], [1, 1, 0]]))
     mended = mended_mesh(RawMesh(vertices, faces))
     assert (len(mended.mesh.faces), mended.closed) == (12, True)
-    assert mended.mended == ("left out 2 triangles without area", "left out 2 triangles that were there twice")
+    assert mended.mended == ("left out 2 triangles without area", "left out 2 repeated triangles")
     alone = mended_mesh(RawMesh(vertices, np.concatenate((faces, [[0, 9, 9]]))))
     assert (len(alone.mesh.faces), alone.closed) == (13, False)
     assert not mended_mesh(RawMesh(CUBE, BOX_FACES[1:])).closed

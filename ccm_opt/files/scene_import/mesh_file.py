@@ -93,6 +93,8 @@ def _content(path: Path, settings: MeshSettings) -> bytes:
 def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
     """Refuse a mesh without triangles, with too many, or with vertices that are not there or nowhere."""
     count = len(mesh.faces)
+    if mesh.vertices.shape[1:] != (3,) or mesh.faces.shape[1:] != (3,):
+        raise ProblemError("its vertices have not three coordinates each, or its faces are no triangles")
     if count == 0:
         raise ProblemError("it holds no triangles; expected a mesh")
     if count > settings.most_triangles:

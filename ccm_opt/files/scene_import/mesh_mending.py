@@ -54,7 +54,7 @@ def mended_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> MendedMesh:
     if count > len(needed):
         mended.append(f"left out {_counted(count - len(needed), 'triangle')} without area")
     if len(once) < len(kept):
-        mended.append(f"left out {_counted(len(kept) - len(once), 'triangle')} that were there twice")
+        mended.append(f"left out {_counted(len(kept) - len(once), 'repeated triangle')}")
     closed = len(needed) == 0 and is_closed(once)
     mesh = _with_used_vertices(vertices, np.concatenate((once, needed)))
     return MendedMesh(mesh, closed, tuple(mended))

@@ -1,6 +1,7 @@
 """3MF: a ZIP archive with a model in XML, objects of triangles or of other objects, and which of them are built."""
 
 import io
+import struct
 import zipfile
 import zlib
 from dataclasses import dataclass, field
@@ -25,13 +26,13 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
         ProblemError: it is no 3MF file, is damaged, or exceeds a bound.
     """
     model = _parsed(_model_text(content, settings))
-    parts: list[RawMesh] = []
+    parts = _Parts(settings)
     try:
         for number, transform in model.built or [(number, np.eye(4)[:, :3]) for number in model.objects]:
-            _collect(model, number, transform, parts, settings, 0)
+            _collect(model, number, transform, parts, 0)
     except (KeyError, ValueError, IndexError, OverflowError) as error:
         raise ProblemError(f"not readable as 3MF: its model refers to something that is not there ({error})") from None
-    return RawMesh.joined(parts)
+    return RawMesh.joined(parts.meshes)
 
 
 def _model_text(content: bytes, settings: MeshSettings) -> bytes:
@@ -45,7 +46,7 @@ def _model_text(content: bytes, settings: MeshSettings) -> bytes:
             first = min(models, key=lambda item: item.filename.count("/"))
             with archive.open(first) as packed:
                 text = packed.read(settings.most_unpacked + 1)
-    except (zipfile.BadZipFile, zlib.error, RuntimeError, OSError, EOFError, NotImplementedError) as error:
+    except (zipfile.BadZipFile, zlib.error, struct.error, RuntimeError, OSError, EOFError, ValueError) as error:
         raise ProblemError(f"not readable as 3MF: {error}") from None
     if len(text) > settings.most_unpacked:
         raise ProblemError(f"its model has more than {settings.most_unpacked} bytes unpacked, the most that is read")
@@ -107,22 +108,40 @@ def _transform(text: str | None) -> FloatArray:
     return values.reshape(4, 3)
 
 
-def _collect(
-    model: _Model, number: str, transform: FloatArray, parts: list[RawMesh], settings: MeshSettings, depth: int
-) -> None:
+@dataclass
+class _Parts:
+    """What a file is put together from, within the bounds."""
+
+    settings: MeshSettings
+    meshes: list[RawMesh] = field(default_factory=list)
+    triangles: int = 0
+    visits: int = 0
+
+    def refuse_deeper(self, depth: int) -> None:
+        """Refuse components that are nested too deep, or used too often."""
+        self.visits += 1
+        if depth > self.settings.deepest:
+            raise ProblemError(f"its components are nested more than {self.settings.deepest} deep")
+        if self.visits > self.settings.most_parts:
+            raise ProblemError(f"it is put together from more than {self.settings.most_parts} parts")
+
+    def add(self, mesh: RawMesh) -> None:
+        """Add a part."""
+        self.meshes.append(mesh)
+        self.triangles += len(mesh.faces)
+        most = self.settings.most_triangles
+        if self.triangles > most:
+            raise ProblemError(f"it has more than {most} triangles, the most that can be used")
+
+
+def _collect(model: _Model, number: str, transform: FloatArray, parts: _Parts, depth: int) -> None:
     """Add an object, and those that it is put together from, where they come to lie."""
-    if depth > settings.deepest:
-        raise ProblemError(f"its components are nested more than {settings.deepest} deep")
+    parts.refuse_deeper(depth)
     shape = model.objects[number]
     if shape.triangles:
-        if len(parts) >= settings.most_parts:
-            raise ProblemError(f"it is put together from more than {settings.most_parts} parts")
         vertices = np.array(shape.vertices, dtype=np.float64).reshape(-1, 3)
         faces = np.array(shape.triangles, dtype=np.intp)
-        parts.append(RawMesh(vertices @ transform[:3] + transform[3], faces))
-        total = sum(len(part.faces) for part in parts)
-        if total > settings.most_triangles:
-            raise ProblemError(f"it has more than {settings.most_triangles} triangles, the most that can be used")
+        parts.add(RawMesh(vertices @ transform[:3] + transform[3], faces))
     for inner, moved in shape.components:
         both = np.vstack((moved[:3] @ transform[:3], moved[3] @ transform[:3] + transform[3]))
-        _collect(model, inner, both, parts, settings, depth + 1)
+        _collect(model, inner, both, parts, depth + 1)

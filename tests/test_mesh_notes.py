@@ -1,0 +1,62 @@
+"""What the command line tells of meshes, and that nothing is written where one cannot be used."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ccm_opt
+from ccm_opt.cli.commands import app
+from ccm_opt.cli.mesh_notes import mesh_data, mesh_lines
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.scene.bodies import BOX_FACES, MeshBody
+from tests.space_files import CUBE, binary_stl, written
+
+
+def read(file: Path) -> tuple[SpaceProblem, MeshBody]:
+    """A problem and its mesh."""
+    problem = ccm_opt.load_problem(file)
+    assert isinstance(problem, SpaceProblem)
+    body = problem.workspace.obstacles[0].body
+    assert isinstance(body, MeshBody)
+    return problem, body
+
+
+def test_what_is_told_of_a_mesh(tmp_path: Path) -> None:
+    """Triangles, size, place, whether it is closed, what was mended, and by what it is grown, in the file's unit."""
+    faces = np.concatenate((BOX_FACES, BOX_FACES[:1]))
+    file = written(tmp_path, binary_stl(faces=faces), extra="scale = 500\nsimplify = 1")
+    file.write_text(file.read_text().replace("space = 3", 'space = 3\nunits = "mm"').replace("-2.0", "-2e3"))
+    problem, body = read(file)
+    assert list(mesh_lines("part", body, problem)) == [
+        "part: part.stl, 13 triangles, 500 × 500 × 500 mm, from (0, 0, 0) to (500, 500, 500) mm, closed",  # noqa: RUF001
+        "  mended: left out 1 repeated triangle",
+        "  simplified to 12 triangles; the obstacle is grown by what it may be off, 0 mm",
+    ]
+    told = mesh_data("part", body)
+    assert (told["triangles_read"], told["triangles"], told["closed"]) == (13, 12, True)
+    json.dumps(told)
+
+
+def test_a_mesh_with_a_hole_is_told_to_be_open(tmp_path: Path) -> None:
+    """Of a mesh that is not closed the surface alone counts, and that is said."""
+    problem, body = read(written(tmp_path, binary_stl(faces=BOX_FACES[1:])))
+    assert "not closed: its surface alone counts" in next(iter(mesh_lines("part", body, problem)))
+
+
+@pytest.mark.parametrize("command", ["solve", "pose", "reach", "describe"])
+def test_a_broken_mesh_ends_every_command_without_a_trace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    """Exit code 2, one line with key and line of the file, and nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, binary_stl(np.where(CUBE > 0.5, np.nan, CUBE)))
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(SystemExit) as ended:
+        app([command, "problem.toml"])
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert "line 11: workspace.obstacles[0].mesh: part.stl:" in told
+    assert "Traceback" not in told
+    assert sorted(tmp_path.rglob("*")) == before
