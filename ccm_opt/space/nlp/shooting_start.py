@@ -69,6 +69,29 @@ class CurveNumbers:
             shares,
         )
 
+    def link_turns(self, links: int) -> tuple[FloatArray, FloatArray]:
+        """Ω and ψ of every link, as ``BishopShooting`` has them, each of shape (n, 2) [rad]."""
+        joints = np.linspace(0.0, 1.0, links + 1)
+        turns = np.zeros((links, 2))
+        means = np.zeros((links, 2))
+        for index in (0, 1):
+            flat = self.planar(index)
+            at_joints = flat.heading_at(joints)
+            turns[:, index] = np.diff(at_joints)
+            means[:, index] = np.diff(flat.heading_integral_at(joints)) * links - at_joints[:-1]
+        return turns, means
+
+    def directions(self, links: int) -> FloatArray:
+        """Mean directions over the links, in the axes of the base, as ``BishopShooting`` has them, shape (n, 3)."""
+        turns, means = self.link_turns(links)
+        size = np.linalg.norm(means, axis=1)
+        local = np.concatenate((np.cos(size)[:, None], np.sinc(size / np.pi)[:, None] * means), axis=1)
+        frames = _curve_frames(self.base_turn, turns, means)
+        # q v q̄ = v + 2 w (u × v) + 2 u × (u × v) with q = (w, u)
+        vector = frames[:, 1:]
+        crossed = np.cross(vector, local)
+        return np.asarray(local + 2.0 * (frames[:, :1] * crossed + np.cross(vector, crossed)))
+
     def planar(self, index: int) -> Configuration:
         """The curve of the plane with one of the curvatures, whose headings are its turns."""
         lengths, values, shares = self.segment_values()
@@ -84,10 +107,8 @@ def start_values(arm: SpaceArm, q: FloatArray, curve: CurveNumbers, moment_scale
         curve: near it.
         moment_scale: of ``LiftedCurve``.
     """
-    joints = np.linspace(0.0, 1.0, arm.links + 1)
     values = [curve.arcs]
-    turns = np.zeros((arm.links, 2))
-    means = np.zeros((arm.links, 2))
+    turns, means = curve.link_turns(arm.links)
     lengths, of_segments, shares = curve.segment_values()
     widths = [length * np.diff([0.0, *inner, 1.0]) for length, inner in zip(lengths, shares, strict=True)]
     for index in (0, 1):
@@ -96,9 +117,6 @@ def start_values(arm: SpaceArm, q: FloatArray, curve: CurveNumbers, moment_scale
         pairs = zip(widths, of_segments, strict=True)
         moments = [second_derivatives(width, value[:, index])[1:-1] for width, value in pairs]
         values.append(np.concatenate(moments) / moment_scale)
-        at_joints = flat.heading_at(joints)
-        turns[:, index] = np.diff(at_joints)
-        means[:, index] = np.diff(flat.heading_integral_at(joints)) * arm.links - at_joints[:-1]
     values += [curve.base_turn, turns.ravel(), means.ravel(), _curve_frames(curve.base_turn, turns, means).ravel()]
     bends = arm.bend_pairs(q)
     points = (joint_positions(arm, q) - arm.base) @ arm.base_rotation / arm.length

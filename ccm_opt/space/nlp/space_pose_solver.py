@@ -13,7 +13,6 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.ipopt_call import ipopt_answer
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
-from ccm_opt.space.curve.link_directions import mean_directions
 from ccm_opt.space.curve.space_configuration import SpaceConfiguration
 from ccm_opt.space.nlp.pose_reading import curve_from, named_above, shaping_rows
 from ccm_opt.space.nlp.shooting_start import CurveNumbers, start_values
@@ -153,8 +152,7 @@ class SpacePoseQuestion:
         """
         task = self.task
         links = link_rotations(task.arm, task.start)
-        curve = self._near.configuration(task.arm, float(task.arm.coordinates.advance(task.start)))
-        means = mean_directions(curve, task.arm.links)
+        means = self._near.directions(task.arm.links) @ self._rotation.T
         return np.asarray(np.einsum("nij,ni->nj", links[:, :, 1:], means))
 
     def _padded_sides(self) -> tuple[FloatArray, FloatArray, FloatArray]:
