@@ -28,6 +28,25 @@ except KeyboardInterrupt:
     report_cancelled()
     leave_cancelled()
 """
+IN_A_FINALISER = """
+class Held:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.05)
+
+held = Held()
+"""
+LET_GO = """
+from ccm_opt.cli.cancelling import interrupts_insist, leave_cancelled, report_cancelled
+
+interrupts_insist()
+try:
+    del held
+    time.sleep(60)
+except KeyboardInterrupt:
+    report_cancelled()
+    leave_cancelled()
+"""
 HANDLED = "interrupt_met(); time.sleep(1); sys.exit(7)"
 """What answers an interrupt, and goes on for longer than it takes to look again."""
 
@@ -52,6 +71,13 @@ def test_an_interrupt_that_is_lost_comes_again(tmp_path: Path) -> None:
     assert (code, said) == (130, "error: cancelled\n")
     code, said = ended([sys.executable, "-c", SWALLOWED.format(meanwhile=HANDLED)], tmp_path)
     assert (code, said) == (7, "")
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs a timer that sends signals")
+def test_an_interrupt_in_a_finaliser_is_not_told_of(tmp_path: Path) -> None:
+    """Python can raise nothing there and prints it; it comes again soon, and one line says so."""
+    script = f"import os, signal, time\n{IN_A_FINALISER}{LET_GO}"
+    assert ended([sys.executable, "-c", script], tmp_path) == (130, "error: cancelled\n")
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.75])

@@ -89,6 +89,13 @@ def interrupts_insist() -> None:
     """From here on a Ctrl-C that is lost on its way is raised again, until ``interrupt_met``."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _interrupt)
+        sys.unraisablehook = _tell_of_others
+
+
+def _tell_of_others(lost: "sys.UnraisableHookArgs") -> None:
+    """Say nothing of an interrupt that Python cannot raise where it struck, as in a finaliser: it comes again."""
+    if not issubclass(lost.exc_type, Interrupted):
+        sys.__unraisablehook__(lost)
 
 
 def interrupt_met() -> None:
