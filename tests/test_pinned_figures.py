@@ -15,6 +15,7 @@ FIGURES = read_figures()
 def test_what_functions_return_in_made_up_scenes_is_as_it_was(name: str) -> None:
     """Where a change is meant: ``python -m tests.pinned`` tells what changed, and writes the figures anew."""
     found = figures_of(SCENES[name])
-    assert not changed(FIGURES[name], found)
+    others = changed(FIGURES[name], found)
+    assert not others, "if they are meant to change: python -m tests.pinned"
     if sys.gettrace() is None:  # under coverage nothing is left out either, but names may be
         assert len(set(FIGURES[name]) & set(found)) > len(FIGURES[name]) // 2

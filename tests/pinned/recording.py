@@ -133,13 +133,18 @@ def _numbers(value: Any, depth: int) -> Iterator[np.ndarray]:
             yield from _numbers(part, depth + 1)
 
 
+def _is_result(kind: type) -> bool:
+    """Whether a type is one of results; settings are what goes in, and may be more next time."""
+    return kind.__module__.startswith(OWN) and not kind.__name__.endswith("Settings")
+
+
 def _parts(value: Any) -> Iterator[Any]:
     if isinstance(value, (tuple, list)):
         yield float(len(value))
         yield from value
     elif isinstance(value, dict):
         yield from value.values()
-    elif dataclasses.is_dataclass(value) and type(value).__module__.startswith(OWN):
+    elif dataclasses.is_dataclass(value) and _is_result(type(value)):
         yield from (getattr(value, field.name) for field in dataclasses.fields(value))
     elif value is None:
         yield math.pi
