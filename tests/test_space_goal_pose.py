@@ -165,6 +165,29 @@ def test_links_keep_apart_where_the_arm_comes_back_to_itself() -> None:
     assert poses.gap(found.q) >= min(before, poses.wanted_gap) - 1e-6
 
 
+def test_drives_can_hold_the_pose_that_is_found() -> None:
+    """With torque limits that the first pose breaks, the answer keeps nine tenths of them at every joint."""
+    scene = clutter(2, 10)
+    arm = scene.problem.arm
+    gravity = scene.problem.simulation.gravity
+
+    def bears(q: FloatArray) -> FloatArray:
+        def energy(bends: FloatArray) -> float:
+            points = joint_positions(arm, bends)
+            return float(-(arm.masses @ (0.5 * (points[1:] + points[:-1]) @ gravity)))
+
+        return np.array([(energy(q + step) - energy(q - step)) / 2e-6 for step in 1e-6 * np.eye(len(q))])
+
+    free = goal_pose(scene.problem, scene.seed, scene.tree)
+    assert free is not None
+    worst = float(np.abs(bears(free.q)).max())
+    limited = replace(scene.problem, limits=replace(scene.problem.limits, torque=np.full(30, 1.08 * worst)))
+    held = goal_pose(limited, scene.seed, scene.tree)
+    assert held is not None
+    assert np.abs(bears(held.q)).max() <= 0.9 * 1.08 * worst * (1.0 + 1e-6)
+    assert held.costs["torque"] > 0.0
+
+
 def test_a_goal_out_of_reach_is_no_pose_and_says_which_row_fails() -> None:
     """Nothing is called feasible that is not, and the answer names what is broken."""
     scene = clutter(0, 8)

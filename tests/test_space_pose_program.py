@@ -12,7 +12,8 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.space.curve.curve_space import CurveSpace
 from ccm_opt.space.curve.tip_target import TipTarget
-from ccm_opt.space.nlp.shooting_start import CurveNumbers, start_values
+from ccm_opt.space.nlp.holding import holding_torques_in_space
+from ccm_opt.space.nlp.shooting_start import CurveNumbers, link_quaternions, start_values
 from ccm_opt.space.nlp.space_pose_program import SPACE_PARTS, SpacePoseProgram, SpacePoseSize, space_pose_program
 from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
 from ccm_opt.space.nlp.space_pose_solver import SpacePoseQuestion
@@ -103,6 +104,31 @@ def test_variables_stand_where_their_names_say() -> None:
         place = built.places[name]
         np.testing.assert_array_equal(found, np.arange(place.start, place.stop))
     assert len(set(built.row_names)) == len(built.row_names)
+
+
+@given(SEEDS)
+@settings(max_examples=10, deadline=None)
+def test_holding_torques_are_the_slopes_of_the_potential_energy(seed: int) -> None:
+    """What the joints bear is the derivative of the energy of all links and the payload by their bends."""
+    random = np.random.default_rng(seed)
+    arm = turned_arm(random, LINKS, payload=0.3, masses=random.uniform(0.1, 0.3, LINKS))
+    q = random.uniform(-0.6, 0.6, 2 * LINKS)
+    gravity = random.normal(0.0, 5.0, 3)
+
+    def energy(bends: FloatArray) -> float:
+        points = joint_positions(arm, bends)
+        centres = 0.5 * (points[1:] + points[:-1])
+        return float(-(arm.masses @ (centres @ gravity)) - arm.payload * points[-1] @ gravity)
+
+    steps = 1e-6 * np.eye(2 * LINKS)
+    slopes = np.array([(energy(q + step) - energy(q - step)) / 2e-6 for step in steps])
+    links = ca.DM(link_quaternions(arm.bend_pairs(q)).T)
+    points = ca.DM(((joint_positions(arm, q) - arm.base) @ arm.base_rotation / arm.length).T)
+    local = gravity @ arm.base_rotation
+    weights = ca.DM(np.outer(local, arm.masses))
+    torques = holding_torques_in_space(ca.SX(links), ca.SX(points), ca.SX(weights), ca.SX(ca.DM(arm.payload * local)))
+    found = np.asarray(ca.evalf(torques)).T.ravel() * arm.length
+    np.testing.assert_allclose(found, -slopes, atol=1e-7)
 
 
 def test_sides_that_say_nothing_are_kept_anywhere() -> None:

@@ -131,13 +131,27 @@ class SpaceGoalPoses:
         points = joint_positions(arm, start)
         clearance = self.problem.workspace.clearance
         sides = link_sides(arm, self.tree, clearance, self.wanted_gap, points, drawn_with)
-        task = SpacePoseTask(arm, self.target, near, start, sides, self.wanted_gap)
+        limits = self._torque_limits
+        gravity = self.problem.simulation.gravity
+        task = SpacePoseTask(
+            arm, self.target, near, start, sides, self.wanted_gap, gravity=gravity, torque_limits=limits
+        )
         return SpacePoseQuestion(self._program(sides), task, self._weights, self.settings).solve()
+
+    @property
+    def _torque_limits(self) -> FloatArray | None:
+        """Torque that holding may take of both bends of every joint, shape (2 links,) [N m]; None without limits."""
+        torque = self.problem.limits.torque
+        if torque is None:
+            return None
+        return self.settings.torque_share * np.column_stack((torque[0::3], torque[1::3])).ravel()
 
     def _program(self, sides: LinkSides) -> SpacePoseProgram:
         sizes = (size for size in self.settings.region_sizes if size >= sides.most)
         size = next(sizes, sides.most)
-        program = space_pose_program(SpacePoseSize.from_settings(self.problem.arm.links, size, self.settings))
+        loaded = self._torque_limits is not None
+        links = self.problem.arm.links
+        program = space_pose_program(SpacePoseSize.from_settings(links, size, self.settings, loaded=loaded))
         return program if self.terms is None else with_terms_in_space(program, self.terms)
 
     @property
@@ -153,6 +167,7 @@ class SpaceGoalPoses:
                 settings.knot_weight,
                 settings.bow_weight,
                 settings.stray_weight,
+                settings.torque_weight,
             ]
         )
 

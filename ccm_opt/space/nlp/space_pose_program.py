@@ -12,6 +12,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.arm_pose import pose_costs
 from ccm_opt.nlp.constraints import RowBlock
 from ccm_opt.space.nlp.bishop_shooting import DIRECTIONS, BishopShooting
+from ccm_opt.space.nlp.holding import holding_torques_in_space, torque_rows_in_space
 from ccm_opt.space.nlp.space_pose_rows import (
     mapping_rows_in_space,
     place_rows,
@@ -22,7 +23,7 @@ from ccm_opt.space.nlp.space_pose_rows import (
 )
 from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
 
-SPACE_PARTS = ("room", "bending", "distance", "knots", "bows", "stray")
+SPACE_PARTS = ("room", "bending", "distance", "knots", "bows", "stray", "torque")
 """Names of the parts of the objective, in the order of their weights among the parameters."""
 
 
@@ -36,6 +37,7 @@ class SpacePoseSize:
         segments: curvature segments of the curve.
         window: pieces about a joint.
         least_piece: least share of its segment that a piece keeps.
+        loaded: whether torques are limited.
     """
 
     links: int
@@ -43,11 +45,14 @@ class SpacePoseSize:
     segments: int
     window: int
     least_piece: float
+    loaded: bool
 
     @classmethod
-    def from_settings(cls, links: int, sides: int, settings: SpacePoseSettings) -> "SpacePoseSize":
+    def from_settings(
+        cls, links: int, sides: int, settings: SpacePoseSettings, *, loaded: bool = False
+    ) -> "SpacePoseSize":
         """The size of a question."""
-        return cls(links, sides, settings.segments, settings.window, settings.least_piece)
+        return cls(links, sides, settings.segments, settings.window, settings.least_piece, loaded)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +60,7 @@ class SpacePoseParameters:
     """Symbols of what changes from question to question; lengths in units of the arm's length, axes of its base.
 
     Attributes:
-        weights: of the parts of the objective, shape (6, 1).
+        weights: of the parts of the objective, shape (7, 1).
         wanted_gap: scalar.
         near: bends to stay near, shape (2, n) [rad].
         first_shares: where on each link the part begins that must be inside its region, shape (n, 1).
@@ -66,6 +71,9 @@ class SpacePoseParameters:
         offsets: shape (sides, n).
         gap_shares: shape (sides, n).
         offsets_from_curve: what the links of the start have of the curve's directions across them, shape (2, n).
+        link_weights: force on each link's centre, shape (3, n) [N]; empty when torque is not limited.
+        payload: force on the tip, shape (3, 1) [N]; likewise.
+        torque_limits: over the arm's length, of both bends of every joint, shape (2, n) [N]; likewise.
     """
 
     weights: ca.SX
@@ -79,10 +87,14 @@ class SpacePoseParameters:
     offsets: ca.SX
     gap_shares: ca.SX
     offsets_from_curve: ca.SX
+    link_weights: ca.SX
+    payload: ca.SX
+    torque_limits: ca.SX
 
     @classmethod
     def symbols(cls, size: SpacePoseSize) -> "SpacePoseParameters":
         """Fresh symbols."""
+        loaded = size.links if size.loaded else 0
         return cls(
             weights=ca.SX.sym("weight", len(SPACE_PARTS)),
             wanted_gap=ca.SX.sym("wanted_gap"),
@@ -95,6 +107,9 @@ class SpacePoseParameters:
             offsets=ca.SX.sym("offset", size.sides, size.links),
             gap_shares=ca.SX.sym("gap_share", size.sides, size.links),
             offsets_from_curve=ca.SX.sym("offset_from_curve", 2, size.links),
+            link_weights=ca.SX.sym("link_weight", 3, loaded),
+            payload=ca.SX.sym("payload", 3 if size.loaded else 0),
+            torque_limits=ca.SX.sym("torque_limit", 2, loaded),
         )
 
     @property
@@ -195,7 +210,7 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
     stray = ca.SX.sym("stray")
     gap = ca.SX.sym("gap")
     given = SpacePoseParameters.symbols(size)
-    rows = (
+    rows = [
         *curve.rows(size.least_piece, size.window),
         turning_rows(bends, links),
         place_rows(links, points, feed),
@@ -203,7 +218,7 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
         side_rows(points, given.first_shares, given.normals, given.offsets, given.gap_shares, gap),
         tip_place_row(points[:, size.links], given.goal, given.goal_room),
         tip_direction_rows(links[:, size.links - 1], given.across, tip_parts),
-    )
+    ]
     first, second = curve.parts
     parts = {
         "room": pose_costs.lack_of_room(gap, given.wanted_gap),
@@ -212,8 +227,13 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
         "knots": pose_costs.uneven_knots(first),
         "bows": pose_costs.rough_curvature(first) + pose_costs.rough_curvature(second),
         "stray": stray**2 * ca.sumsqr(given.offsets_from_curve),
+        "torque": ca.SX(0),
     }
+    if size.loaded:
+        torques = holding_torques_in_space(links, points, given.link_weights, given.payload)
+        rows.append(torque_rows_in_space(torques, given.torque_limits))
+        parts["torque"] = pose_costs.holding_effort(torques, given.torque_limits)
     objective = ca.dot(given.weights, ca.vertcat(*(parts[name] for name in SPACE_PARTS)))
     return SpacePoseProgram(
-        size, curve, bends, links, points, feed, tip_parts, stray, gap, given, rows, parts, objective
+        size, curve, bends, links, points, feed, tip_parts, stray, gap, given, tuple(rows), parts, objective
     )

@@ -14,6 +14,7 @@ class SpacePoseSettings:
             to lie while knots move (as in the plane).
         least_piece: least share of its segment that a piece between knots keeps (as in the plane).
         limit_share: share of a joint limit that a pose may use (as the steps of the motion have it).
+        torque_share: share of a torque limit that holding the pose may take (as in the plane).
         room_weight: cost of having no room at all, of the wanted gap; beside it bending costs little (as in the plane).
         bending_weight: of ∫(κ1² + κ2²) ds (as in the plane).
         knot_weight: of uneven knots and segments (as in the plane).
@@ -21,6 +22,7 @@ class SpacePoseSettings:
         distance_weight: of the squared bends by which the pose differs from the one to stay near [1/rad²]; less than in
             the plane, for the same change of shape is one of both bends (taste).
         stray_weight: of the squared angles by which links point elsewhere than the curve [1/rad²] (taste).
+        torque_weight: of the mean square holding torque, as shares of its limits (as in the plane).
         tolerance: of the solver, relative (as in the plane).
         iterations: most iterations of one solution (taste).
         first_barrier: where the barrier starts; small, for the start keeps every row (measured: with 1e-2 arms behind
@@ -46,12 +48,14 @@ class SpacePoseSettings:
     window: int = 1
     least_piece: float = 0.08
     limit_share: float = 0.98
+    torque_share: float = 0.9
     room_weight: float = 10.0
     bending_weight: float = 0.01
     knot_weight: float = 4.0
     bow_weight: float = 1e-3
     distance_weight: float = 1.0
     stray_weight: float = 1.0
+    torque_weight: float = 0.1
     tolerance: float = 1e-4
     iterations: int = 100
     first_barrier: float = 1e-3

@@ -80,7 +80,7 @@ class SpacePoseQuestion:
     Attributes:
         program: symbols, perhaps with user terms.
         task: the numbers.
-        weights: of the parts of the objective, in the order of ``SPACE_PARTS``, shape (6,).
+        weights: of the parts of the objective, in the order of ``SPACE_PARTS``, shape (7,).
         settings: of the solver.
     """
 
@@ -141,6 +141,12 @@ class SpacePoseQuestion:
             gap_shares.ravel(),
             self._offsets_from_curve.ravel(),
         ]
+        if size.loaded and task.torque_limits is not None:
+            gravity = task.gravity @ self._rotation
+            forces = task.arm.masses[:, None] * gravity
+            # The guide tube carries the links whose joints it holds.
+            limits = np.where(np.arange(2 * size.links) < 2 * task.first_bending, np.inf, task.torque_limits)
+            values += [forces.ravel(), task.arm.payload * gravity, limits / self._length]
         return np.concatenate(values)
 
     @cached_property

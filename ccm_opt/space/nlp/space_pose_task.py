@@ -1,6 +1,6 @@
 """What a goal pose in space must keep, as plain data: the arm, its goal, regions for its links, and what is wanted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -67,6 +67,8 @@ class SpacePoseTask:
         sides: of the links' regions.
         wanted_gap: room beyond radius and clearance above which more room is worth nothing [m].
         room: by how much the tip [m] and the last link [rad] may miss the target; then any such pose will do.
+        gravity: in the world, shape (3,) [m/s²].
+        torque_limits: of both bends of every joint, shape (2 links,) [N m]; None where torque is not limited.
     """
 
     arm: SpaceArm
@@ -76,6 +78,8 @@ class SpacePoseTask:
     sides: LinkSides
     wanted_gap: float
     room: tuple[float, float] = (0.0, 0.0)
+    gravity: FloatArray = field(default_factory=lambda: np.zeros(3))
+    torque_limits: FloatArray | None = None
 
     @property
     def first_shares(self) -> FloatArray:
