@@ -13,6 +13,7 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.solution import JointPath
 from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.ending import ended_by_nlp
 from ccm_opt.space.motion.goal import TipPose
 from ccm_opt.space.motion.optimisation.optimise import optimise
 from ccm_opt.space.motion.search import find_motion
@@ -52,6 +53,8 @@ class SpacePlanner:
             refuse_ends(problem, task)
         with self.stages("motion"):
             motion = find_motion(task)
+        with self.stages("configuration"):
+            task, motion = ended_by_nlp(problem, task, motion)
         with self.stages("optimisation"):
             motion = optimise(motion, task)
         with self.stages("smooth path"):

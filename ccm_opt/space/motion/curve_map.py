@@ -211,7 +211,14 @@ class CurveMap:
         """Turns at places, linear between those where they are known; held joints have none."""
         if not np.any(values):
             return np.zeros((len(places), 2))
-        return np.column_stack([np.interp(places, self.offset_at, column) for column in values.T])
+        turns = np.column_stack([np.interp(places, self.offset_at, column) for column in values.T])
+        if not self.arm.base_axes:
+            return turns
+        # Between a joint in the guide tube and the first one outside that is bent, turns grow from where they may.
+        first = float(self.offset_at[np.flatnonzero(np.any(values != 0.0, axis=1))[0]])
+        straight = free_before(self.arm) if first > free_before(self.arm) else 0.0
+        gate = np.clip((places - straight) / max(first - straight, 1e-9 * self.arm.length), 0.0, 1.0)
+        return np.asarray(turns * gate[:, None])
 
     def _shapes(self, places: FloatArray) -> FloatArray:
         """Turns of joints at places by a unit of curvature at each knot, shape (links, knots) [m]."""

@@ -158,10 +158,12 @@ class SmoothPathSettings:
     Attributes:
         samples: of a span between which the path is proved as if it were linear.
         refinements: how often legs of the control polygon are halved.
+        limit_slack: by how much rounding may carry coordinates beyond their limits [rad, m].
     """
 
     samples: int = 4
     refinements: int = 8
+    limit_slack: float = 1e-8
 
 
 @dataclass(frozen=True)
@@ -262,6 +264,17 @@ class OptimisationSettings:
 
 
 @dataclass(frozen=True)
+class EndingSettings:
+    """Of the pose in which a motion ends.
+
+    Attributes:
+        iterations: most iterations of the NLP; where it succeeds it takes some fifteen.
+    """
+
+    iterations: int = 25
+
+
+@dataclass(frozen=True)
 class SpaceMotionSettings:
     """All numbers of the search.
 
@@ -272,6 +285,7 @@ class SpaceMotionSettings:
         ways: that the tip may take.
         goal_poses: by drawn curves.
         connect: the last resort.
+        ending: of the pose in which a motion ends.
         objective: of the optimisation.
         optimisation: of a found motion.
         smooth_path: through joint space.
@@ -283,6 +297,7 @@ class SpaceMotionSettings:
     ways: WaySettings = field(default_factory=WaySettings)
     goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
     connect: ConnectSettings = field(default_factory=ConnectSettings)
+    ending: EndingSettings = field(default_factory=EndingSettings)
     objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
     smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)

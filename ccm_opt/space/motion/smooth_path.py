@@ -24,6 +24,10 @@ def certified_spline(task: SpaceTask, keyframes: FloatArray) -> BSpline | None:
     control = keyframes
     while len(control) < DEGREE + 1:
         control = _halved(control, np.arange(len(control) - 1))
+    # A spline lies in the hull of its control points, and so do the limits of coordinates.
+    slack = settings.limit_slack
+    if np.any(control < task.arm.lower_limits - slack) or np.any(control > task.arm.upper_limits + slack):
+        return None
     for _ in range(settings.refinements):
         spline = clamped_spline(control)
         failing = _failing_spans(task, spline)

@@ -33,6 +33,9 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         unknowns = better
         if not many or stuck:
             break
+    if len(failing_edges(stepper, unknowns)) > 0:
+        # Keyframes in between belong to pieces that are not those which were certified.
+        return motion
     return SpaceMotion(
         motion.curve,
         unknowns,
