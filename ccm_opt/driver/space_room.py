@@ -2,28 +2,29 @@
 
 import numpy as np
 
+from ccm_opt.driver.space_look_settings import DEFAULT_SPACE_LOOKS, SpaceLookSettings
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.solution import JointTrajectory, NearPlace, RoomRecord
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.room_at_samples import GapsAtSamples
 
-LOOKS = 400
-"""Samples that are looked at, at most."""
 
-
-def room_in_space(problem: SpaceProblem, trajectory: JointTrajectory) -> RoomRecord:
+def room_in_space(
+    problem: SpaceProblem, trajectory: JointTrajectory, settings: SpaceLookSettings = DEFAULT_SPACE_LOOKS
+) -> RoomRecord:
     """The record of the room that a verified motion keeps.
 
     Args:
         problem: what was asked.
         trajectory: the motion.
+        settings: at how many samples is looked, and how far.
     """
     rests = [0, *trajectory.stops, len(trajectory.time) - 1]
-    even = np.linspace(0, len(trajectory.time) - 1, min(LOOKS, len(trajectory.time))).round().astype(np.intp)
+    even = np.linspace(0, len(trajectory.time) - 1, min(settings.looks, len(trajectory.time))).round().astype(np.intp)
     samples = np.union1d(even, rests)
     points = joint_positions(problem.arm, trajectory.positions[samples])
     # Far enough that the wanted gap can be told from more.
-    reach = max(problem.arm.link_length, 1.5 * problem.wanted_gap) + problem.workspace.clearance
+    reach = max(problem.arm.link_length, settings.beyond_wanted * problem.wanted_gap) + problem.workspace.clearance
     gaps = GapsAtSamples.of(problem, points, reach)
     walls = gaps.walls.gap - problem.workspace.clearance
     itself = gaps.itself.gap
