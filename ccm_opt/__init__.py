@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ccm_opt.errors import CcmError, NoPlanFound, ProblemError, VerificationError
     from ccm_opt.files import plotting
     from ccm_opt.files.problem_file import load_problem, make_problem
+    from ccm_opt.files.problem_file.space_parts import make_space_problem
     from ccm_opt.files.saved_plans import SavedPlan, animate, load, plot, save
     from ccm_opt.ground.progress import Progress
     from ccm_opt.problem import (
@@ -83,6 +84,7 @@ __all__ = [
     "load",
     "load_problem",
     "make_problem",
+    "make_space_problem",
     "obstacles_of",
     "pareto",
     "plot",
@@ -106,6 +108,7 @@ _NAMES = {
     "ccm_opt.driver.surviving": ("tolerance_of",),
     "ccm_opt.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
     "ccm_opt.files.problem_file": ("load_problem", "make_problem"),
+    "ccm_opt.files.problem_file.space_parts": ("make_space_problem",),
     "ccm_opt.files.saved_plans": ("SavedPlan", "animate", "load", "plot", "save"),
     "ccm_opt.ground.progress": ("Progress",),
     "ccm_opt.problem": (

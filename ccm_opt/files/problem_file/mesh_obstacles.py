@@ -13,6 +13,7 @@ from ccm_opt.files.problem_file.schema import SpaceObstacleTable
 from ccm_opt.files.problem_file.space_build import build_placement
 from ccm_opt.files.problem_file.typed_quantities import MAX_LENGTH
 from ccm_opt.space.scene.bodies import MeshBody
+from ccm_opt.space.scene.closed_surfaces import is_closed
 
 if TYPE_CHECKING:
     from ccm_opt.files.scene_import.mesh_file import MeshFile
@@ -85,7 +86,6 @@ class MeshObstacles:
         self, table: SpaceObstacleTable, file: str, path: KeyPath, read: "MeshFile", mended: "MendedMesh"
     ) -> MeshBody | None:
         """The mesh in metres, where it stands; None where it lies beyond all measure."""
-        from ccm_opt.files.scene_import.mesh_mending import is_closed  # noqa: PLC0415
         from ccm_opt.files.scene_import.mesh_simplifying import simplified_mesh  # noqa: PLC0415
 
         scale = self.metres * (1.0 if table.scale is None else table.scale)

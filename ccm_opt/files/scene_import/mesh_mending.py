@@ -8,6 +8,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.files.scene_import.mesh_settings import MESHES, MeshSettings
 from ccm_opt.files.scene_import.raw_mesh import RawMesh
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.space.scene.closed_surfaces import edge_keys, is_closed
 
 _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 """Odd numbers without a pattern, by which the three coordinates of a vertex become one number."""
@@ -60,18 +61,6 @@ def mended_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> MendedMesh:
     return MendedMesh(mesh, closed, tuple(mended))
 
 
-def is_closed(faces: IntArray) -> bool:
-    """Whether every edge is one of an even number of triangles.
-
-    Args:
-        faces: vertices of each triangle, shape (m, 3).
-    """
-    keys = np.sort(_edge_keys(faces))
-    starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
-    counts = np.diff(np.append(starts, len(keys)))
-    return bool(len(faces) and np.all(counts % 2 == 0))
-
-
 def _counted(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
@@ -114,20 +103,10 @@ def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArr
     base = np.uint64(len(vertices) + 1)
     low = np.minimum(first, second).astype(np.uint64)
     high = np.maximum(first, second).astype(np.uint64)
-    edges = np.unique(_edge_keys(others, base))
+    edges = np.unique(edge_keys(others, int(base)))
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[others] = True
     return np.asarray(np.where(low == high, used[first], np.isin(low * base + high, edges)))
-
-
-def _edge_keys(faces: IntArray, base: np.uint64 | None = None) -> np.ndarray[tuple[int], np.dtype[np.uint64]]:
-    """Every edge of every triangle as one number, whichever way it runs, shape (3 m,)."""
-    if len(faces) == 0:
-        return np.zeros(0, dtype=np.uint64)
-    step = np.uint64(faces.max() + 1) if base is None else base
-    starts = faces.ravel().astype(np.uint64)
-    ends = np.roll(faces, -1, axis=1).ravel().astype(np.uint64)
-    return np.minimum(starts, ends) * step + np.maximum(starts, ends)
 
 
 def _distinct_faces(faces: IntArray) -> IntArray:

@@ -12,7 +12,9 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ccm_opt.ground.arguments import Arguments, finite_array
 from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.space.scene.closed_surfaces import is_closed
 from ccm_opt.space.scene.rigid_placement import RigidPlacement
 from ccm_opt.space.scene.scene_settings import SCENE, SceneSettings
 
@@ -196,6 +198,32 @@ class MeshBody:
     content: bytes = field(default=b"", repr=False)
     triangles_read: int = 0
     mended: tuple[str, ...] = ()
+
+    @classmethod
+    def of_arrays(cls, vertices: object, faces: object) -> "MeshBody":
+        """A mesh that was made in Python, as it stands in the room.
+
+        Args:
+            vertices: shape (v, 3) [m].
+            faces: vertices of each triangle, counted from 0, shape (m, 3).
+
+        Raises:
+            ProblemError: they are no such arrays.
+        """
+        given = Arguments("this mesh")
+        places = finite_array(vertices)
+        corners = np.asarray(faces)
+        given.must(
+            places is not None and places.ndim == 2 and places.shape[1] == 3, "vertices: expected rows (x, y, z)"
+        )
+        whole = corners.ndim == 2 and corners.shape[1] == 3 and corners.dtype.kind in "iu" and len(corners) > 0
+        given.must(whole, "faces: expected rows of three whole numbers")
+        given.refuse()
+        known = np.asarray(places, dtype=np.float64)
+        numbers = corners.astype(np.intp)
+        given.must(bool(numbers.min() >= 0 and numbers.max() < len(known)), "faces: a vertex is not there")
+        given.refuse()
+        return cls(known, numbers, closed=is_closed(numbers), triangles_read=len(numbers))
 
     @cached_property
     def triangles(self) -> FloatArray:
