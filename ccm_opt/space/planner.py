@@ -53,12 +53,14 @@ class SpacePlanner:
             refuse_ends(problem, task)
         with self.stages("motion"):
             motion = find_motion(task)
+        found = motion
         with self.stages("configuration"):
-            task, motion = ended_by_nlp(problem, task, motion)
+            ended, motion = ended_by_nlp(problem, task, motion)
         with self.stages("optimisation"):
-            motion = optimise(motion, task)
+            motion = optimise(motion, ended)
         with self.stages("smooth path"):
-            return joint_path(task, motion)
+            # What is straighter may leave less room for a smooth path than what was found.
+            return joint_path(task, motion, found)
 
 
 def space_task(
@@ -216,13 +218,14 @@ def _refuse_far_goal(task: SpaceTask, goal: TipPose) -> None:
         raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal nearer", "use a longer arm")))
 
 
-def joint_path(task: SpaceTask, motion: SpaceMotion) -> JointPath:
-    """The smooth, certified path through joint space along a motion.
+def joint_path(task: SpaceTask, *motions: SpaceMotion) -> JointPath:
+    """The smooth, certified path through joint space along the first of some motions that has one.
 
     Raises:
         MotionNotFound: no smooth path near the motion can be certified.
     """
-    spline = certified_spline(task, motion.configurations)
-    if spline is None:
-        raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion"))
-    return JointPath(spline, motion.configurations, (), motion.candidate, spare=task.certificate.pair_gap)
+    for motion in motions:
+        spline = certified_spline(task, motion.configurations)
+        if spline is not None:
+            return JointPath(spline, motion.configurations, (), motion.candidate, spare=task.certificate.pair_gap)
+    raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion"))

@@ -162,7 +162,7 @@ class SmoothPathSettings:
     """
 
     samples: int = 4
-    refinements: int = 8
+    refinements: int = 16
     limit_slack: float = 1e-8
 
 
