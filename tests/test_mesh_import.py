@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import ccm_opt
 from ccm_opt.errors import ProblemFileError
 from ccm_opt.files.scene_import.mesh_file import read_mesh_file
-from ccm_opt.files.scene_import.mesh_mending import mended_mesh
+from ccm_opt.files.scene_import.mesh_mending import _distinct_faces, mended_mesh
 from ccm_opt.files.scene_import.mesh_settings import MeshSettings
 from ccm_opt.files.scene_import.mesh_simplifying import simplified_mesh
 from ccm_opt.files.scene_import.raw_mesh import RawMesh
@@ -206,6 +206,18 @@ def test_what_is_mended_is_told() -> None:
     alone = mended_mesh(RawMesh(vertices, np.concatenate((faces, [[0, 9, 9]]))))
     assert (len(alone.mesh.faces), alone.closed) == (13, False)
     assert not mended_mesh(RawMesh(CUBE, BOX_FACES[1:])).closed
+
+
+def test_repeated_triangles_among_vertices_without_end() -> None:
+    """Repeated triangles are found where vertices are too many for one number to tell three of them."""
+    rng = np.random.default_rng(0)
+    faces = rng.choice(3_000_000, size=(1000, 3), replace=False)
+    faces[-1] = [0, 1, 2_999_999]
+    twice = np.concatenate((faces, faces[:10, [1, 2, 0]], faces[:10, ::-1]))
+    assert len(_distinct_faces(twice)) == 1000
+    few = rng.integers(0, 1000, (500, 3))
+    expected = len(np.unique(np.sort(few, axis=1), axis=0))
+    assert len(_distinct_faces(np.concatenate((few, few[:, ::-1])))) == expected
 
 
 @settings(max_examples=20)

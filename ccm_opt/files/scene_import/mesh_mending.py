@@ -12,6 +12,8 @@ from ccm_opt.space.scene.closed_surfaces import edge_keys, is_closed
 
 _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 """Odd numbers without a pattern, by which the three coordinates of a vertex become one number."""
+_WHOLE_NUMBERS = 2**64
+"""That many fit into 64 bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +113,18 @@ def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArr
 
 def _distinct_faces(faces: IntArray) -> IntArray:
     """Each triangle once, in order, whichever vertex it begins with and whichever way it turns."""
+    if len(faces) == 0:
+        return faces
     ordered = np.sort(faces, axis=1)
-    order = np.lexsort((ordered[:, 2], ordered[:, 1], ordered[:, 0]))
-    in_order = ordered[order]
-    new = np.append(True, np.any(in_order[1:] != in_order[:-1], axis=1)) if len(faces) else np.zeros(0, np.bool_)
-    return np.asarray(faces[np.sort(order[new])])
+    low, middle, high = ordered.T.astype(np.uint64)
+    count = int(faces.max()) + 1
+    if count**3 < _WHOLE_NUMBERS:
+        # Three small numbers make one, which is sorted far faster.
+        step = np.uint64(count)
+        _, first = np.unique((low * step + middle) * step + high, return_index=True)
+    else:
+        _, first = np.unique(ordered, axis=0, return_index=True)
+    return faces if len(first) == len(faces) else faces[np.sort(first)]
 
 
 def _with_used_vertices(vertices: FloatArray, faces: IntArray) -> RawMesh:
