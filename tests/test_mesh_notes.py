@@ -9,6 +9,7 @@ import pytest
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.mesh_notes import mesh_data, mesh_lines
+from ccm_opt.comparison.suites import shared_folder
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.scene.bodies import BOX_FACES, MeshBody
 from tests.space_files import CUBE, binary_stl, written
@@ -60,3 +61,17 @@ def test_a_broken_mesh_ends_every_command_without_a_trace(
     assert "line 11: workspace.obstacles[0].mesh: part.stl:" in told
     assert "Traceback" not in told
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_problems_in_space_are_copied_with_their_meshes(tmp_path: Path) -> None:
+    """A problem in space that comes along is copied with its meshes, byte for byte, and the copy is read."""
+    with pytest.raises(SystemExit) as ended:
+        app(["problems", "space/wing-box", "--out", str(tmp_path)])
+    assert not ended.value.code
+    names = {"wing-box.toml", "wing-lower-skin.stl", "wing-rib-1.stl", "wing-rib-2.stl"}
+    assert {file.name for file in tmp_path.iterdir()} == names
+    problem = ccm_opt.load_problem(tmp_path / "wing-box.toml")
+    assert isinstance(problem, SpaceProblem)
+    original = ccm_opt.load_problem(shared_folder() / "space" / "wing-box.toml")
+    assert isinstance(original, SpaceProblem)
+    assert np.array_equal(problem.workspace.soup.triangles, original.workspace.soup.triangles)
