@@ -31,7 +31,18 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names, revolute_angles
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.planners.keyframe_curves import keyframe_curves
-from ccm_opt.problem import CurvePose, JointPose, Limits, PlannerOptions, PointLimit, Problem, Stop, TipGoal, Tolerances
+from ccm_opt.problem import (
+    CurvePose,
+    JointPose,
+    Limits,
+    PlannerOptions,
+    PointLimit,
+    Problem,
+    Stop,
+    TipGoal,
+    Tolerances,
+    VerificationOptions,
+)
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification import verify
 from ccm_opt.verification.interpolation import interpolation_deviation
@@ -43,6 +54,7 @@ from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.tolerance.error_model import base_heading_error, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import MODELS, survived_error, worst_motion
+from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE
 from ccm_opt.verification.tolerance.tube import tube_of
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_walls
@@ -257,6 +269,29 @@ def drawn_motions(scale: float) -> None:
         check_self_collision(motion, settings)
 
 
+def given_up(scale: float) -> None:
+    """Proofs that are given up, reports that are cut short, and motions that nothing can be asked of."""
+    poses = np.array([[0.0, 0.3, 0.2, -0.1, 0.2, 0.1], [0.4, 0.2, -0.3, 0.1, 0.0, 0.2]])
+    time = np.array([0.0, 0.1])
+    room = Workspace(ROOM, walls(), 0.002)
+    arm = arm_of(scale)
+    motion = ChainMotion(arm, time, poses)
+    for change in ({"resolution": 0.5}, {"most_pairs": 1}, {"most_report_pairs": 1}):
+        settings = replace(DEFAULT_VERIFICATION, **change)  # type: ignore[arg-type]
+        check_walls(motion, room, settings)
+        curled = ChainMotion(arm, time, np.array([np.full(LINKS, 1.0), np.full(LINKS, 1.3)]))
+        check_self_collision(curled, settings)
+    short = arm_of(scale, links=2)
+    check_self_collision(ChainMotion(short, time, poses[:, :2]))
+    check_walls(ChainMotion(arm_of(scale, mount_length=0.7 * scale), time, poses), room)
+    still = np.zeros_like(poses)
+    trajectory = JointTrajectory(0.004 * np.arange(2), 0.02 * poses, still, still, arm.coordinates)
+    survived_error(arm, room, trajectory, joint_errors(arm), replace(DEFAULT_TOLERANCE, most_cases=1, depth=1))
+    problem, _ = plan_of(scale, fed=False)
+    asked = replace(problem, stops=(), verification=VerificationOptions(contact_tolerance=1e-4))
+    verify(asked, trajectory, states_of(asked, trajectory))
+
+
 def survived(scale: float) -> None:
     """Errors that motions survive, and the tubes that they sweep."""
     for fed in (False, True):
@@ -335,6 +370,9 @@ def near_poses(scale: float) -> None:
         for pose in (headings, headings + 0.3 * k, np.linspace(0.0, 9.0, links), np.linspace(0.3, 5.9, links)):
             with suppress(CcmError):
                 refuse_bad_pose(arm, room, pose, "start")
+            with suppress(CcmError):
+                refuse_bad_pose(replace(arm, base=np.array([1.4, 0.2])), room, 0.2 * pose, "goal")
+        room_advice(replace(arm, radius=0.0), room)
 
 
 SCENES: dict[str, Scene] = {
@@ -352,6 +390,7 @@ SCENES: dict[str, Scene] = {
     "other goals": other_goals,
     "malformed": malformed,
     "drawn motions": drawn_motions,
+    "given up": given_up,
     "survived": survived,
     "keyframes": keyframes_held,
     "proved motions": proved_motions,
