@@ -61,23 +61,29 @@ def shape_error_in_space(arm: SpaceArm, curve: SpaceConfiguration, q: FloatArray
     return float(np.linalg.norm(apart, axis=1).max())
 
 
-def nearest_space_curve(arm: SpaceArm, q: FloatArray, segments: int = 3, rounds: int = 3) -> SpaceConfiguration:
+def nearest_space_curve(
+    arm: SpaceArm, q: FloatArray, segments: int = 3, settings: MappingSettings = DEFAULT_MAPPING
+) -> SpaceConfiguration:
     """The curve of even segments whose mean directions on the links come nearest to those of a pose.
 
     Bends are linear in the curvature to the first order in the length of a link; what that leaves is taken up by
-    mapping the curve and fitting what it lacks.
+    mapping the curve and fitting what it lacks. Where a curve turns by nearly a radian a link that need not settle.
 
     Args:
         arm: the arm.
         q: the pose, shape (c,) [rad, m].
         segments: of the curve.
-        rounds: of fits.
+        settings: when the fits have settled, and how many there are at most.
     """
     space = CurveSpace.of(arm, PIECES * segments + 1)
     v = space.nearest(q)
-    for _ in range(rounds - 1):
+    for _ in range(settings.most_steps):
         bends = bends_from_directions(arm, mean_directions(curve_of_coordinates(space, v), arm.links))
-        v = v + space.nearest(q - arm.configuration(bends, float(arm.coordinates.advance(q))))
+        change = space.nearest(q - arm.configuration(bends, float(arm.coordinates.advance(q))))
+        v = v + change
+        # The fits come nearer by a share each: what is left is about as much as the last has brought.
+        if float(np.abs(change).max()) < settings.rounding:
+            break
     return curve_of_coordinates(space, v)
 
 
