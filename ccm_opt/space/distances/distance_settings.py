@@ -8,8 +8,8 @@ class DistanceSettings:
     """Numbers of the hierarchy of boxes and of its walks.
 
     Attributes:
-        leaf: triangles in a box that is not cut any more, at most. Measured by ``tests/benchmarks/surfaces.py``: two to
-            eight are within a tenth.
+        leaf: triangles in a box that is not cut any more, at most. Measured by ``tests/benchmarks/bench_surfaces.py``:
+            two to sixteen are within a tenth of each other, and larger leaves take less memory.
         most_planes: half-spaces about a segment, at most. Taste: what lies beyond the nearest fourteen rarely binds.
         behind: depth by which a surface may stand out from behind a plane and still counts as behind it, as a share of
             the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one a triangle.
