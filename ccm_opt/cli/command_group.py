@@ -63,7 +63,7 @@ def command(
             raise typer.Exit(code)
 
         own = list(inspect.signature(function, eval_str=True).parameters.values())
-        reads_problems = any(each.name == "changes" for each in own)
+        reads_problems = any(each.name in {"changes", "item"} for each in own) or name == "compare"
         options_of_all = _PRINTING | ({"allow_outside": _ALLOW_OUTSIDE} if reads_problems else {})
         shared = [
             inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)

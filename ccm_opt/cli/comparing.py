@@ -18,6 +18,7 @@ from ccm_opt.cli.comparison_page_data import comparison_page
 from ccm_opt.cli.comparison_tables import print_comparison
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all, warn
 from ccm_opt.cli.output import output
+from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.comparison.comparison_files import JOURNAL, PAGE, comparison_json, write_comparison
 from ccm_opt.comparison.journal import open_journal
 from ccm_opt.comparison.methods import DEFAULT, check_methods
@@ -109,7 +110,7 @@ def chosen_cases(options: CompareOptions) -> tuple[Case, ...]:
     suites = options.suites
     if not suites and not options.files:
         suites = (SHARED,)
-    cases = list(cases_of_files(options.files))
+    cases = list(cases_of_files(options.files, allow_outside=outside_allowed()))
     for suite in suites:
         cases += cases_of_suite(suite, options.count, options.seed)
     return distinct(cases)

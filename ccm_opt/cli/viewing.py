@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ccm_opt.cli.cancelling import interrupt_met
 from ccm_opt.cli.outcome import SOLVED, run_all
 from ccm_opt.cli.output import output
+from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
@@ -64,9 +65,10 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
     from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi
 
     folder = item.is_dir()
-    problem = (
-        load_recorded_problem(item, "ccm-opt view") if folder else in_the_plane(load_problem(item), "ccm-opt view")
-    )
+    if folder:
+        problem = load_recorded_problem(item, "ccm-opt view")
+    else:
+        problem = in_the_plane(load_problem(item, allow_outside=outside_allowed()), "ccm-opt view")
     with stage_display(problem.name) as clock:
         clock.begin("planning")
         live = LivePlan(problem) if LivePlan.suits(problem) else None

@@ -106,15 +106,19 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
     )
 
 
-def cases_of_files(files: Sequence[Path]) -> tuple[Case, ...]:
+def cases_of_files(files: Sequence[Path], *, allow_outside: bool = False) -> tuple[Case, ...]:
     """The problems of problem files.
+
+    Args:
+        files: the files.
+        allow_outside: whether drawings may lie outside the folders of the files.
 
     Raises:
         ProblemError: when a file cannot be used.
     """
     cases = []
     for file in files:
-        problem = load_problem(file)
+        problem = load_problem(file, allow_outside=allow_outside)
         fingerprint = _content_hash(problem)
         cases.append(Case(name=problem.name, suite="files", given=problem, fingerprint=fingerprint))
     return tuple(cases)

@@ -10,11 +10,15 @@ from matplotlib.patheffects import withStroke
 from ccm_opt.files.plotting import style
 from ccm_opt.ground.arrays import FloatArray
 
-_DIRECTIONS = 12
-_DISTANCES = (10.0, 18.0, 28.0, 42.0)
+_DIRECTIONS = 24
+_DISTANCES = (10.0, 18.0, 28.0, 42.0, 60.0, 84.0)
 """From the place to the label [points]."""
 _LETTER = 0.58
 """Width of a letter, as a share of its size, on average."""
+_EDGE = 3.0
+"""Round what is drawn a label had better keep off, too [points]."""
+_OFF_EDGES = 5
+"""How much worse it is to stand over an edge of a wall than over poses and paths."""
 _OUTSIDE = 6.0
 """How much worse it is to leave the picture than to cover what is drawn."""
 
@@ -31,9 +35,15 @@ class LabelPlaces:
     axes: Axes
     drawn: list[shapely.Geometry] = field(default_factory=list)
 
+    def keep_off(self, shape: shapely.Geometry) -> None:
+        """Note something whose edges would run through letters, in the coordinates of the plane [m]."""
+        for _ in range(_OFF_EDGES):
+            self.keep_free(shape)
+
     def keep_free(self, shape: shapely.Geometry) -> None:
         """Note something that is drawn, in the coordinates of the plane [m]."""
-        self.drawn.append(shapely.transform(shape, self._to_points))
+        # Thin things count with a margin, or a label would gladly stand over an edge.
+        self.drawn.append(shapely.buffer(shapely.transform(shape, self._to_points), _EDGE))
 
     def keep_names_free(self) -> None:
         """Note all texts that stand in the middle of their place already, such as names of obstacles."""

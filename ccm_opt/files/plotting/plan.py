@@ -83,13 +83,15 @@ def _mark_least_gap(axes: Axes, plan: DrawnPlan, settings: PictureSettings) -> N
     places = LabelPlaces(axes)
     shown = plan.points[even_steps(plan.points, settings.poses_on_the_way)]
     radius = max(plan.problem.arm.radius, 1e-3 * plan.problem.arm.length)
-    bodies = [shapely.LineString(pose).buffer(radius) for pose in (plan.points[0], plan.points[-1], *shown)]
+    for pose in (plan.points[0], plan.points[-1]):
+        places.keep_off(shapely.LineString(pose).buffer(radius))
+    bodies = [shapely.LineString(pose).buffer(radius) for pose in shown]
     places.keep_free(shapely.union_all([*bodies, shapely.LineString(plan.points[:, -1]).buffer(0.5 * radius)]))
     places.keep_names_free()
     seen = shapely.box(*action_window(plan.problem, plan.points, settings))
     outlines = [obstacle.outline() for obstacle in plan.problem.workspace.near(seen, 0.0).obstacles]
     for outline in outlines[: settings.most_named_obstacles]:
-        places.keep_free(outline)
+        places.keep_off(outline)
     with words_in(plan.problem.length_unit):
         gap = short_length(plan.nearest.gap)
     counted = plan.problem.workspace.clearance and not plan.nearest.second_link

@@ -17,6 +17,10 @@ _STILL = 1e-9
 """Revolutes that do no more than this share of the greatest are rounding, and have no curve."""
 
 
+_LEAST_TRACKING = 0.01
+"""No instrument tells an arm that is less off its plan from one that is on it [°]."""
+
+
 @dataclass(frozen=True)
 class SeriesGroup:
     """Curves of one quantity over time.
@@ -29,6 +33,7 @@ class SeriesGroup:
         values: shape (T, C), in ``unit``.
         limits: bound on the magnitude of each curve, shape (C,); inf where there is none.
         error: distance that a sample may have from its drawn curve, in ``unit``; None for a share of the range.
+        least: what the axis reaches at least, in ``unit``: what is far below is nothing to people.
     """
 
     key: str
@@ -38,6 +43,7 @@ class SeriesGroup:
     values: FloatArray
     limits: FloatArray
     error: float | None = None
+    least: float = 0.0
 
 
 def series_data(solution: AnySolution, settings: ReportSettings = REPORT) -> list[dict[str, object]]:
@@ -135,7 +141,7 @@ def _simulated_groups(solution: AnySolution, joints: tuple[str, ...]) -> Iterato
     free = np.full(len(joints), np.inf)
     torque = solution.problem.limits.torque
     bounds = free if torque is None else torque[drives]
-    yield SeriesGroup("tracking", "Simulated less planned bends", "°", joints, away, free)
+    yield SeriesGroup("tracking", "Simulated less planned bends", "°", joints, away, free, least=_LEAST_TRACKING)
     yield SeriesGroup(
         "simulated-torques", "Torques in the simulation", "N m", joints, simulated.torques[:, drives], bounds
     )
@@ -153,6 +159,7 @@ def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray, setting
         "key": group.key,
         "title": group.title,
         "unit": group.unit,
+        "least": group.least,
         "names": list(group.names),
         "time": coded(time[kept], 1e-5),
         "columns": [coded(column, step) for column in values[kept].T],

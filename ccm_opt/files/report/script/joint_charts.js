@@ -17,7 +17,7 @@ class JointChart {
     this.marks = marks;
     this.others = others;
     this.chosen = null;
-    this.decimals = decimalsFor(Math.max(...extremes(group.columns).map(Math.abs)));
+    this.decimals = decimalsFor(Math.max(...extremes(group.columns).map(Math.abs), 10 * (group.least || 0)));
     const unit = group.unit;
     this.chart = new Chart(host, timeline, {
       title: `${group.title} [${unit}]`,
@@ -108,8 +108,9 @@ class JointChart {
       high = Math.max(high, bound);
       if (low < 0) low = Math.min(low, -bound);
     }
-    low = Math.min(low, 0);
-    high = Math.max(high, 0);
+    const least = this.group.least || 0;
+    low = Math.min(low, -least);
+    high = Math.max(high, least);
     const room = 0.06 * (high - low || 1);
     return { low: low - (low < 0 ? room : 0), high: high + room };
   }
