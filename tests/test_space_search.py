@@ -48,8 +48,7 @@ def ends_at(task: SpaceTask, motion: SpaceMotion, goal: TipPose) -> None:
         assert along == pytest.approx(goal.direction, abs=1e-6)
 
 
-@pytest.mark.parametrize("links", [8, 12, 31])
-@pytest.mark.parametrize("directed", [True, False])
+@pytest.mark.parametrize(("links", "directed"), [(8, True), (12, False), (31, True)])
 def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
     """Found, made shorter and laid as a smooth path, a motion stays clear and ends on the goal."""
     goal = TipPose(GOAL.position, GOAL.direction if directed else None)
