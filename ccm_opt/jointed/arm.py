@@ -170,7 +170,7 @@ class Arm(LinkChain):
 
     @property
     def base_rotation(self) -> FloatArray:
-        """Rotation world ← base, shape (3, 3): −base_heading about world +y."""
+        """Rotation from the base to the world, by −base_heading about world +y; shape (3, 3)."""
         c = np.cos(self.base_heading)
         s = np.sin(self.base_heading)
         return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])

@@ -86,7 +86,7 @@ class SpaceArm(LinkChain):
 
     @cached_property
     def base_rotation(self) -> FloatArray:
-        """Axes of the straight arm in the world as columns: direction, left = up × direction, up; shape (3, 3)."""
+        """Columns direction, left (up × direction) and up of the straight arm in the world, shape (3, 3)."""
         return np.column_stack((self.direction, np.cross(self.up, self.direction), self.up))
 
     @property
