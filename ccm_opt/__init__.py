@@ -13,6 +13,7 @@ TYPE_CHECKING = False  # typing itself takes longer to load than all that is nee
 if TYPE_CHECKING:
     from ccm_opt import errors
     from ccm_opt.driver.built_in import BuiltInPlanner, BuiltInRetimer, Planner, Retimer
+    from ccm_opt.driver.checking_plans import check
     from ccm_opt.driver.finding_pose import find_pose
     from ccm_opt.driver.live_plan import LivePlan
     from ccm_opt.driver.pareto import pareto
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
     from ccm_opt.solution import JointPath, Solution
     from ccm_opt.user_terms.quantities import Quantities
     from ccm_opt.user_terms.terms import Constraint, Cost, Interval, constraint, cost
-    from ccm_opt.verification import verify as check
 
 __version__ = "0.1.0"
 
@@ -98,6 +98,7 @@ __all__ = [
 
 _NAMES = {
     "ccm_opt.driver.built_in": ("BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"),
+    "ccm_opt.driver.checking_plans": ("check",),
     "ccm_opt.driver.finding_pose": ("find_pose",),
     "ccm_opt.driver.live_plan": ("LivePlan",),
     "ccm_opt.driver.pareto": ("pareto",),
@@ -120,9 +121,7 @@ _NAMES = {
     "ccm_opt.user_terms.terms": ("Constraint", "Cost", "Interval", "constraint", "cost"),
 }
 """Public names by the module that has them under the same name."""
-_HOMES = {name: (module, name) for module, names in _NAMES.items() for name in names} | {
-    "check": ("ccm_opt.verification", "verify")
-}
+_HOMES = {name: (module, name) for module, names in _NAMES.items() for name in names}
 """Module and name of each public object."""
 _MODULES = {"errors": "ccm_opt.errors", "plotting": "ccm_opt.files.plotting"}
 """Public modules."""

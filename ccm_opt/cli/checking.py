@@ -11,6 +11,7 @@ from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
 from ccm_opt.cli.term_references import TermReferences
+from ccm_opt.driver.checking_plans import check as checked_again
 from ccm_opt.files.export.reading_back import (
     SavedMotion,
     load_any_problem,
@@ -25,7 +26,6 @@ from ccm_opt.files.report.check_words import checks_in_words
 from ccm_opt.problem import CurvePose, Problem
 from ccm_opt.solution import Check, RoomRecord
 from ccm_opt.space.problem import AnyProblem, SpaceProblem, in_the_plane
-from ccm_opt.verification import verify
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.room_over_time import room_over_time
 
@@ -49,7 +49,7 @@ def check_folders(folders: Sequence[Path], constraints: tuple[str, ...] = ()) ->
 def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     problem = load_any_problem(folder)
     motion = load_motion(folder, problem.arm)
-    own = _verified(problem, motion)
+    own = checked_again(problem, motion.trajectory, motion.joints)
     of_terms = _checks_of_constraints(in_the_plane(problem, "--constraint"), motion, constraints) if constraints else ()
     # What is malformed ends the list of the verifier's checks, and nothing else can be held against it.
     whole = len(own) > len(MALFORMED)
@@ -86,15 +86,6 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
         }
 
     return print_result(show, SOLVED if passed else NO_PLAN, data)
-
-
-def _verified(problem: AnyProblem, motion: SavedMotion) -> tuple[Check, ...]:
-    """The checks of the verifier, of the plane or of space."""
-    if isinstance(problem, SpaceProblem):
-        from ccm_opt.space.verification import verify_in_space  # noqa: PLC0415 - most folders are in the plane
-
-        return verify_in_space(problem, motion.trajectory, motion.joints)
-    return verify(problem, motion.trajectory, motion.joints)
 
 
 def _room(problem: AnyProblem, motion: SavedMotion, own: tuple[Check, ...]) -> RoomRecord:

@@ -17,13 +17,17 @@ def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatAr
         Corners and faces, without faces that have collapsed and without those that are there twice.
     """
     cells = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
-    _, number, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    number = number.reshape(-1)
+    # One number a cell, which is sorted much faster than three.
+    _, across, up = cells.max(axis=0) + 1
+    cell_number = (cells[:, 0] * across + cells[:, 1]) * up + cells[:, 2]
+    _, number, count = np.unique(cell_number, return_inverse=True, return_counts=True)
     sums = np.stack([np.bincount(number, column) for column in vertices.T], axis=1)
     joined = number[faces]
     whole = (joined[:, 0] != joined[:, 1]) & (joined[:, 1] != joined[:, 2]) & (joined[:, 2] != joined[:, 0])
     joined = joined[whole]
-    _, first = np.unique(np.sort(joined, axis=1), axis=0, return_index=True)
+    ordered = np.sort(joined, axis=1).astype(np.int64)
+    corners = len(count)
+    _, first = np.unique((ordered[:, 0] * corners + ordered[:, 1]) * corners + ordered[:, 2], return_index=True)
     return sums / count[:, None], joined[np.sort(first)]
 
 
