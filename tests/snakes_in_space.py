@@ -10,8 +10,8 @@ from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.goal import TipPose
-from ccm_opt.space.motion.link_motion import segment_distances
+from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_link_motion import segment_distances
 from ccm_opt.space.motion.task import SpaceTask
 from ccm_opt.space.planner import reach_box
 from ccm_opt.space.scene.bodies import BOX_FACES, box_corners
@@ -60,7 +60,7 @@ def boxes(corners: list[tuple[list[float], list[float]]]) -> SurfaceSoup:
 def task_of(
     arm: SpaceArm,
     soup: SurfaceSoup,
-    goal: TipPose | None,
+    goal: SpaceTipPose | None,
     *,
     goal_pose: FloatArray | None = None,
     via: tuple[FloatArray, ...] = (),

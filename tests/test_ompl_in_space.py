@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ccm_opt.comparison.space_clutter import space_clutter
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.certificate import SpaceCertificate
+from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.ompl_in_space import FedJoints
 from tests.snakes_in_space import snake
 

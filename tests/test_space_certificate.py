@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.certificate import SpaceCertificate
-from ccm_opt.space.motion.link_motion import LinkMotion, segment_distances
+from ccm_opt.space.motion.space_certificate import SpaceCertificate
+from ccm_opt.space.motion.space_link_motion import LinkMotion, segment_distances
 from tests.snakes_in_space import balls, boxes, least_gaps, snake
 
 seeds = st.integers(0, 2**32 - 1)

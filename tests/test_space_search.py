@@ -12,18 +12,18 @@ from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.connect import Connect
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.goal import TipPose
 from ccm_opt.space.motion.goal_poses import goal_poses
 from ccm_opt.space.motion.grid_ways import TipGrid, shortened
-from ccm_opt.space.motion.optimisation.optimise import optimise
-from ccm_opt.space.motion.search import find_motion
-from ccm_opt.space.motion.settings import ConnectSettings
-from ccm_opt.space.motion.smooth_path import certified_spline
+from ccm_opt.space.motion.optimisation.space_optimise import optimise
+from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_motion_settings import SpaceConnectSettings
+from ccm_opt.space.motion.space_search import find_motion
+from ccm_opt.space.motion.space_smooth_path import certified_spline
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 from ccm_opt.space.scene.surfaces import SurfaceSoup
 from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of
 
-GOAL = TipPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
+GOAL = SpaceTipPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
 BALLS = balls(np.array([[0.5, 0.25, 0.1], [0.7, -0.2, 0.2], [0.3, 0.3, -0.2], [0.6, 0.1, 0.45]]), 0.08)
 
 
@@ -39,7 +39,7 @@ def judged(task: SpaceTask, soup: SurfaceSoup, motion: SpaceMotion) -> None:
     assert pairs > 0.0
 
 
-def ends_at(task: SpaceTask, motion: SpaceMotion, goal: TipPose) -> None:
+def ends_at(task: SpaceTask, motion: SpaceMotion, goal: SpaceTipPose) -> None:
     """A motion ends at a goal of the tip."""
     points = joint_positions(task.arm, motion.configurations[-1])
     assert points[-1] == pytest.approx(goal.position, abs=1e-7)
@@ -51,7 +51,7 @@ def ends_at(task: SpaceTask, motion: SpaceMotion, goal: TipPose) -> None:
 @pytest.mark.parametrize(("links", "directed"), [(8, True), (12, False), (31, True)])
 def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
     """Found, made shorter and laid as a smooth path, a motion stays clear and ends on the goal."""
-    goal = TipPose(GOAL.position, GOAL.direction if directed else None)
+    goal = SpaceTipPose(GOAL.position, GOAL.direction if directed else None)
     task = task_of(snake(links), BALLS, goal)
     motion = find_motion(task)
     judged(task, BALLS, motion)
@@ -93,7 +93,7 @@ def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
     ]
     soup = boxes(wall)
     arm = snake(20, length=0.8, feed=Feed(-0.8, 0.0, 0.0))
-    goal = TipPose(np.array([0.5, 0.2, 0.1]), np.array([0.6, 0.8, 0.0]))
+    goal = SpaceTipPose(np.array([0.5, 0.2, 0.1]), np.array([0.6, 0.8, 0.0]))
     start = np.append(np.zeros(40), -0.8)
     task = task_of(arm, soup, goal, start=start)
     found = find_motion(task)
@@ -124,7 +124,7 @@ def test_why_nothing_is_found_names_the_wall() -> None:
     """A goal in a closed box is not reached, and the box is named."""
     # The goal is in a closed box.
     soup = boxes([([0.4, 0.2, 0.15], [0.7, 0.5, 0.45])])
-    task = task_of(snake(12), soup, TipPose(GOAL.position), seconds=3.0)
+    task = task_of(snake(12), soup, SpaceTipPose(GOAL.position), seconds=3.0)
     with pytest.raises(NoPlanFound, match="box 1"):
         find_motion(task)
 
@@ -144,7 +144,7 @@ def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
         if len(goals) == 3:
             break
     assert goals
-    poses = Connect(stepper, stepper.pose(v), goals, rng, ConnectSettings()).path(task.deadline)
+    poses = Connect(stepper, stepper.pose(v), goals, rng, SpaceConnectSettings()).path(task.deadline)
     assert poses is not None
     judged(task, BALLS, SpaceMotion.of(curve, poses, "a sampler"))
 

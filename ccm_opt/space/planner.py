@@ -13,13 +13,13 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.solution import JointPath
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.ending import ended_by_nlp
-from ccm_opt.space.motion.goal import TipPose
-from ccm_opt.space.motion.optimisation.optimise import optimise
-from ccm_opt.space.motion.search import find_motion
-from ccm_opt.space.motion.settings import SpaceMotionSettings
-from ccm_opt.space.motion.smooth_path import certified_spline
+from ccm_opt.space.motion.optimisation.space_optimise import optimise
+from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.space_search import find_motion
+from ccm_opt.space.motion.space_smooth_path import certified_spline
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
+from ccm_opt.space.nlp_ending import ended_by_nlp
 from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.enclosures import Enclosure, deepest_enclosure
 from ccm_opt.space.scene.scene import ROOM_NAME
@@ -94,10 +94,10 @@ def space_task(
     )
 
 
-def tip_pose(problem: SpaceProblem, goal: SpaceTipGoal) -> TipPose:
+def tip_pose(problem: SpaceProblem, goal: SpaceTipGoal) -> SpaceTipPose:
     """The goal of the tip; half of the tolerances is left to what comes after planning."""
     tolerances = problem.tolerances
-    return TipPose(goal.position, goal.direction, 0.5 * tolerances.position, 0.5 * tolerances.heading)
+    return SpaceTipPose(goal.position, goal.direction, 0.5 * tolerances.position, 0.5 * tolerances.heading)
 
 
 def slowness(problem: SpaceProblem) -> FloatArray:
@@ -159,7 +159,7 @@ def _depth_words(found: Enclosure) -> str:
     return f"{short_length(found.depth)} {where}, at {place(found.place)}"
 
 
-def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: TipPose) -> None:
+def _refuse_goal_without_room(problem: SpaceProblem, task: SpaceTask, goal: SpaceTipPose) -> None:
     """Refuse a goal for the tip inside of a body, or nearer to a surface than the arm may come."""
     found = deepest_enclosure(problem.workspace, goal.position[None])
     if found is not None:
@@ -205,7 +205,7 @@ def contact_of(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
     return ""
 
 
-def _refuse_far_goal(task: SpaceTask, goal: TipPose) -> None:
+def _refuse_far_goal(task: SpaceTask, goal: SpaceTipPose) -> None:
     """Refuse a goal that no stretched arm reaches."""
     arm = task.arm
     low, high = arm.base_range

@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.link_motion import LinkMotion
+from ccm_opt.space.motion.space_link_motion import LinkMotion
 from ccm_opt.space.problem import SpaceProblem
 
 

@@ -27,7 +27,7 @@ class TipWay:
 
 
 @dataclass
-class TipWays:
+class SpaceTipWays:
     """Makes the ways for a task one by one; the grids are made when they are first needed.
 
     Args:

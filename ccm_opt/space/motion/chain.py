@@ -25,7 +25,7 @@ class _ChainStruct(ctypes.Structure):
 
 
 @dataclass(frozen=True)
-class Chain:
+class SpaceChain:
     """The links of an arm in a pose, with derivatives by p unknowns.
 
     Attributes:
@@ -64,7 +64,7 @@ class Chains:
         self._base = np.ascontiguousarray(arm.base_rotation, dtype=np.float64)
         self._fed = len(arm.base_axes)
 
-    def at(self, q: FloatArray, slopes: FloatArray) -> Chain:
+    def at(self, q: FloatArray, slopes: FloatArray) -> SpaceChain:
         """The chain of a configuration.
 
         Args:
@@ -78,7 +78,7 @@ class Chains:
             return self._interpreted(q, slopes)
         q = np.ascontiguousarray(q)
         slopes = np.ascontiguousarray(slopes)
-        chain = Chain(np.empty((n + 1, 3)), np.empty((n, 3, 3)), np.empty((n, 3, p)), np.empty((n + 1, 3, p)))
+        chain = SpaceChain(np.empty((n + 1, 3)), np.empty((n, 3, 3)), np.empty((n, 3, p)), np.empty((n + 1, 3, p)))
         struct = _ChainStruct(links=n, unknowns=p, fed=self._fed, length=arm.link_length)
         struct.start = self._start.ctypes.data
         struct.base = self._base.ctypes.data
@@ -94,7 +94,7 @@ class Chains:
         chain = self.at(q, np.empty((len(q), 0)))
         return chain.points, chain.rotations
 
-    def _interpreted(self, q: FloatArray, slopes: FloatArray) -> Chain:
+    def _interpreted(self, q: FloatArray, slopes: FloatArray) -> SpaceChain:
         arm = self._arm
         n = arm.links
         p = slopes.shape[1]
@@ -120,4 +120,4 @@ class Chains:
             points[j + 1] = points[j] + step
             moving[j + 1] = moving[j] + np.cross(turned, step[:, None], axisa=0, axisb=0, axisc=0)
             before = after
-        return Chain(points, rotations, turning, moving)
+        return SpaceChain(points, rotations, turning, moving)

@@ -10,11 +10,11 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.space.motion.goal import stepper_metric
 from ccm_opt.space.motion.pieces import edge_is_safe, in_pieces
-from ccm_opt.space.motion.pose import SpacePose
-from ccm_opt.space.motion.settings import ConnectSettings
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_goal import stepper_metric
+from ccm_opt.space.motion.space_motion_settings import SpaceConnectSettings
+from ccm_opt.space.motion.space_pose import SpacePose
+from ccm_opt.space.motion.space_step import SpaceStepper
 
 
 @dataclass(eq=False)
@@ -50,11 +50,11 @@ class Connect:
         settings: of the sampler.
     """
 
-    stepper: Stepper
+    stepper: SpaceStepper
     start: SpacePose
     goals: list[SpacePose]
     rng: np.random.Generator
-    settings: ConnectSettings
+    settings: SpaceConnectSettings
     _root: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:

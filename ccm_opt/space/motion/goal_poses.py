@@ -5,13 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.goal import TipPose, stepper_metric
-from ccm_opt.space.motion.pose import SpacePose
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_goal import SpaceTipPose, stepper_metric
+from ccm_opt.space.motion.space_pose import SpacePose
+from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceTask
 
 
-def goal_poses(task: SpaceTask, stepper: Stepper, rng: np.random.Generator) -> Iterator[SpacePose]:
+def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[SpacePose]:
     """Poses at the goal that touch nothing and keep the joint limits; drawn until the deadline, or the draws, end.
 
     Args:
@@ -30,7 +30,7 @@ def goal_poses(task: SpaceTask, stepper: Stepper, rng: np.random.Generator) -> I
             yield pose
 
 
-def _drawn(stepper: Stepper, rng: np.random.Generator) -> FloatArray:
+def _drawn(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
     """Unknowns of a curve with smooth random curvature, and a random feed."""
     curve = stepper.curve
     arm = curve.arm
@@ -51,7 +51,7 @@ def _drawn(stepper: Stepper, rng: np.random.Generator) -> FloatArray:
     return v
 
 
-def _onto_goal(stepper: Stepper, goal: TipPose, pose: SpacePose, task: SpaceTask) -> SpacePose | None:
+def _onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, task: SpaceTask) -> SpacePose | None:
     """The pose brought onto the goal, off the walls and within limits; None where that fails."""
     settings = task.settings.goal_poses
     for k in range(settings.steps):
@@ -70,6 +70,6 @@ def _onto_goal(stepper: Stepper, goal: TipPose, pose: SpacePose, task: SpaceTask
     return None
 
 
-def _free(stepper: Stepper, pose: SpacePose) -> bool:
+def _free(stepper: SpaceStepper, pose: SpacePose) -> bool:
     """Whether a pose touches nothing and keeps the limits."""
     return stepper.within_limits(pose.q) and stepper.certificate.safe(pose.q, pose.q)

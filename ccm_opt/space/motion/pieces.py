@@ -6,10 +6,10 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.motion.curve_map import feed_to_next_stop
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_step import SpaceStepper
 
 
-def pieces(stepper: Stepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:
+def pieces(stepper: SpaceStepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:
     """Unknowns along an edge, so near that no joint bends in between while the guide tube of a fed arm holds it."""
     arm = stepper.curve.arm
     if not arm.base_axes:
@@ -27,7 +27,7 @@ def pieces(stepper: Stepper, before: FloatArray, after: FloatArray) -> list[Floa
     return places
 
 
-def edge_is_safe(stepper: Stepper, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
+def edge_is_safe(stepper: SpaceStepper, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
     """Whether an edge keeps all limits and is certified."""
     places = [stepper.curve.configuration(v) for v in pieces(stepper, before, after)]
     if not all(stepper.within_limits(q) for q in places):
@@ -35,13 +35,13 @@ def edge_is_safe(stepper: Stepper, before: FloatArray, after: FloatArray, depth:
     return all(stepper.certificate.safe(p, q, depth) for p, q in pairwise(places))
 
 
-def failing_edges(stepper: Stepper, unknowns: FloatArray, depth: int | None = None) -> IntArray:
+def failing_edges(stepper: SpaceStepper, unknowns: FloatArray, depth: int | None = None) -> IntArray:
     """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified."""
     edges = enumerate(pairwise(unknowns))
     return np.array([k for k, (a, b) in edges if not edge_is_safe(stepper, a, b, depth)], dtype=np.intp)
 
 
-def in_pieces(stepper: Stepper, unknowns: FloatArray) -> FloatArray:
+def in_pieces(stepper: SpaceStepper, unknowns: FloatArray) -> FloatArray:
     """The motion with all its edges in pieces, shape (m, p)."""
     found = [unknowns[0]]
     for before, after in pairwise(unknowns):

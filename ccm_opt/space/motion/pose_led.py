@@ -4,8 +4,8 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
-from ccm_opt.space.motion.pose import SpacePose, Term
-from ccm_opt.space.motion.settings import GuideSettings
+from ccm_opt.space.motion.space_motion_settings import SpaceGuideSettings
+from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
 
 
 class PoseLed:
@@ -18,7 +18,7 @@ class PoseLed:
         settings: of guides.
     """
 
-    def __init__(self, start: FloatArray, end: FloatArray, step: float, settings: GuideSettings) -> None:
+    def __init__(self, start: FloatArray, end: FloatArray, step: float, settings: SpaceGuideSettings) -> None:
         self._start = start
         self._end = end
         self._settings = settings
@@ -31,14 +31,14 @@ class PoseLed:
     def _target(self) -> FloatArray:
         return self._start + self._share * (self._end - self._start)
 
-    def terms(self, pose: SpacePose) -> list[Term]:
+    def terms(self, pose: SpacePose) -> list[SpaceTerm]:
         """What draws every link to where the target has it."""
         p = len(pose.v)
         links = len(pose.chain.directions)
         missing = self._target - pose.v
         turning = pose.chain.turning.reshape(-1, p)
-        near = Term(np.eye(p), missing, 1e-2)
-        return [Term(turning, turning @ missing, NOMINAL_LINKS / links), near]
+        near = SpaceTerm(np.eye(p), missing, 1e-2)
+        return [SpaceTerm(turning, turning @ missing, NOMINAL_LINKS / links), near]
 
     def progress(self, pose: SpacePose) -> bool:
         """Move the target on if the arm keeps up; at its end, whether the arm still comes nearer."""

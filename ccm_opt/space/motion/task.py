@@ -9,12 +9,12 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.certificate import SpaceCertificate
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.goal import TipPose
-from ccm_opt.space.motion.pose import SpacePose
-from ccm_opt.space.motion.settings import SpaceMotionSettings
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_certificate import SpaceCertificate
+from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.space_pose import SpacePose
+from ccm_opt.space.motion.space_step import SpaceStepper
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class SpaceTask:
     arm: SpaceArm
     tree: SurfaceTree
     start: FloatArray
-    goal: TipPose | None
+    goal: SpaceTipPose | None
     goal_pose: FloatArray | None
     via: tuple[FloatArray, ...]
     clearance: float
@@ -69,9 +69,9 @@ class SpaceTask:
         """Gap that steps keep beyond the clearance: as much as the ends leave, at most the settings' [m]."""
         return self.settings.step.margin * self.unit
 
-    def stepper(self, curve: CurveMap, share: float = 1.0) -> Stepper:
+    def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:
         """Takes steps in the unknowns of a curve, with a share of the margin."""
-        return Stepper(curve, self.tree, self.certificate, share * self.margin, self.settings)
+        return SpaceStepper(curve, self.tree, self.certificate, share * self.margin, self.settings)
 
 
 @dataclass(frozen=True, eq=False)

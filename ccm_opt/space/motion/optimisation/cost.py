@@ -6,12 +6,12 @@ from functools import lru_cache
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.motion.optimisation.sweep import SpaceSweep
-from ccm_opt.space.motion.settings import ObjectiveSettings
+from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
+from ccm_opt.space.motion.space_motion_settings import SpaceObjectiveSettings
 
 
 @dataclass(frozen=True, eq=False)
-class MotionCost:
+class SpaceMotionCost:
     """½ Σ over keyframes; quadratic in the configurations.
 
     With K intervals of equal length the squared length of a path q(u) is ∫|q'|² ≈ K Σ|Δq|², which is least for evenly
@@ -23,7 +23,7 @@ class MotionCost:
     """
 
     slowness: FloatArray
-    settings: ObjectiveSettings
+    settings: SpaceObjectiveSettings
 
     def value(self, sweep: SpaceSweep) -> float:
         """Value of a motion."""

@@ -8,17 +8,17 @@ import piqp
 import scipy.sparse as sp
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.motion.goal import TipPose
-from ccm_opt.space.motion.optimisation.cost import MotionCost
+from ccm_opt.space.motion.optimisation.cost import SpaceMotionCost
 from ccm_opt.space.motion.optimisation.rows import SpaceRows
-from ccm_opt.space.motion.optimisation.sweep import SpaceSweep
-from ccm_opt.space.motion.settings import OptimisationSettings
+from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
+from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
 
 _FAR = 1e30
 
 
 @dataclass(frozen=True, eq=False)
-class QuadraticStep:
+class SpaceQuadraticStep:
     """The solution of the program.
 
     Attributes:
@@ -33,7 +33,7 @@ class QuadraticStep:
 
 
 @dataclass(frozen=True, eq=False)
-class KeyframeProgram:
+class SpaceKeyframeProgram:
     """What a step is asked.
 
     Attributes:
@@ -47,14 +47,14 @@ class KeyframeProgram:
     """
 
     sweep: SpaceSweep
-    cost: MotionCost
+    cost: SpaceMotionCost
     rows: SpaceRows
     prices: FloatArray
     damping: float
-    goal: TipPose | None
-    settings: OptimisationSettings
+    goal: SpaceTipPose | None
+    settings: SpaceOptimisationSettings
 
-    def solve(self) -> QuadraticStep | None:
+    def solve(self) -> SpaceQuadraticStep | None:
         """The step, or None where the solver finds none."""
         sweep = self.sweep
         count = sweep.intervals
@@ -93,7 +93,7 @@ class KeyframeProgram:
         x = x.reshape(count, p + 1)
         change = np.vstack((np.zeros(p), x[:, :p]))
         quadratic = np.einsum("bp,bpq,bq->", change[row], blocks, change[column])
-        return QuadraticStep(change, np.maximum(x[:, p], 0.0), -float(np.vdot(gradient, change) + 0.5 * quadratic))
+        return SpaceQuadraticStep(change, np.maximum(x[:, p], 0.0), -float(np.vdot(gradient, change) + 0.5 * quadratic))
 
     def _hessian(self, blocks: FloatArray, row: IntArray, column: IntArray) -> Any:
         """Hessian of the keyframes after the first, each with the slack of the interval before it."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.motion.optimisation.sweep import SpaceSweep
-from ccm_opt.space.motion.settings import OptimisationSettings
+from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
+from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class SpaceRows:
         return np.asarray(slopes)
 
 
-def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: OptimisationSettings) -> SpaceRows:
+def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: SpaceOptimisationSettings) -> SpaceRows:
     """All rows of a motion.
 
     Args:
@@ -73,7 +73,7 @@ def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: Optim
     return SpaceRows(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(SpaceRows)))
 
 
-def _wall_rows(sweep: SpaceSweep, room: float, settings: OptimisationSettings) -> SpaceRows:
+def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettings) -> SpaceRows:
     """Rows of half-spaces about the links halfway through every interval, and about the links at every keyframe.
 
     A link that passes an edge within an interval lies on both sides of some plane about its middle. Such a plane says
@@ -102,7 +102,7 @@ def _wall_rows(sweep: SpaceSweep, room: float, settings: OptimisationSettings) -
 
 
 def _half_spaces(
-    sweep: SpaceSweep, points: FloatArray, reach: float, settings: OptimisationSettings
+    sweep: SpaceSweep, points: FloatArray, reach: float, settings: SpaceOptimisationSettings
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Half-spaces n·x ≥ b about the links of several poses.
 
@@ -135,7 +135,7 @@ def _free_points(sweep: SpaceSweep, point: IntArray) -> IntArray:
     return np.flatnonzero((point > 0) | bool(sweep.curve.arm.base_axes))
 
 
-def _pair_rows(sweep: SpaceSweep, room: float, settings: OptimisationSettings) -> SpaceRows:
+def _pair_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettings) -> SpaceRows:
     """Rows that keep distant links apart, along the direction in which they are nearest halfway."""
     arm = sweep.curve.arm
     motion = sweep.stepper.certificate.motion

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.space.motion.continuation import Stalled, follow
 from ccm_opt.space.motion.pose_led import PoseLed
+from ccm_opt.space.motion.space_continuation import SpaceStalled, follow
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 from ccm_opt.space.nlp.space_goal_pose import goal_pose
 from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
@@ -39,7 +39,7 @@ def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) ->
     guide = PoseLed(unknowns[-1], end, task.settings.guide.pose_step, task.settings.guide)
     try:
         poses = follow(stepper, guide, stepper.pose(unknowns[-1]), task.deadline)
-    except Stalled:
+    except SpaceStalled:
         return task, motion
     if not task.certificate.safe(poses[-1].q, last.q):
         return task, motion

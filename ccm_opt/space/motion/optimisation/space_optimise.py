@@ -4,7 +4,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
-from ccm_opt.space.motion.optimisation.sequential_convex import SequentialConvex
+from ccm_opt.space.motion.optimisation.space_sequential_convex import SequentialConvex
 from ccm_opt.space.motion.pieces import failing_edges, in_pieces
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 

@@ -8,19 +8,19 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.progress import tell_candidate
-from ccm_opt.space.motion.candidates import TipWay, TipWays
+from ccm_opt.space.motion.candidates import SpaceTipWays, TipWay
 from ccm_opt.space.motion.connect import Connect
-from ccm_opt.space.motion.continuation import Stalled, follow, settle
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.failures import Failure, nothing_found
-from ccm_opt.space.motion.goal import TipPose
 from ccm_opt.space.motion.goal_poses import goal_poses
-from ccm_opt.space.motion.pose import SpacePose
 from ccm_opt.space.motion.pose_led import PoseLed
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_continuation import SpaceStalled, follow, settle
+from ccm_opt.space.motion.space_failures import SpaceFailure, nothing_found
+from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_pose import SpacePose
+from ccm_opt.space.motion.space_step import SpaceStepper
+from ccm_opt.space.motion.space_tip_led import SpaceTipLed
+from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
-from ccm_opt.space.motion.tip_led import TipLed
-from ccm_opt.space.motion.tip_track import TipTrack
 
 
 def find_motion(task: SpaceTask) -> SpaceMotion:
@@ -42,7 +42,7 @@ class _Search:
     """
 
     task: SpaceTask
-    _failures: list[Failure] = field(default_factory=list)
+    _failures: list[SpaceFailure] = field(default_factory=list)
     _tried: int = 0
 
     def run(self) -> SpaceMotion:
@@ -63,7 +63,7 @@ class _Search:
         curve, start, end = self._spaces()
         stepper = task.stepper(curve)
         goal = task.goal if task.goal is not None else self._tip_of(stepper, end)
-        ways = TipWays(task, stepper.pose(start).tip, goal.position, goal.direction)
+        ways = SpaceTipWays(task, stepper.pose(start).tip, goal.position, goal.direction)
         for way in ways:
             close = task.stepper(curve, way.margin)
             found = self._attempt(way.name, close, start, self._along(way, goal, end))
@@ -74,15 +74,15 @@ class _Search:
         return None
 
     def _along(
-        self, way: TipWay, goal: TipPose, end: SpacePose | None
-    ) -> Callable[[Stepper, SpacePose], list[SpacePose]]:
+        self, way: TipWay, goal: SpaceTipPose, end: SpacePose | None
+    ) -> Callable[[SpaceStepper, SpacePose], list[SpacePose]]:
         """Follows a way of the tip, then settles on the goal, or moves on to a pose of the whole arm."""
         task = self.task
 
-        def lead(stepper: Stepper, pose: SpacePose) -> list[SpacePose]:
+        def lead(stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
             settings = task.settings
-            track = TipTrack.along(pose.chain.points, way.corners)
-            guide = TipLed(track, task.unit, settings.step.follow, settings.guide)
+            track = SpaceTipTrack.along(pose.chain.points, way.corners)
+            guide = SpaceTipLed(track, task.unit, settings.step.follow, settings.guide)
             poses = follow(stepper, guide, pose, task.deadline)
             if end is None:
                 return [*poses, *settle(stepper, goal, poses[-1], task.deadline)[1:]]
@@ -104,17 +104,17 @@ class _Search:
                 return found
         return None
 
-    def _moved_to(self, end: SpacePose, stepper: Stepper, pose: SpacePose) -> list[SpacePose]:
+    def _moved_to(self, end: SpacePose, stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
         """Poses from one to another.
 
         Raises:
-            Stalled: when there is no straight way.
+            SpaceStalled: when there is no straight way.
         """
         task = self.task
         guide = PoseLed(pose.v, end.v, self.task.settings.guide.pose_step, task.settings.guide)
         poses = follow(stepper, guide, pose, task.deadline)
         if not task.certificate.safe(poses[-1].q, end.q):
-            raise Stalled(guide.describe(poses[-1]), poses)
+            raise SpaceStalled(guide.describe(poses[-1]), poses)
         return [*poses, end]
 
     # ------------------------------------------------------------ drawn
@@ -137,7 +137,9 @@ class _Search:
         self._announce("a sampler", first)
         poses = Connect(stepper, first, goals, rng, settings).path(task.deadline)
         if poses is None:
-            self._failures.append(Failure.at(task, "a sampler", "no tree met the other", stepper, first, goals[0].tip))
+            self._failures.append(
+                SpaceFailure.at(task, "a sampler", "no tree met the other", stepper, first, goals[0].tip)
+            )
             return None
         return SpaceMotion.of(curve, poses, "a sampler")
 
@@ -153,25 +155,29 @@ class _Search:
         return curve, np.append(start, 0.0), stepper.pose(end)
 
     @staticmethod
-    def _tip_of(stepper: Stepper, end: SpacePose | None) -> TipPose:
+    def _tip_of(stepper: SpaceStepper, end: SpacePose | None) -> SpaceTipPose:
         """Where the tip of a pose is, and where it points."""
         del stepper
         if end is None:
             raise ValueError("a task has a goal for the tip or a pose of the whole arm")
-        return TipPose(end.tip, end.tip_direction)
+        return SpaceTipPose(end.tip, end.tip_direction)
 
     def _attempt(
-        self, name: str, stepper: Stepper, start: FloatArray, lead: Callable[[Stepper, SpacePose], list[SpacePose]]
+        self,
+        name: str,
+        stepper: SpaceStepper,
+        start: FloatArray,
+        lead: Callable[[SpaceStepper, SpacePose], list[SpacePose]],
     ) -> SpaceMotion | None:
         """What comes of one tactic; its failure is kept."""
         first = stepper.pose(start)
         self._announce(name, first)
         try:
             return SpaceMotion.of(stepper.curve, lead(stepper, first), name)
-        except Stalled as stalled:
+        except SpaceStalled as stalled:
             goal = self.task.goal
             target = None if goal is None else goal.position
-            self._failures.append(Failure.at(self.task, name, str(stalled), stepper, stalled.poses[-1], target))
+            self._failures.append(SpaceFailure.at(self.task, name, str(stalled), stepper, stalled.poses[-1], target))
             return None
 
     def _announce(self, name: str, pose: SpacePose) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class CertificateSettings:
+class SpaceCertificateSettings:
     """Of the proof that a motion touches nothing.
 
     Attributes:
@@ -19,7 +19,7 @@ class CertificateSettings:
 
 
 @dataclass(frozen=True)
-class StepSettings:
+class SpaceStepSettings:
     """Of one step: a small quadratic program in the unknowns of the curve.
 
     Attributes:
@@ -64,7 +64,7 @@ class StepSettings:
 
 
 @dataclass(frozen=True)
-class GuideSettings:
+class SpaceGuideSettings:
     """Of what leads the tip.
 
     Attributes:
@@ -137,7 +137,7 @@ class GoalPoseSettings:
 
 
 @dataclass(frozen=True)
-class ConnectSettings:
+class SpaceConnectSettings:
     """Of the sampler, RRT-Connect in the unknowns of the curve.
 
     Attributes:
@@ -152,7 +152,7 @@ class ConnectSettings:
 
 
 @dataclass(frozen=True)
-class SmoothPathSettings:
+class SpaceSmoothPathSettings:
     """Of the smooth path through joint space.
 
     Attributes:
@@ -167,7 +167,7 @@ class SmoothPathSettings:
 
 
 @dataclass(frozen=True)
-class ObjectiveSettings:
+class SpaceObjectiveSettings:
     """Weights of what the optimisation makes small.
 
     Attributes:
@@ -182,7 +182,7 @@ class ObjectiveSettings:
 
 
 @dataclass(frozen=True)
-class OptimisationSettings:
+class SpaceOptimisationSettings:
     """Of the optimisation of a motion.
 
     Attributes:
@@ -291,13 +291,13 @@ class SpaceMotionSettings:
         smooth_path: through joint space.
     """
 
-    certificate: CertificateSettings = field(default_factory=CertificateSettings)
-    step: StepSettings = field(default_factory=StepSettings)
-    guide: GuideSettings = field(default_factory=GuideSettings)
+    certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
+    step: SpaceStepSettings = field(default_factory=SpaceStepSettings)
+    guide: SpaceGuideSettings = field(default_factory=SpaceGuideSettings)
     ways: WaySettings = field(default_factory=WaySettings)
     goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
-    connect: ConnectSettings = field(default_factory=ConnectSettings)
+    connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
     ending: EndingSettings = field(default_factory=EndingSettings)
-    objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
-    optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
-    smooth_path: SmoothPathSettings = field(default_factory=SmoothPathSettings)
+    objective: SpaceObjectiveSettings = field(default_factory=SpaceObjectiveSettings)
+    optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
+    smooth_path: SpaceSmoothPathSettings = field(default_factory=SpaceSmoothPathSettings)

@@ -7,8 +7,8 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.pose import SpacePose
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_pose import SpacePose
+from ccm_opt.space.motion.space_step import SpaceStepper
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class SpaceSweep:
         unknowns: at the keyframes, shape (K + 1, p).
     """
 
-    stepper: Stepper
+    stepper: SpaceStepper
     unknowns: FloatArray
 
     @property

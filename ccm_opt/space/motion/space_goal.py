@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.pose import SpacePose, Term
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
+from ccm_opt.space.motion.space_step import SpaceStepper
 
 
 @dataclass(frozen=True)
-class TipPose:
+class SpaceTipPose:
     """A place of the tip, and perhaps a direction of the last link.
 
     Attributes:
@@ -53,17 +53,17 @@ class TipPose:
             missing.append(across @ (angle * axis))
         return np.concatenate(slopes), np.concatenate(missing)
 
-    def term(self, pose: SpacePose, unit: float, weight: float) -> Term:
+    def term(self, pose: SpacePose, unit: float, weight: float) -> SpaceTerm:
         """What draws a pose onto the goal, at most by a nominal link and half a radian at a time."""
         rows, missing = self.rows(pose, unit)
         missing = missing.copy()
         for part, most in ((slice(0, 3), 1.0), (slice(3, None), 0.5)):
             size = float(np.linalg.norm(missing[part]))
             missing[part] *= min(1.0, most / max(size, 1e-12))
-        return Term(rows, missing, weight)
+        return SpaceTerm(rows, missing, weight)
 
 
-def polished(stepper: Stepper, goal: TipPose, pose: SpacePose) -> SpacePose | None:
+def polished(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose) -> SpacePose | None:
     """The pose moved onto the goal by Newton's method, or None where that fails or cannot be certified."""
     settings = stepper.settings.guide
     unit = stepper.unit

@@ -9,17 +9,17 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.small_qp import solve_small_qp
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.certificate import SpaceCertificate
 from ccm_opt.space.motion.chain import Chains
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap, feed_to_next_stop
-from ccm_opt.space.motion.pose import SpacePose, Term
-from ccm_opt.space.motion.settings import SpaceMotionSettings
+from ccm_opt.space.motion.space_certificate import SpaceCertificate
+from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
 
 _FAR = 1e30
 
 
 @dataclass(frozen=True, eq=False)
-class Stepper:
+class SpaceStepper:
     """Takes certified steps.
 
     Attributes:
@@ -68,7 +68,7 @@ class Stepper:
         curve = self.curve
         return None if curve.arm.base_axes else curve.slopes(np.zeros(curve.dimension))
 
-    def step(self, pose: SpacePose, terms: Sequence[Term], *, certified: bool = True) -> SpacePose:
+    def step(self, pose: SpacePose, terms: Sequence[SpaceTerm], *, certified: bool = True) -> SpacePose:
         """The best step for some terms that keeps all limits, as far as it is certified; the same pose if none is.
 
         Args:
@@ -121,7 +121,7 @@ class Stepper:
         return bool(np.all(q >= arm.lower_limits - slack) and np.all(q <= arm.upper_limits + slack))
 
     # ------------------------------------------------------------ what every step keeps
-    def _clearance_rows(self, pose: SpacePose) -> tuple[Term, list[Term]]:
+    def _clearance_rows(self, pose: SpacePose) -> tuple[SpaceTerm, list[SpaceTerm]]:
         """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
         settings = self.settings.step
         reach = self.kept + self.margin + settings.reach * self.unit
@@ -145,8 +145,8 @@ class Stepper:
         matrix = np.concatenate(rows)
         spare = np.concatenate(gaps) - self.margin
         missing = spare < 0.0
-        pull = Term(matrix[missing], -spare[missing], settings.pull / self.unit**2)
-        return Term(matrix, -settings.share * np.maximum(spare, 0.0), 0.0), [pull]
+        pull = SpaceTerm(matrix[missing], -spare[missing], settings.pull / self.unit**2)
+        return SpaceTerm(matrix, -settings.share * np.maximum(spare, 0.0), 0.0), [pull]
 
     def _limit_rows(self, pose: SpacePose) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Rows of the coordinates, and what they may lose and gain."""
@@ -157,7 +157,7 @@ class Stepper:
         high = np.maximum(arm.upper_limits - spare - pose.q, 0.0)
         return pose.slopes, low, high
 
-    def _still_terms(self, pose: SpacePose) -> list[Term]:
+    def _still_terms(self, pose: SpacePose) -> list[SpaceTerm]:
         """What keeps the arm still, and its bends small and even, where nothing else asks for more."""
         settings = self.settings.step
         p = len(pose.v)
@@ -167,10 +167,10 @@ class Stepper:
         across = self._curvature_differences
         scale = self._per_link
         return [
-            Term(turning, np.zeros(len(turning)), settings.still_turns * scale),
-            Term(moving, np.zeros(len(moving)), settings.still_moves * scale / self.unit**2),
-            Term(curvature, -curvature @ pose.v, settings.bends),
-            Term(across, -across @ pose.v, settings.evenness),
+            SpaceTerm(turning, np.zeros(len(turning)), settings.still_turns * scale),
+            SpaceTerm(moving, np.zeros(len(moving)), settings.still_moves * scale / self.unit**2),
+            SpaceTerm(curvature, -curvature @ pose.v, settings.bends),
+            SpaceTerm(across, -across @ pose.v, settings.evenness),
         ]
 
     @cached_property
@@ -186,7 +186,7 @@ class Stepper:
         return np.concatenate((np.diff(rows[:k], axis=0), np.diff(rows[k:], axis=0)))
 
 
-def normal_equations(terms: Sequence[Term], ridge: float) -> tuple[FloatArray, FloatArray]:
+def normal_equations(terms: Sequence[SpaceTerm], ridge: float) -> tuple[FloatArray, FloatArray]:
     """Hessian and gradient at δ = 0 of ½ Σ weight |rows δ − target|²."""
     rows = np.vstack([term.rows for term in terms])
     target = np.concatenate([term.target for term in terms])

@@ -4,12 +4,12 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
-from ccm_opt.space.motion.pose import SpacePose, Term
-from ccm_opt.space.motion.settings import GuideSettings
-from ccm_opt.space.motion.tip_track import TipTrack
+from ccm_opt.space.motion.space_motion_settings import SpaceGuideSettings
+from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
+from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
 
 
-class TipLed:
+class SpaceTipLed:
     """A target that runs ahead of the tip on a leash.
 
     Args:
@@ -19,7 +19,7 @@ class TipLed:
         settings: of guides.
     """
 
-    def __init__(self, track: TipTrack, unit: float, follow: float, settings: GuideSettings) -> None:
+    def __init__(self, track: SpaceTipTrack, unit: float, follow: float, settings: SpaceGuideSettings) -> None:
         self._track = track
         self._unit = unit
         self._follow = follow
@@ -31,11 +31,11 @@ class TipLed:
         """Arc length of the target [m]."""
         return self._arc
 
-    def terms(self, pose: SpacePose) -> list[Term]:
+    def terms(self, pose: SpacePose) -> list[SpaceTerm]:
         """What draws the tip to the target, and the links onto the track behind it."""
         unit = self._unit
         tip = pose.chain.moving[-1] / unit
-        terms = [Term(tip, (self._track.at(self._arc) - pose.tip) / unit, 1.0)]
+        terms = [SpaceTerm(tip, (self._track.at(self._arc) - pose.tip) / unit, 1.0)]
         points = pose.chain.points
         links = len(points) - 1
         length = float(np.linalg.norm(points[1] - points[0]))
@@ -48,7 +48,7 @@ class TipLed:
         turning = pose.chain.turning
         rows = np.cross(turning, directions[:, :, None], axisa=1, axisb=1, axisc=1)
         target = (chords - directions).ravel()
-        terms.append(Term(rows.reshape(3 * links, -1), target, np.repeat(weights, 3)))
+        terms.append(SpaceTerm(rows.reshape(3 * links, -1), target, np.repeat(weights, 3)))
         return terms
 
     def progress(self, pose: SpacePose) -> bool:

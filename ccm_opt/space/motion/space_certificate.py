@@ -16,8 +16,8 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.distances.segment_pairs import segment_distances
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.chain import Chains
-from ccm_opt.space.motion.link_motion import LinkMotion
-from ccm_opt.space.motion.settings import CertificateSettings
+from ccm_opt.space.motion.space_link_motion import LinkMotion
+from ccm_opt.space.motion.space_motion_settings import SpaceCertificateSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class SpaceCertificate:
     tree: SurfaceTree
     gap: float = 0.0
     pair_gap: float = 0.0
-    settings: CertificateSettings = field(default_factory=CertificateSettings)
+    settings: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
 
     @cached_property
     def motion(self) -> LinkMotion:

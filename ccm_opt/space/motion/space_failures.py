@@ -8,13 +8,13 @@ import numpy as np
 from ccm_opt.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import short_length
-from ccm_opt.space.motion.pose import SpacePose
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_pose import SpacePose
+from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceTask
 
 
 @dataclass(frozen=True)
-class Failure:
+class SpaceFailure:
     """Why one candidate failed.
 
     Attributes:
@@ -39,8 +39,14 @@ class Failure:
 
     @classmethod
     def at(
-        cls, task: SpaceTask, candidate: str, message: str, stepper: Stepper, pose: SpacePose, target: FloatArray | None
-    ) -> "Failure":
+        cls,
+        task: SpaceTask,
+        candidate: str,
+        message: str,
+        stepper: SpaceStepper,
+        pose: SpacePose,
+        target: FloatArray | None,
+    ) -> "SpaceFailure":
         """The failure of a candidate that ended in a pose; ``target`` is where the tip should be, or None."""
         near = task.tree.nearest(pose.segments(), stepper.kept + 0.5 * task.arm.length)
         k = int(np.argmin(near.gap))
@@ -50,7 +56,7 @@ class Failure:
         return cls(candidate, message, remaining, k + 1 if owner >= 0 else 0, owner, gap, near.point[k], pose.q)
 
 
-def nothing_found(task: SpaceTask, failures: Sequence[Failure]) -> MotionNotFound | TimeLimitReached:
+def nothing_found(task: SpaceTask, failures: Sequence[SpaceFailure]) -> MotionNotFound | TimeLimitReached:
     """The error that says why no motion was found.
 
     Args:
@@ -80,7 +86,7 @@ def nothing_found(task: SpaceTask, failures: Sequence[Failure]) -> MotionNotFoun
     return MotionNotFound(Diagnosis(reason, "motion", tuple(advice), figures))
 
 
-def _tightest(task: SpaceTask, failure: Failure) -> str:
+def _tightest(task: SpaceTask, failure: SpaceFailure) -> str:
     """What a candidate nearly touched where it ended, in words."""
     if failure.owner < 0:
         return ""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.chain import Chain
+from ccm_opt.space.motion.chain import SpaceChain
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +22,7 @@ class SpacePose:
     v: FloatArray
     q: FloatArray
     slopes: FloatArray
-    chain: Chain
+    chain: SpaceChain
 
     @property
     def tip(self) -> FloatArray:
@@ -41,7 +41,7 @@ class SpacePose:
 
 
 @dataclass(frozen=True)
-class Term:
+class SpaceTerm:
     """One least-squares term of a step: weight · Σ (rows δ − target)².
 
     Attributes:

@@ -5,15 +5,15 @@ from typing import Protocol
 import numpy as np
 
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.space.motion.goal import TipPose, polished
-from ccm_opt.space.motion.pose import SpacePose, Term
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_goal import SpaceTipPose, polished
+from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
+from ccm_opt.space.motion.space_step import SpaceStepper
 
 
-class Guide(Protocol):
+class SpaceGuide(Protocol):
     """Says where the arm should go next, and when it has arrived."""
 
-    def terms(self, pose: SpacePose) -> list[Term]:
+    def terms(self, pose: SpacePose) -> list[SpaceTerm]:
         """What draws the arm on from a pose."""
         ...
 
@@ -30,7 +30,7 @@ class Guide(Protocol):
         ...
 
 
-class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
+class SpaceStalled(Exception):  # noqa: N818 - an outcome, not a defect
     """A guide made no progress; the message says how far it came, ``poses`` are the way there."""
 
     def __init__(self, message: str, poses: list[SpacePose]) -> None:
@@ -38,11 +38,11 @@ class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
         self.poses = poses
 
 
-def follow(stepper: Stepper, guide: Guide, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
+def follow(stepper: SpaceStepper, guide: SpaceGuide, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
     """Poses from the given one to where the guide ends.
 
     Raises:
-        Stalled: when the guide makes no progress, or the deadline passes.
+        SpaceStalled: when the guide makes no progress, or the deadline passes.
     """
     poses = [pose]
     waiting = 0
@@ -55,15 +55,15 @@ def follow(stepper: Stepper, guide: Guide, pose: SpacePose, deadline: Deadline) 
         waiting = 0 if moved else waiting + 1
         fixed = pose is before and not moved  # the next step would be the same again
         if fixed or waiting > stepper.settings.guide.patience or deadline.passed():
-            raise Stalled(guide.describe(pose), poses)
+            raise SpaceStalled(guide.describe(pose), poses)
     return poses
 
 
-def settle(stepper: Stepper, goal: TipPose, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
+def settle(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, deadline: Deadline) -> list[SpacePose]:
     """Poses from near the goal onto it.
 
     Raises:
-        Stalled: when a wall, the arm itself or a joint limit keeps the tip off the goal.
+        SpaceStalled: when a wall, the arm itself or a joint limit keeps the tip off the goal.
     """
     settings = stepper.settings.guide
     poses = [pose]
@@ -82,4 +82,4 @@ def settle(stepper: Stepper, goal: TipPose, pose: SpacePose, deadline: Deadline)
     if goal.met(pose):
         return poses
     distance, turn = goal.errors(pose)
-    raise Stalled(f"settling ended {1e3 * distance:.2f} mm and {np.rad2deg(turn):.1f}° off the goal", poses)
+    raise SpaceStalled(f"settling ended {1e3 * distance:.2f} mm and {np.rad2deg(turn):.1f}° off the goal", poses)

@@ -9,7 +9,7 @@ from ccm_opt.ground.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class TipTrack:
+class SpaceTipTrack:
     """A polyline from behind the arm's base along the arm to its tip, and on along a way.
 
     Attributes:
@@ -21,7 +21,7 @@ class TipTrack:
     start: float
 
     @classmethod
-    def along(cls, points: FloatArray, way: FloatArray) -> "TipTrack":
+    def along(cls, points: FloatArray, way: FloatArray) -> "SpaceTipTrack":
         """The track of an arm with joints and tip at points, shape (links + 1, 3), along a way, (k, 3), of its tip.
 
         The way may begin anywhere on the arm: what of the arm lies beyond is not part of the track then, and the tip

@@ -9,14 +9,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
-from ccm_opt.space.motion.goal import TipPose, stepper_metric
-from ccm_opt.space.motion.optimisation.cost import MotionCost
-from ccm_opt.space.motion.optimisation.program import KeyframeProgram, QuadraticStep
+from ccm_opt.space.motion.optimisation.cost import SpaceMotionCost
+from ccm_opt.space.motion.optimisation.program import SpaceKeyframeProgram, SpaceQuadraticStep
 from ccm_opt.space.motion.optimisation.rows import SpaceRows, motion_rows, tightest
-from ccm_opt.space.motion.optimisation.sweep import SpaceSweep
+from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
 from ccm_opt.space.motion.pieces import failing_edges
-from ccm_opt.space.motion.settings import OptimisationSettings
-from ccm_opt.space.motion.step import Stepper
+from ccm_opt.space.motion.space_goal import SpaceTipPose, stepper_metric
+from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
+from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceTask
 
 
@@ -48,16 +48,16 @@ class SequentialConvex:
     """
 
     task: SpaceTask
-    stepper: Stepper
+    stepper: SpaceStepper
     end_fixed: bool
-    _cost: MotionCost = field(init=False)
+    _cost: SpaceMotionCost = field(init=False)
 
     def __post_init__(self) -> None:
         settings = self.task.settings
-        self._cost = MotionCost(self.task.slowness, settings.objective)
+        self._cost = SpaceMotionCost(self.task.slowness, settings.objective)
 
     @property
-    def _settings(self) -> OptimisationSettings:
+    def _settings(self) -> SpaceOptimisationSettings:
         return self.task.settings.optimisation
 
     def optimised(self, unknowns: FloatArray, rounds: int) -> FloatArray:
@@ -94,7 +94,7 @@ class SequentialConvex:
         active = rows.take(near).take(tightest(rows.take(near), values[near], group))
         for _ in range(settings.tries):
             goal = None if self.end_fixed else task.goal
-            program = KeyframeProgram(sweep, self._cost, active, iterate.prices, iterate.damping, goal, settings)
+            program = SpaceKeyframeProgram(sweep, self._cost, active, iterate.prices, iterate.damping, goal, settings)
             step = program.solve()
             following = None
             failing = np.zeros(0, dtype=np.intp)
@@ -110,7 +110,9 @@ class SequentialConvex:
             iterate = replace(iterate, damping=damping, prices=prices)
         return None
 
-    def _part_taken(self, iterate: _Iterate, rows: SpaceRows, step: QuadraticStep) -> tuple[_Iterate | None, IntArray]:
+    def _part_taken(
+        self, iterate: _Iterate, rows: SpaceRows, step: SpaceQuadraticStep
+    ) -> tuple[_Iterate | None, IntArray]:
         """The longest part of a step that gains what was foreseen and is certified, and where longer ones failed."""
         settings = self._settings
         start = iterate.sweep
@@ -168,7 +170,7 @@ class SequentialConvex:
         return damping
 
 
-def onto_goal(stepper: Stepper, goal: TipPose, v: FloatArray) -> FloatArray | None:
+def onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, v: FloatArray) -> FloatArray | None:
     """Unknowns moved exactly onto a goal by Newton's method; None where that fails."""
     settings = stepper.settings.guide
     for _ in range(settings.polish_steps):
