@@ -16,7 +16,7 @@ from ccm_opt.space.scene.rigid_placement import RigidPlacement
 from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.space.verification.link_frames import LinkFrames, chain_of
 from ccm_opt.space.verification.separation import separations
-from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, Stretches
+from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, TimeStretches
 from ccm_opt.space.verification.space_clearance import check_side, check_surfaces
 from ccm_opt.space.verification.space_contact import axis_distances, check_contact, first_apart
 from ccm_opt.space.verification.space_newton_euler import efforts_in_space
@@ -101,7 +101,7 @@ def dense_poses(motion: SpaceChainMotion, low: float, high: float, count: int = 
 def test_no_joint_goes_farther_than_its_travel(seed: int, samples: int, bend: float, size: int) -> None:
     """In any stretch, of several intervals or a part of one, all joints stay as near to the middle as is said."""
     motion = random_motion(np.random.default_rng(seed), samples, bend)
-    stretches = Stretches.blocks(samples, size)
+    stretches = TimeStretches.blocks(samples, size)
     for _ in range(4):
         travels = motion.travels(stretches)
         middles = motion.poses(stretches.middle)

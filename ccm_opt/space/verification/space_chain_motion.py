@@ -13,7 +13,7 @@ _UNIT = 2.0**-53
 
 
 @dataclass(frozen=True)
-class Stretches:
+class TimeStretches:
     """Stretches of time, counted in samples: from sample 2 to the middle between samples 2 and 3 is 2 to 2.5.
 
     A stretch begins and ends at samples, or lies between two neighbours.
@@ -27,7 +27,7 @@ class Stretches:
     high: FloatArray
 
     @classmethod
-    def blocks(cls, samples: int, size: int) -> "Stretches":
+    def blocks(cls, samples: int, size: int) -> "TimeStretches":
         """So many intervals between samples a stretch."""
         low = np.arange(0.0, samples - 1, size)
         return cls(low, np.minimum(low + size, samples - 1.0))
@@ -41,14 +41,14 @@ class Stretches:
         middle = 0.5 * (self.low + self.high)
         return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
 
-    def take(self, index: IntArray) -> "Stretches":
+    def take(self, index: IntArray) -> "TimeStretches":
         """Some of the stretches."""
-        return Stretches(self.low[index], self.high[index])
+        return TimeStretches(self.low[index], self.high[index])
 
-    def halves(self) -> "Stretches":
+    def halves(self) -> "TimeStretches":
         """The first halves of all, and then the second."""
         middle = self.middle
-        return Stretches(np.concatenate((self.low, middle)), np.concatenate((middle, self.high)))
+        return TimeStretches(np.concatenate((self.low, middle)), np.concatenate((middle, self.high)))
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class SpaceChainMotion:
         """Time of what is counted in samples [s]."""
         return float(np.interp(at, np.arange(len(self.time)), self.time))
 
-    def travels(self, stretches: Stretches) -> FloatArray:
+    def travels(self, stretches: TimeStretches) -> FloatArray:
         """How far each joint goes at most from where it is at the middle, shape (S, links + 1) [m]."""
         length = stretches.high - stretches.low
         travels = np.zeros((len(stretches), self.arm.links + 1))
@@ -124,18 +124,18 @@ class SpaceChainMotion:
                 travels[some] = of_kind(stretches.take(np.flatnonzero(some)))
         return travels
 
-    def _travels_of_intervals(self, stretches: Stretches) -> FloatArray:
+    def _travels_of_intervals(self, stretches: TimeStretches) -> FloatArray:
         """The same for whole intervals."""
         interval = stretches.low.astype(np.intp)
         return half_travels(self.chords[interval], self.bows[interval])
 
-    def _travels_within(self, stretches: Stretches) -> FloatArray:
+    def _travels_within(self, stretches: TimeStretches) -> FloatArray:
         """The same for parts of intervals, in which as much less changes."""
         steps = (stretches.high - stretches.low)[:, None] * self.steps[stretches.low.astype(np.intp)]
         chords = self.poses(stretches.high) - self.poses(stretches.low)
         return half_travels(chords, bows_of(self.arm, self._places(stretches.middle), steps))
 
-    def _travels_over_samples(self, stretches: Stretches) -> FloatArray:
+    def _travels_over_samples(self, stretches: TimeStretches) -> FloatArray:
         """The same for stretches of several intervals: the farthest sample, and what a path leaves its chords by."""
         low = stretches.low.astype(np.intp)
         count = stretches.high.astype(np.intp) - low + 1

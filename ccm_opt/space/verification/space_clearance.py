@@ -8,7 +8,7 @@ from ccm_opt.solution import Check, NearPlace
 from ccm_opt.space.scene.scene import SpaceWorkspace
 from ccm_opt.space.verification.checked_surfaces import CheckedSurfaces
 from ccm_opt.space.verification.separation import separations
-from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, Stretches
+from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, TimeStretches
 from ccm_opt.space.verification.space_proof_settings import DEFAULT_SPACE_PROOF, SpaceProofSettings
 from ccm_opt.space.verification.stretch_proof import Measured, StretchPairs, prove_stretches
 from ccm_opt.verification.bisection import Nearest, Verdict, least_allowed_gap
@@ -64,14 +64,14 @@ class _SurfaceProof:
         samples = len(self._motion.time)
         few = np.unique(np.linspace(0, samples - 1, proof.probes).astype(int)).astype(np.float64)
         # At a few moments the nearest surface is looked for alone, to know how far the search must look.
-        moments = self._of_all_links(Stretches(few, few), least, settings, None)
+        moments = self._of_all_links(TimeStretches(few, few), least, settings, None)
         if moments.nearest.gap < least:
             return moments
-        blocks = Stretches.blocks(samples, proof.block)
+        blocks = TimeStretches.blocks(samples, proof.block)
         return self._of_all_links(blocks, least, settings, moments.nearest)
 
     def _of_all_links(
-        self, stretches: Stretches, least: float, settings: VerificationSettings, nearest: Nearest | None
+        self, stretches: TimeStretches, least: float, settings: VerificationSettings, nearest: Nearest | None
     ) -> Verdict:
         links = np.flatnonzero(self._exposed < 1.0)
         stretch = np.repeat(np.arange(len(stretches)), len(links))
@@ -79,7 +79,7 @@ class _SurfaceProof:
         pairs = StretchPairs(stretch, link, np.zeros(len(link), dtype=np.intp))
         return prove_stretches(self._motion, stretches, pairs, self._measure, least, settings, self._opened, nearest)
 
-    def _measure(self, stretches: Stretches, poses: FloatArray, pairs: StretchPairs, cutoff: float) -> Measured:
+    def _measure(self, stretches: TimeStretches, poses: FloatArray, pairs: StretchPairs, cutoff: float) -> Measured:
         travels = self._motion.travels(stretches)
         k, link = pairs.stretch, pairs.link
         travel = np.maximum(travels[k, link], travels[k, link + 1])

@@ -4,7 +4,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import Check, NearPlace
-from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, Stretches
+from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, TimeStretches
 from ccm_opt.space.verification.space_proof_settings import DEFAULT_SPACE_PROOF, SpaceProofSettings
 from ccm_opt.space.verification.stretch_proof import Measured, StretchPairs, prove_stretches
 from ccm_opt.verification.bisection import Verdict, least_allowed_gap
@@ -18,7 +18,7 @@ def check_contact(
     """Check that links far apart along the arm never touch, and that nearer ones do not cross."""
     arm = motion.arm
     distant = first_apart(arm.link_length, arm.radius)
-    blocks = Stretches.blocks(len(motion.time), proof.block)
+    blocks = TimeStretches.blocks(len(motion.time), proof.block)
     crossing = _crossing(motion, distant, settings)
     if distant >= arm.links:
         where = crossing or "the arm is too short to meet itself"
@@ -45,7 +45,7 @@ def first_apart(link_length: float, radius: float) -> int:
 
 def _prove(
     motion: SpaceChainMotion,
-    stretches: Stretches,
+    stretches: TimeStretches,
     pairs: StretchPairs,
     thickness: float,
     least: float,
@@ -53,7 +53,7 @@ def _prove(
 ) -> Verdict:
     lost = 2.0 * motion.rounding + distance_rounding(float(np.max(np.abs(motion.points))))
 
-    def measure(some: Stretches, poses: FloatArray, which: StretchPairs, _cutoff: float) -> Measured:
+    def measure(some: TimeStretches, poses: FloatArray, which: StretchPairs, _cutoff: float) -> Measured:
         k, i, j = which.stretch, which.link, which.other
         distance = axis_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - thickness
         travel = _relative_travels(motion, some, which)
@@ -62,7 +62,7 @@ def _prove(
     return prove_stretches(motion, stretches, pairs, measure, least, settings)
 
 
-def _relative_travels(motion: SpaceChainMotion, stretches: Stretches, pairs: StretchPairs) -> FloatArray:
+def _relative_travels(motion: SpaceChainMotion, stretches: TimeStretches, pairs: StretchPairs) -> FloatArray:
     """How much nearer two links may come than they are at the middle, shape (P,) [m]."""
     travels = motion.travels(stretches)
     k, i, j = pairs.stretch, pairs.link, pairs.other
@@ -124,7 +124,7 @@ def _crossing(motion: SpaceChainMotion, distant: int, settings: VerificationSett
     if len(interval) == 0:
         return ""
     kept, stretch = np.unique(interval, return_inverse=True)
-    stretches = Stretches(kept.astype(np.float64), kept + 1.0)
+    stretches = TimeStretches(kept.astype(np.float64), kept + 1.0)
     pairs = StretchPairs(stretch, first, second)
     verdict = _prove(motion, stretches, pairs, 0.0, settings.touch, settings)
     near = verdict.nearest

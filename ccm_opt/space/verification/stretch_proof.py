@@ -1,9 +1,9 @@
 """Proof that bodies keep apart at all times, by halving what is in doubt: time, or what a box holds.
 
 As in ``verification.bisection`` a pair is *proved* apart in a stretch of time when its gap at the middle, less what it
-can lose in the stretch, is enough, *refuted* when a pose of the motion itself is too near, and else halved. Stretches
-begin as many samples long. What is still undecided when no more can be lost than the resolution, or when the work is
-used up, is refused, so the proof is sound.
+can lose in the stretch, is enough, *refuted* when a pose of the motion itself is too near, and else halved.
+Stretches begin as many samples long. What is still undecided when no more can be lost than the resolution, or when the
+work is used up, is refused, so the proof is sound.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, Stretches
+from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, TimeStretches
 from ccm_opt.verification.bisection import Nearest, Verdict
 from ccm_opt.verification.verification_settings import VerificationSettings
 
@@ -64,7 +64,7 @@ class Measured:
     exact: BoolArray
 
 
-Measure = Callable[[Stretches, FloatArray, StretchPairs, float], Measured]
+Measure = Callable[[TimeStretches, FloatArray, StretchPairs, float], Measured]
 """Stretches, the poses at their middles, shape (S, links + 1, 3) [m], pairs, and the gap [m] beyond which it is enough
 to know that they keep it, to what is known of the pairs."""
 Opened = Callable[[StretchPairs, FloatArray], tuple[StretchPairs, BoolArray]]
@@ -79,7 +79,7 @@ def open_none(pairs: StretchPairs, travel: FloatArray) -> tuple[StretchPairs, Bo
 
 def prove_stretches(
     motion: SpaceChainMotion,
-    stretches: Stretches,
+    stretches: TimeStretches,
     pairs: StretchPairs,
     measure: Measure,
     least: float,
@@ -126,7 +126,7 @@ def prove_stretches(
 
 
 def _nearer(
-    motion: SpaceChainMotion, stretches: Stretches, pairs: StretchPairs, known: Measured, nearest: Nearest
+    motion: SpaceChainMotion, stretches: TimeStretches, pairs: StretchPairs, known: Measured, nearest: Nearest
 ) -> Nearest:
     exact = np.where(known.exact, known.most, np.inf)
     best = int(np.argmin(exact))
@@ -137,8 +137,8 @@ def _nearer(
 
 
 def _divided(
-    stretches: Stretches, pairs: StretchPairs, travel: FloatArray, opened: Opened
-) -> tuple[Stretches, StretchPairs]:
+    stretches: TimeStretches, pairs: StretchPairs, travel: FloatArray, opened: Opened
+) -> tuple[TimeStretches, StretchPairs]:
     """Boxes that are larger than what moves are opened, and the stretches of the other pairs halved."""
     parts, boxes = opened(pairs, travel)
     whole = pairs.where(~boxes)
@@ -149,5 +149,5 @@ def _divided(
     both = first.and_also(first, shift=len(cut))
     same = stretches.take(kept)
     halves = stretches.take(cut).halves()
-    together = Stretches(np.concatenate((same.low, halves.low)), np.concatenate((same.high, halves.high)))
+    together = TimeStretches(np.concatenate((same.low, halves.low)), np.concatenate((same.high, halves.high)))
     return together, replace(parts, stretch=renumbered).and_also(both, shift=len(kept))
