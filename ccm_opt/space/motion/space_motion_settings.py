@@ -158,11 +158,13 @@ class SpaceSmoothPathSettings:
     Attributes:
         samples: of a span between which the path is proved as if it were linear.
         refinements: how often legs of the control polygon are halved.
+        most_control: control points beyond which none are added.
         limit_slack: by how much rounding may carry coordinates beyond their limits [rad, m].
     """
 
     samples: int = 4
     refinements: int = 16
+    most_control: int = 400
     limit_slack: float = 1e-8
 
 

@@ -33,6 +33,8 @@ def certified_spline(task: SpaceTask, keyframes: FloatArray) -> BSpline | None:
         failing = _failing_spans(task, spline)
         if len(failing) == 0:
             return spline
+        if len(control) > settings.most_control or task.deadline.passed():
+            return None
         # A span k is shaped by the control points k to k + 3.
         legs = np.unique(np.clip(np.add.outer(failing, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
         control = _halved(control, legs)
@@ -51,10 +53,12 @@ def _failing_spans(task: SpaceTask, spline: BSpline) -> IntArray:
     samples = task.settings.smooth_path.samples
     spans = len(spline.c) - DEGREE
     q = np.asarray(spline(np.linspace(0.0, 1.0, samples * spans + 1)))
-    failing = np.unique(task.certificate.failures(q) // samples)
     if task.arm.base_axes:
-        failing = np.union1d(failing, _bent_inside(task.arm, spline, q, samples))
-    return failing.astype(np.intp)
+        # Cheap to see, and asked first.
+        bent = _bent_inside(task.arm, spline, q, samples)
+        if len(bent) > 0:
+            return bent
+    return np.unique(task.certificate.failures(q) // samples).astype(np.intp)
 
 
 def _bent_inside(arm: SpaceArm, spline: BSpline, q: FloatArray, samples: int) -> IntArray:
