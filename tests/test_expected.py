@@ -164,7 +164,16 @@ def test_every_public_callable_is_asked() -> None:
     asked = {function for function, _ in SOUND}
     results = {"Progress", "Quantities", "SavedPlan", "Solution", "JointPath", "CurvePose", "JointPose", "TipGoal"}
     data = {"Arm", "Limits", "Obstacle", "PlannerOptions", "Workspace", "Planner", "Retimer"}
-    elsewhere = {"make_problem", "obstacles_of", "constraint", "cost", "CcmError", "NoPlanFound", "ProblemError"}
+    elsewhere = {
+        "make_problem",
+        "make_space_problem",
+        "obstacles_of",
+        "constraint",
+        "cost",
+        "CcmError",
+        "NoPlanFound",
+        "ProblemError",
+    }
     modules = {"errors", "plotting", "__version__", "VerificationError"}
     assert set(ccm_opt.__all__) == asked | results | data | elsewhere | modules
 
