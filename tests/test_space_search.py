@@ -16,6 +16,7 @@ from ccm_opt.space.motion.goal_poses import goal_poses
 from ccm_opt.space.motion.grid_ways import TipGrid, shortened
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
 from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
 from ccm_opt.space.motion.space_motion_settings import SpaceConnectSettings
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_smooth_path import certified_spline
@@ -176,3 +177,18 @@ def test_ways_through_the_grid_are_cheapest() -> None:
     short = shortened(tree, way, 0.02, 0.05)
     assert len(short) < len(way)
     assert tree.distances(np.stack((short[:-1], short[1:]), axis=1), 1.0).min() > 0.0
+
+
+@pytest.mark.parametrize("links", [60, 97])
+def test_an_arm_of_many_links_moves_as_one_of_few(links: int) -> None:
+    """A motion for nominal links is laid under all of them, and the arm's own certificate holds."""
+    task = task_of(snake(links), BALLS, GOAL)
+    few = coarse_task(task)
+    assert few is not None
+    assert few.arm.links == 24
+    assert few.arm.length == pytest.approx(task.arm.length)
+    lifted = lifted_motion(task, find_motion(few))
+    assert lifted is not None
+    judged(task, BALLS, lifted)
+    ends_at(task, lifted, GOAL)
+    assert coarse_task(task_of(snake(36), BALLS, GOAL)) is None

@@ -1,10 +1,10 @@
 """The planner of arms in space: from a problem to a certified joint path."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, UnreachableGoal
+from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.length_words import place, short_length
@@ -15,6 +15,7 @@ from ccm_opt.solution import JointPath
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
 from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
 from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_smooth_path import certified_spline
@@ -51,16 +52,31 @@ class SpacePlanner:
         with self.stages("free space"):
             task = space_task(problem, SurfaceTree.of(problem.workspace.soup), deadline, self.settings)
             refuse_ends(problem, task)
-        with self.stages("motion"):
-            motion = find_motion(task)
-        found = motion
-        with self.stages("configuration"):
-            ended, motion = ended_by_nlp(problem, task, motion)
-        with self.stages("optimisation"):
-            motion = optimise(motion, ended)
+        motions = self._lifted(problem, task) or self._planned(problem, task)
         with self.stages("smooth path"):
-            # What is straighter may leave less room for a smooth path than what was found.
-            return joint_path(task, motion, found)
+            return joint_path(task, *motions)
+
+    def _planned(self, problem: SpaceProblem, task: SpaceTask) -> tuple[SpaceMotion, ...]:
+        """The optimised motion, and the one that was found, whose path may have room where the shorter one has none."""
+        with self.stages("motion"):
+            found = find_motion(task)
+        with self.stages("configuration"):
+            ended, motion = ended_by_nlp(problem, task, found)
+        with self.stages("optimisation"):
+            return optimise(motion, ended), found
+
+    def _lifted(self, problem: SpaceProblem, task: SpaceTask) -> tuple[SpaceMotion, ...] | None:
+        """The motion of an arm of many links, planned for few; None where the arm has few, or that does not pass."""
+        few = coarse_task(task)
+        if few is None:
+            return None
+        try:
+            motion = self._planned(coarse_problem(problem, few), few)[0]
+        except NoPlanFound:
+            return None
+        with self.stages("lifting"):
+            lifted = lifted_motion(task, motion)
+        return None if lifted is None else (lifted,)
 
 
 def space_task(
@@ -91,6 +107,25 @@ def space_task(
         deadline=deadline,
         seed=problem.planner.seed,
         settings=settings,
+    )
+
+
+def coarse_problem(problem: SpaceProblem, few: SpaceTask) -> SpaceProblem:
+    """The problem as the search for nominal links sees it; torques are left to the arm itself."""
+    limits = problem.limits
+    revolutes = 3 * few.arm.links
+    return replace(
+        problem,
+        arm=few.arm,
+        workspace=replace(problem.workspace, clearance=few.clearance),
+        start=SpaceJointPose.from_configuration(few.start, few.arm.links),
+        limits=replace(
+            limits,
+            velocity=limits.velocity[:revolutes],
+            acceleration=limits.acceleration[:revolutes],
+            torque=None,
+            jerk=None,
+        ),
     )
 
 

@@ -277,6 +277,29 @@ class EndingSettings:
 
 
 @dataclass(frozen=True)
+class LiftingSettings:
+    """Of arms of many links, whose motions are found for nominal ones.
+
+    Attributes:
+        most_links: arms of no more links are planned as they are.
+        clearance: room that the coarse motion keeps beside the clearance [u].
+        most_bend: bound on the bends of the coarse arm's joints [rad].
+        time_share: of the time that is left, which the search for nominal links may take.
+        offset: bends of the start that no curve shows, beyond which nothing is lifted [rad].
+        fits: Gauss–Newton steps of each keyframe.
+        ridge: of them, in the squares of nominal links by unknowns.
+    """
+
+    most_links: int = 36
+    clearance: float = 0.04
+    most_bend: float = 0.9
+    time_share: float = 0.4
+    offset: float = 0.02
+    fits: int = 3
+    ridge: float = 1e-4
+
+
+@dataclass(frozen=True)
 class SpaceMotionSettings:
     """All numbers of the search.
 
@@ -287,6 +310,7 @@ class SpaceMotionSettings:
         ways: that the tip may take.
         goal_poses: by drawn curves.
         connect: the last resort.
+        lifting: of arms of many links.
         ending: of the pose in which a motion ends.
         objective: of the optimisation.
         optimisation: of a found motion.
@@ -299,6 +323,7 @@ class SpaceMotionSettings:
     ways: WaySettings = field(default_factory=WaySettings)
     goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
+    lifting: LiftingSettings = field(default_factory=LiftingSettings)
     ending: EndingSettings = field(default_factory=EndingSettings)
     objective: SpaceObjectiveSettings = field(default_factory=SpaceObjectiveSettings)
     optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
