@@ -251,12 +251,12 @@ class SpaceOptimisationSettings:
     good_shrinkage: float = 3.0
     least_damping: float = 1e-4
     damping_ridge: float = 1e-3
-    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25)
+    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1)
     sufficient: float = 0.1
     good: float = 0.6
     worth: float = 0.02
     patience: int = 1
-    tries: int = 4
+    tries: int = 6
     near_limit: float = 0.3
     spare_turn: float = 0.004
     knot_bend: float = 1.1
@@ -271,9 +271,11 @@ class EndingSettings:
 
     Attributes:
         iterations: most iterations of the NLP; where it succeeds it takes some fifteen.
+        enough: share of the wanted gap that its pose has to have for the end to be settled.
     """
 
     iterations: int = 25
+    enough: float = 0.9
 
 
 @dataclass(frozen=True)

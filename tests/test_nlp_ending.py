@@ -1,0 +1,57 @@
+"""Where motions in space end: in the pose of the curve's NLP, where it has room and the arm can move there."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ccm_opt
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.space_search import find_motion
+from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
+from ccm_opt.space.nlp_ending import IN_NLP_POSE, ended_by_nlp
+from ccm_opt.space.planner import space_task
+from ccm_opt.space.problem import SpaceProblem
+
+PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
+
+
+@pytest.mark.parametrize("name", ["elbow", "wing-box", "blade-row"])
+def test_an_end_that_is_moved_has_more_room(name: str) -> None:
+    """It is at the goal, has no less room than the search's or nearly all that is wanted, and is reached safely."""
+    problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml")
+    assert isinstance(problem, SpaceProblem)
+    tree = SurfaceTree.of(problem.workspace.soup)
+    task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
+    found = find_motion(task)
+    ended, motion = ended_by_nlp(problem, task, found)
+    if IN_NLP_POSE not in motion.candidate:
+        assert motion is found
+        return
+    poses = SpaceGoalPoses(problem, tree)
+    before = poses.gap(found.configurations[-1])
+    after = poses.gap(motion.configurations[-1])
+    assert after >= min(before, 0.9 * problem.wanted_gap)
+    tip = joint_positions(problem.arm, motion.configurations[-1])[-1]
+    assert tip == pytest.approx(problem.goal.position, abs=1e-7)
+    added = motion.configurations[len(found.configurations) - 1 :]
+    assert len(task.certificate.failures(added)) == 0
+    held = problem.arm.held_bends(motion.configurations[:, -1])
+    assert np.all(motion.configurations[:, : 2 * problem.arm.links][held] == 0.0)
+    # Where it has the room that is wanted, the optimisation leaves the end where it is.
+    assert (ended.goal is None) == (after >= 0.9 * problem.wanted_gap)
+
+
+def test_a_goal_of_the_whole_arm_is_left_alone() -> None:
+    """There is nothing to choose."""
+    problem = ccm_opt.load_problem(PROBLEMS / "blade-row.toml")
+    assert isinstance(problem, SpaceProblem)
+    tree = SurfaceTree.of(problem.workspace.soup)
+    task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
+    found = find_motion(task)
+    whole = replace(task, goal=None, goal_pose=found.configurations[-1])
+    assert ended_by_nlp(problem, whole, found) == (whole, found)
