@@ -92,8 +92,8 @@ def test_what_is_certified_touches_nothing(seed: int, folded: bool) -> None:
         assert wall >= -1e-9
         assert pair >= -1e-9
     else:
-        # Nothing is refused that has room: the halvings are many.
-        assert min(wall, pair) < 2e-3
+        # Nothing is refused that has room: the halvings are many. The tip is nowhere between two of so many samples.
+        assert min(least_gaps(arm, soup, keyframes, samples=6000)) < 2e-3
 
 
 def test_the_part_of_a_link_beyond_the_mount_counts() -> None:

@@ -56,8 +56,9 @@ def test_frames_solve_the_equations_of_bishop(seed: int) -> None:
     most = segment.length / 100.0
     solved = solve_ivp(slope, (0.0, segment.length), start, "DOP853", arc, rtol=1e-12, atol=1e-13, max_step=most).y
     frames, places = curve.frames_at(arc)
-    np.testing.assert_allclose(places, solved[:3].T, atol=1e-10)
-    np.testing.assert_allclose(np.swapaxes(frames, 1, 2).reshape(-1, 9), solved[3:].T, atol=1e-10)
+    # The tolerances of the oracle add up over its steps.
+    np.testing.assert_allclose(places, solved[:3].T, rtol=0.0, atol=1e-8)
+    np.testing.assert_allclose(np.swapaxes(frames, 1, 2).reshape(-1, 9), solved[3:].T, rtol=0.0, atol=1e-8)
 
 
 @given(SEEDS)
