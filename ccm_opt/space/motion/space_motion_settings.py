@@ -173,7 +173,7 @@ class SpaceObjectiveSettings:
     """Weights of what the optimisation makes small.
 
     Attributes:
-        unevenness: of ∫|q''|²; its root is the share of the motion over which corners are rounded.
+        unevenness: of ``∫|q''|²``; its root is the share of the motion over which corners are rounded.
         shape: of the curve's curvature and of its differences, as bends of a nominal link.
         ridge: on all unknowns, so that the metric is definite.
     """
