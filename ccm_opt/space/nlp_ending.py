@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.optimisation.space_sequential_convex import onto_goal
 from ccm_opt.space.motion.pieces import edge_is_safe
 from ccm_opt.space.motion.pose_led import PoseLed
 from ccm_opt.space.motion.space_continuation import SpaceStalled, follow
+from ccm_opt.space.motion.space_goal import onto_goal
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
@@ -42,16 +42,15 @@ def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) ->
     if best is None:
         return task, motion
     stepper = task.stepper(motion.curve, 0.0)
-    end = onto_goal(stepper, task.goal, motion.curve.fitted(best.q))
-    if end is None:
+    last = onto_goal(stepper, task.goal, stepper.pose(motion.curve.fitted(best.q)))
+    if last is None:
         return task, motion
-    last = stepper.pose(end)
     enough = task.settings.ending.enough * task.wanted_gap
     room = asked.gap(last.q)
     if room < min(asked.gap(motion.configurations[-1]), enough):
         return task, motion
     poses = _on_the_way(task, stepper, motion.unknowns[-1], last)
-    if not edge_is_safe(stepper, poses[-1].v, end):
+    if not edge_is_safe(stepper, poses[-1].v, last.v):
         return task, motion
     ways = [*poses[1:], last]
     whole = SpaceMotion(

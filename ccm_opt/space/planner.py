@@ -13,6 +13,7 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.solution import JointPath
 from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
@@ -141,7 +142,7 @@ def slowness(problem: SpaceProblem) -> FloatArray:
     speeds = problem.limits.of_coordinates(arm.coordinates).velocity
     usual = float(np.median(speeds[: 2 * arm.links]))
     # A feed without a limit counts as one that goes a nominal link while a joint bends by a radian.
-    speeds = np.where(np.isfinite(speeds), speeds, usual * arm.length / 24.0)
+    speeds = np.where(np.isfinite(speeds), speeds, usual * arm.length / NOMINAL_LINKS)
     return np.asarray(usual / speeds)
 
 

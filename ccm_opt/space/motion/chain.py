@@ -45,10 +45,6 @@ class SpaceChain:
         """Unit vectors along the links, shape (links, 3)."""
         return self.rotations[:, :, 0]
 
-    def direction_slopes(self, link: int) -> FloatArray:
-        """Derivative of the direction of a link, ω × t, shape (3, p)."""
-        return np.cross(self.turning[link], self.rotations[link, :, 0][:, None], axisa=0, axisb=0, axisc=0)
-
 
 class Chains:
     """Makes chains of an arm.

@@ -180,6 +180,12 @@ class CurveMap:
         rows[:, turned : turned + count] = np.diag(self.scale[turned : turned + count])
         return rows
 
+    @property
+    def curvature_differences(self) -> FloatArray:
+        """Differences of the curvature from knot to knot, shape (2 knots − 2, p) [1/m]."""
+        rows = self.curvature_rows
+        return np.concatenate((np.diff(rows[: self.knots], axis=0), np.diff(rows[self.knots :], axis=0)))
+
     # ------------------------------------------------------------ places and shapes
     @property
     def _places_at_full_feed(self) -> FloatArray:

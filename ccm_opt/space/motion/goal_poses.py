@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.space_goal import SpaceTipPose, stepper_metric
+from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
+from ccm_opt.space.motion.space_goal import SpaceTipPose, onto_goal
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceTask
@@ -25,7 +26,7 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
     for _ in range(settings.draws):
         if task.deadline.passed():
             return
-        pose = _onto_goal(stepper, task.goal, stepper.pose(_drawn(stepper, rng)), task)
+        pose = _brought_onto_goal(stepper, task.goal, stepper.pose(_drawn(stepper, rng)), task)
         if pose is not None:
             yield pose
 
@@ -38,7 +39,7 @@ def _drawn(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
     controls = rng.normal(size=(2, 4)) * rng.uniform(0.1, 1.0)
     places = np.linspace(0.0, 1.0, 4)
     # Curvature as bends of a nominal link; three quarters of the limit is a strong bend already.
-    largest = 0.4 * min(arm.joint_limit * arm.links / 24.0, 1.0) / stepper.unit
+    largest = 0.4 * min(arm.joint_limit * arm.links / NOMINAL_LINKS, 1.0) / stepper.unit
     curvature = [largest * np.interp(np.linspace(0.0, 1.0, k), places, row) for row in controls]
     v = np.zeros(curve.dimension)
     turned = 0 if arm.base_axes else 2
@@ -51,7 +52,7 @@ def _drawn(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
     return v
 
 
-def _onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, task: SpaceTask) -> SpacePose | None:
+def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, task: SpaceTask) -> SpacePose | None:
     """The pose brought onto the goal, off the walls and within limits; None where that fails."""
     settings = task.settings.goal_poses
     for k in range(settings.steps):
@@ -59,15 +60,8 @@ def _onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, task:
         distance, turn = goal.errors(pose)
         if distance < 0.1 * stepper.unit and turn < 0.05:
             break
-    for _ in range(task.settings.guide.polish_steps):
-        rows, missing = goal.rows(pose, stepper.unit)
-        if np.max(np.abs(missing)) < task.settings.guide.exact:
-            return pose if _free(stepper, pose) else None
-        spread = np.linalg.solve(stepper_metric(pose, stepper.unit), rows.T)
-        change = spread @ np.linalg.lstsq(rows @ spread, missing, rcond=1e-12)[0]
-        size = float(np.max(np.linalg.norm(pose.chain.turning @ change, axis=1)))
-        pose = stepper.pose(pose.v + change * min(1.0, 0.3 / max(size, 1e-12)))
-    return None
+    onto = onto_goal(stepper, goal, pose, settings.polish_turn)
+    return onto if onto is not None and _free(stepper, onto) else None
 
 
 def _free(stepper: SpaceStepper, pose: SpacePose) -> bool:

@@ -70,20 +70,35 @@ def polished(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose) -> Spac
     distance, turn = goal.errors(pose)
     if distance > settings.polish * unit or turn > settings.polish_turn:
         return None
-    metric = stepper_metric(pose, unit)
-    now = pose
-    for _ in range(settings.polish_steps):
-        rows, missing = goal.rows(now, unit)
-        if np.max(np.abs(missing)) < settings.exact:
-            break
-        spread = np.linalg.solve(metric, rows.T)
-        change = spread @ np.linalg.lstsq(rows @ spread, missing, rcond=1e-12)[0]
-        now = stepper.pose(now.v + change)
-    else:
-        return None
-    if not stepper.within_limits(now.q):
+    now = onto_goal(stepper, goal, pose)
+    if now is None or not stepper.within_limits(now.q):
         return None
     return now if stepper.certificate.safe(pose.q, now.q, stepper.settings.certificate.depth) else None
+
+
+def onto_goal(
+    stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, largest_turn: float = np.inf
+) -> SpacePose | None:
+    """The pose moved exactly onto a goal by Newton's method, whatever is in the way; None where that fails.
+
+    Args:
+        stepper: makes poses.
+        goal: where the tip has to be.
+        pose: to begin at.
+        largest_turn: of a link in one step of the method [rad].
+    """
+    settings = stepper.settings.guide
+    for _ in range(settings.polish_steps):
+        rows, missing = goal.rows(pose, stepper.unit)
+        if np.max(np.abs(missing)) < settings.exact:
+            return pose
+        spread = np.linalg.solve(stepper_metric(pose, stepper.unit), rows.T)
+        change = spread @ np.linalg.lstsq(rows @ spread, missing, rcond=1e-12)[0]
+        if np.isfinite(largest_turn):
+            size = float(np.max(np.linalg.norm(pose.chain.turning @ change, axis=1)))
+            change = change * min(1.0, largest_turn / max(size, 1e-12))
+        pose = stepper.pose(pose.v + change)
+    return None
 
 
 def stepper_metric(pose: SpacePose, unit: float) -> FloatArray:

@@ -13,8 +13,8 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.motion.chain import Chains
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap
-from ccm_opt.space.motion.optimisation.space_sequential_convex import onto_goal
 from ccm_opt.space.motion.pieces import failing_edges, in_pieces
+from ccm_opt.space.motion.space_goal import onto_goal
 from ccm_opt.space.motion.space_motion_settings import LiftingSettings
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
@@ -55,10 +55,10 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     curve, start = CurveMap.through(task.arm, task.start)
     stepper = task.stepper(curve, 0.0)
     unknowns = _fitted(stepper, found, start, task.settings.lifting)
-    end = None if task.goal is None else onto_goal(stepper, task.goal, unknowns[-1])
+    end = None if task.goal is None else onto_goal(stepper, task.goal, stepper.pose(unknowns[-1]))
     if end is None:
         return None
-    unknowns = np.vstack((unknowns[:-1], end))
+    unknowns = np.vstack((unknowns[:-1], end.v))
     if len(failing_edges(stepper, unknowns)) > 0:
         return None
     configurations = np.stack([curve.configuration(v) for v in in_pieces(stepper, unknowns)])

@@ -128,11 +128,13 @@ class GoalPoseSettings:
     Attributes:
         draws: at most so many.
         steps: of each towards the goal.
+        polish_turn: largest turn of a link in a step of Newton's method onto the goal [rad].
         wanted: poses that are moved to in turn before the sampler is tried.
     """
 
     draws: int = 200
     steps: int = 40
+    polish_turn: float = 0.3
     wanted: int = 8
 
 

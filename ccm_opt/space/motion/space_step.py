@@ -181,9 +181,7 @@ class SpaceStepper:
     @cached_property
     def _curvature_differences(self) -> FloatArray:
         """Their differences from knot to knot, shape (2 knots − 2, p)."""
-        k = self.curve.knots
-        rows = self._curvature_rows
-        return np.concatenate((np.diff(rows[:k], axis=0), np.diff(rows[k:], axis=0)))
+        return self.unit * self.curve.curvature_differences
 
 
 def normal_equations(terms: Sequence[SpaceTerm], ridge: float) -> tuple[FloatArray, FloatArray]:

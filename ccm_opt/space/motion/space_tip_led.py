@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
 from ccm_opt.space.motion.space_motion_settings import SpaceGuideSettings
 from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
@@ -73,8 +72,3 @@ class SpaceTipLed:
         done = 1.0 if way <= 0.0 else (self._arc - self._track.start) / way
         left = float(np.linalg.norm(self._track.at(self._arc) - pose.tip))
         return f"the tip stopped {1e3 * left:.1f} mm from its target, after {100.0 * done:.0f} % of its way"
-
-
-def straight(start: FloatArray, end: FloatArray) -> FloatArray:
-    """The straight way between two places, shape (2, 3)."""
-    return np.stack((start, end))

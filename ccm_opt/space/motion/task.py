@@ -9,7 +9,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap
 from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
@@ -56,7 +56,7 @@ class SpaceTask:
     @property
     def unit(self) -> float:
         """u, length of a nominal link [m]."""
-        return self.arm.length / 24.0
+        return self.arm.length / NOMINAL_LINKS
 
     @cached_property
     def certificate(self) -> SpaceCertificate:
@@ -66,7 +66,7 @@ class SpaceTask:
 
     @cached_property
     def margin(self) -> float:
-        """Gap that steps keep beyond the clearance: as much as the ends leave, at most the settings' [m]."""
+        """Gap that steps keep beyond the clearance [m]."""
         return self.settings.step.margin * self.unit
 
     def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:

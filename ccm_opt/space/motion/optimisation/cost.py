@@ -55,8 +55,7 @@ class SpaceMotionCost:
     def _shape(self, sweep: SpaceSweep) -> FloatArray:
         """Metric of the curve's bending and of its unevenness, shape (p, p)."""
         rows = sweep.stepper.unit * sweep.curve.curvature_rows
-        knots = sweep.curve.knots
-        uneven = np.concatenate((np.diff(rows[:knots], axis=0), np.diff(rows[knots:], axis=0)))
+        uneven = sweep.stepper.unit * sweep.curve.curvature_differences
         metric = rows.T @ rows + uneven.T @ uneven
         ridge = self.settings.ridge * np.eye(len(metric))
         return np.asarray(self.settings.shape * metric / (sweep.intervals + 1) + ridge)

@@ -14,7 +14,7 @@ from ccm_opt.space.motion.optimisation.program import SpaceKeyframeProgram, Spac
 from ccm_opt.space.motion.optimisation.rows import SpaceRows, motion_rows, tightest
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
 from ccm_opt.space.motion.pieces import failing_edges
-from ccm_opt.space.motion.space_goal import SpaceTipPose, stepper_metric
+from ccm_opt.space.motion.space_goal import onto_goal
 from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceTask
@@ -155,10 +155,11 @@ class SequentialConvex:
         """The motion with its last keyframe exactly on the goal; None where that fails."""
         if self.end_fixed or self.task.goal is None:
             return unknowns
-        onto = onto_goal(self.stepper, self.task.goal, unknowns[-1])
-        if onto is None and self.task.goal.met(self.stepper.pose(unknowns[-1])):
-            return unknowns
-        return None if onto is None else np.vstack((unknowns[:-1], onto))
+        last = self.stepper.pose(unknowns[-1])
+        onto = onto_goal(self.stepper, self.task.goal, last)
+        if onto is None:
+            return unknowns if self.task.goal.met(last) else None
+        return np.vstack((unknowns[:-1], onto.v))
 
     def _damped(self, damping: float, share: float, gain: float) -> float:
         """More damping after a shortened step, less after a good one."""
@@ -168,16 +169,3 @@ class SequentialConvex:
         if gain > settings.good:
             return max(damping / settings.good_shrinkage, settings.least_damping)
         return damping
-
-
-def onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, v: FloatArray) -> FloatArray | None:
-    """Unknowns moved exactly onto a goal by Newton's method; None where that fails."""
-    settings = stepper.settings.guide
-    for _ in range(settings.polish_steps):
-        pose = stepper.pose(v)
-        rows, missing = goal.rows(pose, stepper.unit)
-        if np.max(np.abs(missing)) < settings.exact:
-            return v
-        spread = np.linalg.solve(stepper_metric(pose, stepper.unit), rows.T)
-        v = v + spread @ np.linalg.lstsq(rows @ spread, missing, rcond=1e-12)[0]
-    return None
