@@ -80,12 +80,12 @@ class Finding:
         reason: in the user's terms: what, where, and by how much; a short sentence, details behind semicolons.
         proved: whether no planner could find a plan as long as this holds; else it is only likely to stand in the way.
         key: the key of the problem file that it is about, or empty.
-        place: where, (x, y) [m], or None.
+        place: where, (x, y) or in space (x, y, z) [m], or None.
         measured: what was found, in ``unit``, or None.
         allowed: what it is compared with, in ``unit``, or None.
         unit: of both.
         obstacles: names of the walls that have to do with it, the most important first.
-        way: places (x, y) along a way that is too long, in order [m]; empty where it is about something else.
+        way: places along a way that is too long, or that is too narrow at the place, in order [m]; else empty.
         bounds: for each parameter that may mend it (by its key in the problem file, SI units, radians) the value it
             must reach at least to do so.
     """
@@ -94,12 +94,12 @@ class Finding:
     reason: str
     proved: bool = True
     key: str = ""
-    place: tuple[float, float] | None = None
+    place: tuple[float, ...] | None = None
     measured: float | None = None
     allowed: float | None = None
     unit: str = "m"
     obstacles: tuple[str, ...] = ()
-    way: tuple[tuple[float, float], ...] = ()
+    way: tuple[tuple[float, ...], ...] = ()
     bounds: Mapping[str, float] = field(default_factory=dict)
 
 

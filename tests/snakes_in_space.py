@@ -13,7 +13,7 @@ from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_link_motion import segment_distances
 from ccm_opt.space.motion.task import SpaceTask
-from ccm_opt.space.planner import reach_box
+from ccm_opt.space.planner import tip_box
 from ccm_opt.space.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.space.scene.surfaces import SurfaceSoup
 
@@ -79,7 +79,8 @@ def task_of(
         via=via,
         clearance=0.0,
         wanted_gap=0.25 * arm.radius,
-        box=reach_box(arm, None),
+        box=tip_box(arm, None),
+        scene=soup.triangles.reshape(-1, 3),
         names=soup.names,
         slowness=slowness,
         deadline=Deadline.after(seconds),

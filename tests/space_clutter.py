@@ -60,8 +60,9 @@ def problem_at(arm: SpaceArm, workspace: SpaceWorkspace, q: FloatArray) -> Space
     """A problem whose goal is where the tip of a pose is."""
     goal = SpaceTipGoal(joint_positions(arm, q)[-1], link_rotations(arm, q)[-1, :, 0])
     rates = np.ones(3 * arm.links)
-    start = SpaceJointPose(np.zeros((arm.links, 2)))
-    return SpaceProblem("clutter", workspace, arm, Limits(rates, 4.0 * rates), start, goal)
+    fed = {"feed_velocity": 0.1, "feed_acceleration": 0.5} if arm.base_axes else {}
+    limits = Limits(rates, 4.0 * rates, **fed)
+    return SpaceProblem("clutter", workspace, arm, limits, SpaceJointPose(np.zeros((arm.links, 2))), goal)
 
 
 def _obstacle(random: np.random.Generator, number: int) -> SpaceObstacle:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import ccm_opt
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.closed_loop_run import simulate
 from ccm_opt.ground.arrays import FloatArray
@@ -156,3 +157,16 @@ def test_the_simulated_arm_follows_in_space() -> None:
     assert simulated.verdict.followed
     assert simulated.tracking_error < 2e-3
     assert np.max(np.abs(simulated.base_positions - trajectory.base_positions)) < 1e-4
+
+
+def test_threads_are_simulated_as_thin_rods() -> None:
+    """An arm without thickness has inertia about its links, by which drives can hold their roll in the simulation."""
+    problem = ccm_opt.make_space_problem(
+        "thread",
+        arm={"links": 60, "link_length": 0.003, "radius": 0.0, "base": {"position": (0, 0, 0)}, "joint_limit_deg": 30},
+        limits={"velocity": 1.0, "acceleration": 4.0},
+        goal={"position": (0.1, 0.08, 0.03)},
+    )
+    arm = problem.arm
+    np.testing.assert_allclose(arm.inertia_axial, 0.5 * arm.masses * (0.05 * arm.link_length) ** 2)
+    assert ccm_opt.solve(problem).simulation.verdict.followed

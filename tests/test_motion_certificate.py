@@ -270,3 +270,18 @@ def test_compiled_proofs_are_those_of_numpy(seed: int, links: int, turn: float) 
     found, touched = compiled.unproved(motion, expected)
     np.testing.assert_array_equal(again, found)
     np.testing.assert_array_equal(touching, touched)
+
+
+def test_compiled_proofs_find_any_number_of_pairs() -> None:
+    """More pairs than C is given room for at first are all found."""
+    arm = make_arm(60, 0.012)
+    least = np.full(arm.links, arm.length)
+    compiled = compiled_proofs(arm.first_self_pair, least)
+    if compiled is None:
+        pytest.skip("no C compiler")
+    start = np.array([random_headings(np.random.default_rng(1), arm, 6.0)] * 3)
+    motion = Stretches(arm, start, start + 0.1, np.arange(3))
+    expected, _ = InterpretedProofs(arm.first_self_pair, least).unproved(motion, None)
+    found, _ = compiled.unproved(motion, None)
+    assert len(expected[0]) > 4000
+    assert Counter(zip(*expected, strict=True)) == Counter(zip(*found, strict=True))

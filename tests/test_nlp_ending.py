@@ -28,7 +28,11 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     tree = SurfaceTree.of(problem.workspace.soup)
     task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
     found = find_motion(task)
-    ended, motion = ended_by_nlp(problem, task, found)
+    ending = ended_by_nlp(problem, task, found)
+    motion = ending.motion
+    assert ending.record is not None
+    assert ending.record.reached == (IN_NLP_POSE in motion.candidate) == (not ending.record.reason)
+    assert ending.record.cost == pytest.approx(sum(ending.record.costs.values()))
     if IN_NLP_POSE not in motion.candidate:
         assert motion is found
         return
@@ -43,7 +47,7 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     held = problem.arm.held_bends(motion.configurations[:, -1])
     assert np.all(motion.configurations[:, : 2 * problem.arm.links][held] == 0.0)
     # Where it has the room that is wanted, the optimisation leaves the end where it is.
-    assert (ended.goal is None) == (after >= 0.9 * problem.wanted_gap)
+    assert (ending.task.goal is None) == (after >= 0.9 * problem.wanted_gap)
 
 
 def test_a_goal_of_the_whole_arm_is_left_alone() -> None:
@@ -54,4 +58,5 @@ def test_a_goal_of_the_whole_arm_is_left_alone() -> None:
     task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
     found = find_motion(task)
     whole = replace(task, goal=None, goal_pose=found.configurations[-1])
-    assert ended_by_nlp(problem, whole, found) == (whole, found)
+    ending = ended_by_nlp(problem, whole, found)
+    assert (ending.task, ending.motion, ending.record) == (whole, found, None)

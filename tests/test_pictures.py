@@ -19,11 +19,12 @@ from ccm_opt.files.export.folder import WRITTEN_FILES, write_solution
 from ccm_opt.files.export.recorded_look import recorded_curves, recorded_nearest, recorded_simulation
 from ccm_opt.files.plotting import video
 from ccm_opt.files.plotting.action_window import action_window
-from ccm_opt.files.plotting.animation import Film, motion_gif
 from ccm_opt.files.plotting.drawn_plan import DrawnPlan
+from ccm_opt.files.plotting.films import motion_gif, motion_mp4
 from ccm_opt.files.plotting.label_places import LabelPlaces
 from ccm_opt.files.plotting.picture_settings import FILM
 from ccm_opt.files.plotting.plan import even_steps, plan_figure, plan_picture
+from ccm_opt.files.plotting.plane_film import plane_film
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.jointed.frames import joint_positions_3d
 from ccm_opt.solution import Solution
@@ -154,21 +155,21 @@ def test_the_film_lasts_as_long_as_the_motion(plan: DrawnPlan) -> None:
 def test_long_films_are_faster_than_the_motion(plan: DrawnPlan) -> None:
     """A motion of a minute has no more frames than a film may have, and its samples are evenly spread in time."""
     slow = replace(plan, trajectory=replace(plan.trajectory, time=60.0 * plan.trajectory.time))
-    film = Film.of_plan(slow, FILM, FILM.frames_a_second, FILM.most_frames)
-    assert len(film.samples) == FILM.most_frames
+    film = plane_film(slow)
+    assert len(film.shown) == FILM.most_frames
     assert film.seconds == pytest.approx((FILM.most_frames - 1) / FILM.frames_a_second)
-    spread = np.diff(slow.trajectory.time[film.samples])
+    spread = np.diff(slow.trajectory.time[film.shown])
     assert np.ptp(spread) <= 2.0 * np.max(np.diff(slow.trajectory.time)) + 1e-9
 
 
 def test_a_video_needs_its_encoder(plan: DrawnPlan, monkeypatch: pytest.MonkeyPatch) -> None:
     """With ffmpeg there is an MP4 file; without it the message says what is missing."""
     if video.encoder() is not None:
-        content = video.motion_mp4(plan, replace(FILM, video_side=120, video_frames_a_second=10))
+        content = motion_mp4(plan, replace(FILM, video_side=120, video_frames_a_second=10))
         assert content[4:8] == b"ftyp"
     monkeypatch.setattr(video, "encoder", lambda: None)
     with pytest.raises(ProblemError, match="ffmpeg, which is not found"):
-        video.motion_mp4(plan)
+        motion_mp4(plan)
 
 
 def test_a_folder_has_all_that_pictures_show(measured: Solution, folder: Path) -> None:

@@ -13,6 +13,7 @@ from ccm_opt.files.export.text_agreement import NAMES
 from ccm_opt.files.problem_file import schema
 
 from .corruption.plans import Folder, write_plans
+from .promises.in_space import SPACE_MUTATIONS, SPACE_UNHARMED
 from .promises.of_folders import FOLDER_MUTATIONS
 from .promises.of_motions import MUTATIONS, UNHARMED
 
@@ -29,6 +30,14 @@ TABLES = {
     "simulation": schema.SimulationTable,
     "tolerance": schema.ToleranceTable,
     "verification": schema.VerificationTable,
+}
+
+SPACE_TABLES = TABLES | {
+    "workspace": schema.SpaceWorkspaceTable,
+    "workspace.obstacles": schema.SpaceObstacleTable,
+    "arm": schema.SpaceArmTable,
+    "start": schema.SpaceStartTable,
+    "goal": schema.SpaceGoalTable,
 }
 
 
@@ -68,6 +77,40 @@ def test_every_key_of_the_problem_file_has_a_row() -> None:
     """A key that is new, and what holds it, has to be entered in the docs; a row of a key that is gone has to go."""
     wanted = set().union(*(keys(prefix, model) for prefix, model in TABLES.items())) - set(TABLES)
     assert set(rows("Keys of the problem file")) == wanted
+
+
+def test_every_key_in_space_has_a_row() -> None:
+    """What arms in space have of their own has a row too; a row says what holds a key there, or the plane's does."""
+    own, planar = rows("Keys in space"), rows("Keys of the problem file")
+    wanted = set().union(*(keys(prefix, model) for prefix, model in SPACE_TABLES.items())) - set(SPACE_TABLES)
+    assert set(own) <= wanted
+    known = {*SPACE_MUTATIONS, *FOLDER_MUTATIONS, "exit code 2"}
+    for key in wanted:
+        held = (own.get(key) or planar[key])[1]
+        named = set(re.findall(r"`([^`]+)`", held))
+        # The plane's words for a goal's heading and curve mean nothing in space, its other checks do.
+        assert held.startswith("none: ") or (named & known if key in planar else named <= known), key
+
+
+def test_every_check_in_space_has_a_row_and_a_mutation() -> None:
+    """Whatever the verifier in space checks has a motion that it alone catches, and its row."""
+    checks = {re.sub(r"(stop|via) 1", r"\1 N", each.name) for plan in SPACE_UNHARMED for each in plan().checks()}
+    assert checks <= set(SPACE_MUTATIONS)
+    assert set(SPACE_MUTATIONS) <= {*MUTATIONS, *rows("Checks in space")}
+
+
+@pytest.mark.parametrize("number", range(len(SPACE_UNHARMED)))
+def test_a_motion_in_space_that_keeps_everything_passes(number: int) -> None:
+    """What the mutations in space begin with is refused by no check."""
+    assert not SPACE_UNHARMED[number]().failed()
+
+
+@pytest.mark.parametrize("name", SPACE_MUTATIONS)
+def test_a_broken_promise_in_space_is_caught_by_its_check_alone(name: str) -> None:
+    """The check fails, and no other does: without it the motion would pass."""
+    expected = [name.replace("stop N", "stop 1").replace("via N", "via 1")]
+    for mutation in SPACE_MUTATIONS[name]:
+        assert mutation().failed() == expected
 
 
 def test_every_array_has_a_row() -> None:

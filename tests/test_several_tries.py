@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app
+from ccm_opt.driver.kept_plan import as_it_stands
 from ccm_opt.driver.several_tries import best_of_tries, least_gap
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
@@ -70,6 +71,11 @@ def answering(answers: dict[int, VerifiedPlan | BaseException]) -> Callable[[Pro
     return attempt
 
 
+def standing(plan: VerifiedPlan) -> ccm_opt.Solution:
+    """A plan as a solution."""
+    return as_it_stands(asked(1), plan, Stages())
+
+
 def nothing(reason: str) -> MotionNotFound:
     """A search in vain."""
     return MotionNotFound(Diagnosis(reason, "motion"))
@@ -78,23 +84,23 @@ def nothing(reason: str) -> MotionNotFound:
 def test_the_shortest_roomy_try_is_taken(plans: dict[str, VerifiedPlan]) -> None:
     """A shorter motion with less room than the others is not taken; with as much it is, and all tries are told."""
     roomy = {0: with_gap(plans["slow"], 0.03), 1: nothing("none"), 2: with_gap(plans["fast"], 0.019)}
-    best = best_of_tries(asked(3), answering(roomy), Stages())
+    best = best_of_tries(asked(3), answering(roomy), standing)
     assert best.trajectory is plans["fast"].trajectory
     assert [each.seed for each in best.tries] == [0, 1, 2]
     assert [each.taken for each in best.tries] == [False, False, True]
     assert best.tries[1].reason == "none"
     assert best.tries[2].gap == pytest.approx(0.019)
     tight = {**roomy, 2: with_gap(plans["fast"], 0.001)}
-    assert best_of_tries(asked(3), answering(tight), Stages()).trajectory is plans["slow"].trajectory
+    assert best_of_tries(asked(3), answering(tight), standing).trajectory is plans["slow"].trajectory
 
 
 def test_tries_in_vain_say_what_the_first_said() -> None:
     """Without any plan the failure is that of the first try; a goal out of reach ends the tries at once."""
     failing = answering({7: nothing("first"), 8: nothing("second")})
     with pytest.raises(MotionNotFound, match="first"):
-        best_of_tries(asked(2, seed=7), failing, Stages())
+        best_of_tries(asked(2, seed=7), failing, standing)
     with pytest.raises(UnreachableGoal):
-        best_of_tries(asked(2), answering({0: UnreachableGoal(Diagnosis("far", "reach"))}), Stages())
+        best_of_tries(asked(2), answering({0: UnreachableGoal(Diagnosis("far", "reach"))}), standing)
 
 
 def test_tries_share_the_time(plans: dict[str, VerifiedPlan]) -> None:
@@ -106,20 +112,20 @@ def test_tries_share_the_time(plans: dict[str, VerifiedPlan]) -> None:
         return plans["fast"]
 
     problem = asked(4)
-    best_of_tries(problem, attempt, Stages())
+    best_of_tries(problem, attempt, standing)
     assert limits[0] == pytest.approx(problem.planner.time_limit / 4, rel=0.1)
     assert sum(limits) >= 0.9 * problem.planner.time_limit
     hurried = replace(problem, planner=replace(problem.planner, time_limit=1e-9))
-    assert len(best_of_tries(hurried, attempt, Stages()).tries) == 1
+    assert len(best_of_tries(hurried, attempt, standing).tries) == 1
 
 
 def test_a_cancelled_try_loses_no_plan(plans: dict[str, VerifiedPlan]) -> None:
     """On Ctrl-C the best plan so far is kept; before the first there is none to keep."""
     with pytest.raises(CancelledWithPlan) as kept:
-        best_of_tries(asked(2), answering({0: plans["slow"], 1: KeyboardInterrupt()}), Stages())
+        best_of_tries(asked(2), answering({0: plans["slow"], 1: KeyboardInterrupt()}), standing)
     assert kept.value.solution.trajectory is plans["slow"].trajectory
     with pytest.raises(KeyboardInterrupt) as lost:
-        best_of_tries(asked(2), answering({0: KeyboardInterrupt()}), Stages())
+        best_of_tries(asked(2), answering({0: KeyboardInterrupt()}), standing)
     assert not isinstance(lost.value, CancelledWithPlan)
 
 

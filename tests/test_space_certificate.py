@@ -5,10 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.motion.space_link_motion import LinkMotion, segment_distances
+from ccm_opt.space.motion.space_motion_settings import SpaceCertificateSettings
+from ccm_opt.space.scene.surfaces import SurfaceSoup
 from tests.snakes_in_space import balls, boxes, least_gaps, snake
 
 seeds = st.integers(0, 2**32 - 1)
@@ -94,6 +97,34 @@ def test_what_is_certified_touches_nothing(seed: int, folded: bool) -> None:
     else:
         # Nothing is refused that has room: the halvings are many. The tip is nowhere between two of so many samples.
         assert min(least_gaps(arm, soup, keyframes, samples=6000)) < 2e-3
+
+
+@given(seeds, st.floats(0.0, 0.9), st.integers(0, 12))
+@settings(max_examples=60, deadline=None)
+def test_c_and_numpy_prove_the_same_intervals(seed: int, slack: float, depth: int) -> None:
+    """Whatever slack distances have at first, fed arms and such without surfaces among them."""
+    rng = np.random.default_rng(seed)
+    feed = Feed(-0.4, 0.2, 0.0) if rng.random() < 0.5 else None
+    arm = snake(int(rng.integers(4, 16)), feed=feed)
+    soup = balls(rng.uniform(-1.0, 1.0, size=(8 if rng.random() < 0.8 else 0, 3)), 0.08)
+    keyframes = rng.normal(size=(2, len(arm.coordinates))) * rng.choice([0.1, 0.4])
+    numbers = SpaceCertificateSettings(slack=slack)
+    tree = SurfaceTree.of(soup)
+    compiled = SpaceCertificate(arm, tree, 0.01, 0.002, numbers)
+    interpreted = SpaceCertificate(arm, tree, 0.01, 0.002, numbers)
+    vars(interpreted)["_compiled"] = None
+    assert compiled.safe(*keyframes, depth) == interpreted.safe(*keyframes, depth)
+    # A short way, which is proved more often than not.
+    near = keyframes[0] + 0.02 * (keyframes[1] - keyframes[0])
+    assert compiled.safe(keyframes[0], near, depth) == interpreted.safe(keyframes[0], near, depth)
+
+
+def test_what_is_no_number_is_not_proved() -> None:
+    """Not even where there is nothing to touch."""
+    arm = snake(4)
+    certificate = SpaceCertificate(arm, SurfaceTree.of(SurfaceSoup.joined([])))
+    assert certificate.safe(np.zeros(8), np.zeros(8))
+    assert not certificate.safe(np.zeros(8), np.full(8, np.nan))
 
 
 def test_the_part_of_a_link_beyond_the_mount_counts() -> None:

@@ -31,13 +31,15 @@ def refusals(text: str) -> list[tuple[int, str, str]]:
     return [(issue.line, issue.key, issue.message) for issue in refused.value.issues]
 
 
-@pytest.mark.parametrize(("name", "obstacles"), [("elbow", 9), ("wing-box", 11), ("blade-row", 4)])
+@pytest.mark.parametrize(
+    ("name", "obstacles"), [("elbow", 9), ("wing-box", 11), ("blade-row", 4), ("swan-neck-in-space", 2)]
+)
 def test_shipped_problems_are_read(name: str, obstacles: int) -> None:
     """The problems in space that come along are read, with their meshes hashed."""
     problem = ccm_opt.load_problem(FOLDER / f"{name}.toml")
     assert isinstance(problem, SpaceProblem)
     assert (problem.name, len(problem.workspace.obstacles)) == (name, obstacles)
-    assert problem.arm.feed is not None
+    assert (problem.arm.feed is None) == (name == "swan-neck-in-space")
     assert isinstance(problem.goal, SpaceTipGoal)
     assert problem.goal.direction is not None
     assert np.linalg.norm(problem.goal.direction) == pytest.approx(1.0)

@@ -19,7 +19,7 @@ from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
 from ccm_opt.space.motion.space_motion_settings import SpaceConnectSettings
 from ccm_opt.space.motion.space_search import find_motion
-from ccm_opt.space.motion.space_smooth_path import certified_spline
+from ccm_opt.space.motion.space_smooth_path import certified_path
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 from ccm_opt.space.scene.surfaces import SurfaceSoup
 from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of
@@ -65,7 +65,7 @@ def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
         return float(np.linalg.norm(np.diff(q, axis=0), axis=1).sum())
 
     assert length(better.configurations) < length(motion.configurations)
-    spline = certified_spline(task, better.configurations)
+    spline = certified_path(task, better)
     assert spline is not None
     judged(task, BALLS, SpaceMotion(motion.curve, better.unknowns, np.asarray(spline(np.linspace(0.0, 1.0, 300))), ""))
 
@@ -106,10 +106,27 @@ def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
         dense = np.concatenate([a + share * (b - a) for a, b in pairwise(q)])
         held = arm.held_bends(dense[:, -1])
         assert np.all(dense[:, :40][held] == 0.0)
-    spline = certified_spline(task, motion.configurations)
+    spline = certified_path(task, motion)
     assert spline is not None
     dense = np.asarray(spline(np.linspace(0.0, 1.0, 3000)))
     assert np.all(np.abs(dense[:, :40][arm.held_bends(dense[:, -1])]) < 1e-12)
+
+
+def test_a_fed_arm_does_not_slow_down_where_joints_leave_its_tube() -> None:
+    """The smooth path of an even motion carries the base evenly, while one joint after the other begins to bend."""
+    arm = snake(20, length=0.8, feed=Feed(-0.8, 0.0, 0.0))
+    task = task_of(arm, SurfaceSoup.joined([]), GOAL, start=np.append(np.zeros(40), -0.8))
+    curve, start = CurveMap.through(arm, task.start)
+    end = start.copy()
+    end[curve.feed_column] = -0.1 / curve.scale[curve.feed_column]
+    end[1:4] = 0.3
+    unknowns = np.linspace(start, end, 12)
+    motion = SpaceMotion(curve, unknowns, np.stack([curve.configuration(v) for v in unknowns]), "")
+    spline = certified_path(task, motion)
+    assert spline is not None
+    rates = np.asarray(spline(np.linspace(0.3, 0.7, 400), 1))[:, -1]
+    assert rates == pytest.approx(np.mean(rates), rel=1e-6)
+    assert np.any(spline(0.7)[:40] != 0.0)
 
 
 def test_the_tip_passes_the_places_on_the_way() -> None:

@@ -14,6 +14,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
 from ccm_opt.user_terms.compiled_terms import compile_terms
+from ccm_opt.user_terms.contradictions_in_space import GoalRegion, contradictions_in_space
 from ccm_opt.user_terms.symbols_in_space import SpaceQuantities
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 from tests.space_clutter import clutter
@@ -112,3 +113,44 @@ def test_a_goal_pose_keeps_the_users_constraints_and_heeds_the_costs() -> None:
     assert pulled is not None
     assert joint_positions(arm, pulled.q)[6, 2] < middle[2]
     assert "user: low elbow" in pulled.costs
+
+
+@given(SEEDS, st.booleans())
+@settings(max_examples=20, deadline=None)
+def test_what_is_proved_to_contradict_a_goal_is_missed_everywhere_there(seed: int, directed: bool) -> None:
+    """No place and direction that counts as the goal misses the constraint by less than is proved."""
+    random = np.random.default_rng(seed)
+    wanted = random.normal(size=3)
+    direction = wanted / np.linalg.norm(wanted) if directed else None
+    region = GoalRegion(random.uniform(-0.3, 0.3, 3), direction, 0.02, 0.1)
+    linear, turned = random.normal(size=(2, 3))
+    lower = random.uniform(0.0, 3.0)
+
+    @ccm_opt.constraint(lower=lower)
+    def bowl(q: Any) -> Any:
+        return ca.dot(ca.DM(linear), q.tip) + ca.dot(ca.DM(turned), q.tip_direction) - ca.sumsqr(q.tip)
+
+    terms = compile_terms(space_arm(5), [bowl], [])
+    places = region.position + region.around * random.uniform(-1.0, 1.0, (500, 3)) / np.sqrt(3.0)
+    pointed = random.normal(size=(500, 3))
+    if direction is not None:
+        pointed = direction + 0.05 * random.uniform(-1.0, 1.0, (500, 3))
+    pointed /= np.linalg.norm(pointed, axis=1)[:, None]
+    if direction is not None:
+        pointed = pointed[np.arccos(np.clip(pointed @ direction, -1.0, 1.0)) <= region.turned]
+        places = places[: len(pointed)]
+    values = places @ linear + pointed @ turned - np.sum(places**2, axis=1)
+    for each in contradictions_in_space(terms, region):
+        assert float(np.min(lower - values)) >= each.least - 1e-12
+        assert each.miss >= each.least
+
+
+def test_a_constraint_on_more_than_the_tip_is_never_refused_beforehand() -> None:
+    """Another pose might keep it."""
+
+    @ccm_opt.constraint(lower=5.0)
+    def middle(q: Any) -> Any:
+        return q.tip[0] + q.joint_positions[0, 2]
+
+    region = GoalRegion(np.zeros(3), None, 0.0, 0.0)
+    assert contradictions_in_space(compile_terms(space_arm(5), [middle], []), region) == ()

@@ -18,9 +18,10 @@ def run(*arguments: object) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-def test_the_new_problem_solves_as_it_is(tmp_path: Path) -> None:
+@pytest.mark.parametrize("options", [(), ("--space",)])
+def test_the_new_problem_solves_as_it_is(options: tuple[str, ...], tmp_path: Path) -> None:
     """It is named after its file, with or without the ending, and its motion passes the verifier."""
-    assert run("new", tmp_path / "mine")[0] == 0
+    assert run("new", *options, tmp_path / "mine")[0] == 0
     file = tmp_path / "mine.toml"
     assert load_problem(file).name == "mine"
     assert run("solve", file, "--out", tmp_path / "runs", "--no-pictures")[0] == 0

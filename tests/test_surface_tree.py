@@ -1,6 +1,7 @@
 """Distances in space: C and numpy against a slow oracle and each other, and the laws of planes and witnesses."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.ground import compiled_source
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.c_compiler import COMPILER_VARIABLE
 from ccm_opt.space.distances.compiled_surfaces import boxes_by_c, compiled_search
 from ccm_opt.space.distances.distance_settings import DEFAULT_DISTANCES
@@ -105,22 +107,55 @@ def test_what_planes_leave_is_free(seed: int, count: int, behind: float) -> None
     segments = random_segments(rng, 6)
     reach = 0.3
     ordered = longest_edge_first(scene.triangles)
+    edges = np.linalg.norm(ordered[:, 1] - ordered[:, 0], axis=1)
     for tree in trees(scene):
         rows = tree.planes(segments, reach, most=count, behind=behind)
         assert np.all(np.diff(rows.link) >= 0)
         for k, segment in enumerate(segments):
             own = rows.link == k
-            assert np.all(np.diff(rows.gap[own]) >= 0.0)
             normal, point = rows.normal[own], rows.point[own]
             limit = np.sum(normal * point, axis=1) + behind
             heights = np.max(scene.triangles @ normal.T, axis=1) + scene.rounding[:, None]
             hidden = np.any(heights <= limit + 1e-9, axis=1)
             each = nearest_pairs(np.repeat(segment[None], count, axis=0), ordered)[0] - scene.rounding
             # What is kept lies behind its own plane, and so counts as hidden.
-            assert np.all(hidden[each < reach - 1e-9])
+            assert np.all(hidden[(each < reach - 1e-9) & (edges > behind)])
+            # Of small triangles that are not hidden as a whole, what stands out of all planes is beyond the reach.
+            for face in np.flatnonzero((each < reach - 1e-9) & ~hidden):
+                points = rng.dirichlet((0.5, 0.5, 0.5), 50) @ scene.triangles[face]
+                stand_out = np.all(points @ normal.T + scene.rounding[face] > limit + 1e-9, axis=1)
+                away = slow_gaps(segment[None], points_of(points[stand_out], scene.rounding[face]), reach)
+                assert np.all(away >= reach - 1e-9)
+            if np.any(own):
+                assert rows.gap[own][0] <= np.min(each) + 2.0 * tree.settings.slack * reach + 1e-9
             apart = rows.gap[own] > 1e-9
             sides = np.min((segment[None] - point[:, None]) @ normal[:, :, None], axis=(1, 2))
             np.testing.assert_allclose(sides[apart], rows.gap[own][apart], atol=1e-7)
+
+
+def points_of(points: FloatArray, rounding: float) -> SurfaceSoup:
+    """Balls of one radius about points, shape (p, 3)."""
+    corners = np.repeat(points[:, None], 3, axis=1)
+    return soup(corners, np.full(len(points), rounding), np.zeros(len(points), dtype=np.intp))
+
+
+@settings(max_examples=60)
+@given(seed=seeds, count=st.integers(1, 200))
+def test_without_slack_planes_are_those_of_the_nearest_first(seed: int, count: int) -> None:
+    """Without slack C keeps the planes that numpy keeps, each triangle of some size in the order of its distance."""
+    rng = np.random.default_rng(seed)
+    scene = random_triangles(rng, count)
+    segments = random_segments(rng, 6)
+    kept = []
+    for tree in trees(scene):
+        exact = replace(tree, settings=replace(DEFAULT_DISTANCES, slack=0.0))
+        rows = exact.planes(segments, 0.3, most=count, behind=1e-6)
+        for k in range(len(segments)):
+            assert np.all(np.diff(rows.gap[rows.link == k]) >= 0.0)
+        kept.append(rows)
+    for rows in kept[1:]:
+        np.testing.assert_array_equal(rows.link, kept[0].link)
+        np.testing.assert_allclose(rows.gap, kept[0].gap, atol=1e-8)
 
 
 @settings(max_examples=30)
@@ -166,9 +201,14 @@ def test_a_finely_meshed_wall_is_one_plane() -> None:
     triangles = np.concatenate((lower, upper))
     scene = soup(triangles, np.zeros(len(triangles)), np.zeros(len(triangles), dtype=np.intp))
     for tree in trees(scene):
-        rows = tree.planes(np.array([[[-0.1, 0.033, 0.2], [0.15, 0.04, 0.21]]]), 0.5)
+        segment = np.array([[[-0.1, 0.033, 0.2], [0.15, 0.04, 0.21]]])
+        rows = replace(tree, settings=replace(DEFAULT_DISTANCES, slack=0.0)).planes(segment, 0.5)
         np.testing.assert_allclose(rows.normal, [[0.0, 0.0, 1.0]], atol=1e-12)
         np.testing.assert_allclose(rows.gap, [0.2])
+        # With the usual slack the plane stands aslant by no more than makes a gap of 0.2 longer by twice that.
+        rows = tree.planes(segment, 0.5)
+        assert len(rows.gap) == 1
+        assert 0.2 / rows.normal[0, 2] <= 0.2 + 2.0 * DEFAULT_DISTANCES.slack * 0.5
 
 
 def test_without_triangles_nothing_is_near() -> None:

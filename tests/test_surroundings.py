@@ -13,7 +13,10 @@ from pathlib import Path
 import pytest
 import tomlkit
 
+from ccm_opt.cli.failure_record import failures_recorded
 from ccm_opt.cli.outcome import NO_PLAN
+from ccm_opt.cli.stage_clock import StageClock
+from ccm_opt.files.problem_file import load_problem
 
 from .conftest import PROBLEMS
 
@@ -155,3 +158,55 @@ def test_planning_that_falls_silent_is_ended_from_outside(tmp_path: Path) -> Non
     record = json.loads((tmp_path / "open-space" / "solution.json").read_text())
     assert record["status"] == "timed-out"
     assert "nothing was heard" in record["diagnosis"]["reason"]
+
+
+HANGING = """
+import ctypes
+import time
+from pathlib import Path
+from ccm_opt.cli.display_settings import WatchdogSettings
+from ccm_opt.cli.watchdog import ended_when_silent
+from ccm_opt.files.problem_file import load_problem
+from ccm_opt.ground.executors import LocalWorkers
+
+
+def work(name):
+    Path(name).touch()
+    ctypes.PyDLL(None).sleep(600)  # as C does that keeps the interpreter's lock
+
+
+if __name__ == "__main__":
+    problem = load_problem({file!r})
+    with LocalWorkers(2).open() as (executor, _):
+        tasks = [executor.submit(work, name) for name in ("first", "second")]
+        while not (Path("first").exists() and Path("second").exists()):
+            time.sleep(0.05)
+        with ended_when_silent(problem.name, problem.planner, print, None, WatchdogSettings(0.0, 0.5)):
+            tasks[0].result()
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems cannot end a process whose interpreter is held")
+def test_processes_that_hang_are_ended_with_their_command(tmp_path: Path) -> None:
+    """Silence of other processes ends the command, and they end with it, since nobody holds its output any more."""
+    script = tmp_path / "hanging.py"
+    script.write_text(HANGING.format(file=str(OPEN_SPACE)), encoding="utf-8")
+    run = ended(str(script), cwd=tmp_path)
+    assert run.returncode in {NO_PLAN, -signal.SIGKILL}
+    assert "nothing was heard of planning for 0.5 s" in run.stderr
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("std::bad_alloc")])
+def test_memory_that_runs_out_leaves_a_record(tmp_path: Path, error: Exception) -> None:
+    """Whatever says so, the folder tells why there is no plan; other errors are bugs and leave nothing."""
+    problem = load_problem(OPEN_SPACE)
+    with pytest.raises(type(error)), failures_recorded(problem, tmp_path, StageClock(), pictures=True):
+        raise error
+    record = json.loads((tmp_path / "open-space" / "solution.json").read_text())
+    assert record["diagnosis"]["reason"] == "memory ran out"
+    with (
+        pytest.raises(ValueError, match="a bug"),
+        failures_recorded(problem, tmp_path / "b", StageClock(), pictures=True),
+    ):
+        raise ValueError("a bug")
+    assert not (tmp_path / "b").exists()

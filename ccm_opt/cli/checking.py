@@ -25,7 +25,7 @@ from ccm_opt.files.export.text_agreement import checks_of_texts
 from ccm_opt.files.report.check_words import checks_in_words
 from ccm_opt.problem import CurvePose, Problem
 from ccm_opt.solution import Check, RoomRecord
-from ccm_opt.space.problem import AnyProblem, SpaceProblem, in_the_plane
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.room_over_time import room_over_time
 
@@ -50,7 +50,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     problem = load_any_problem(folder)
     motion = load_motion(folder, problem.arm)
     own = checked_again(problem, motion.trajectory, motion.joints)
-    of_terms = _checks_of_constraints(in_the_plane(problem, "--constraint"), motion, constraints) if constraints else ()
+    of_terms = _checks_of_constraints(problem, motion, constraints) if constraints else ()
     # What is malformed ends the list of the verifier's checks, and nothing else can be held against it.
     whole = len(own) > len(MALFORMED)
     room = _room(problem, motion, own) if whole else None
@@ -128,7 +128,7 @@ def _checks_of_record(
     return [*found, *checks_of_texts(folder, problem, motion.trajectory, motion.joints)]
 
 
-def _checks_of_constraints(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
+def _checks_of_constraints(problem: AnyProblem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
     """One check for every constraint; in a plan with stops one for every constraint and leg, as when it was made.
 
     Raises:

@@ -58,14 +58,16 @@ def _root(
     """Plan, time and verify motions of highly redundant manipulators."""
 
 
-@command(app, "new", ("ccm-opt new mine", "ccm-opt new rigs/bulkhead.toml"))
+@command(app, "new", ("ccm-opt new mine", "ccm-opt new rigs/bulkhead.toml", "ccm-opt new --space duct"))
 def new_command(
     file: Annotated[Path, typer.Argument(help="File to make.", metavar="FILE", show_default=False)],
+    *,
+    space: Annotated[bool, typer.Option("--space", help="Of an arm that leaves the plane.")] = False,
 ) -> int:
     """Write a commented problem file to begin with, which solves as it is."""
     from ccm_opt.cli.starting import write_new  # noqa: PLC0415 - loads numpy
 
-    return write_new(file)
+    return write_new(file, space=space)
 
 
 @command(app, "problems", ("ccm-opt problems", "ccm-opt problems swan-neck fork --out mine"))
@@ -182,10 +184,14 @@ def reach_command(
     out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/reach"),
     changes: Changes = None,
     step: Annotated[
-        float | None, typer.Option(help="Width of a cell, in m.", show_default="a sixteenth of the arm's length")
+        float | None,
+        typer.Option(help="Width of a cell, in m.", show_default="a sixteenth of the arm's length, in space an eighth"),
     ] = None,
     headings: Annotated[
-        int | None, typer.Option(min=1, help="Headings that are tried in a cell.", show_default="16")
+        int | None,
+        typer.Option(
+            min=1, help="Headings that are tried in a cell, in space directions.", show_default="16, in space none"
+        ),
     ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Number of processes on this machine.")] = 1,
     dask: Annotated[
@@ -236,7 +242,7 @@ def compare_command(
         list[str] | None,
         typer.Option(
             help="Suite of problems: shared, open-space, clutter-N or duct; in space space-clutter-N, space-elbow, "
-            "space-wing-box or space-blade-row. May be repeated."
+            "space-wing-box, space-blade-row, space-tank and others. May be repeated."
         ),
     ] = None,
     count: Annotated[

@@ -8,16 +8,18 @@ import numpy as np
 from rich.table import Table
 
 from ccm_opt.cli.drawing_notes import tell_of_drawing
+from ccm_opt.cli.mesh_notes import tell_of_meshes
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.files.problem_file.problem_data import problem_data
+from ccm_opt.files.problem_file.space_problem_data import space_problem_data
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import in_unit
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.jointed.frames import dh_table, joint_names
-from ccm_opt.problem import Problem
-from ccm_opt.space.problem import in_the_plane
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
 """Columns of a revolute's drive."""
@@ -35,14 +37,16 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
     """
 
     def describe(file: Path) -> int:
-        problem = load_problem(file, changes=changes, allow_outside=outside_allowed())
-        return _describe(in_the_plane(problem, "ccm-opt describe"))
+        return _describe(load_problem(file, changes=changes, allow_outside=outside_allowed()))
 
     return run_all(files, describe)
 
 
-def _describe(problem: Problem) -> int:
-    tell_of_drawing(problem)
+def _describe(problem: AnyProblem) -> int:
+    if isinstance(problem, SpaceProblem):
+        tell_of_meshes(problem)
+    else:
+        tell_of_drawing(problem)
 
     def show() -> None:
         console = report_console()
@@ -54,9 +58,14 @@ def _describe(problem: Problem) -> int:
     return print_result(show, SOLVED, lambda: _data(problem))
 
 
-def _data(problem: Problem) -> dict[str, object]:
+def _data(problem: AnyProblem) -> dict[str, object]:
     """The arm in the layout of a problem file, and its link parameters in SI units and radians, for programs."""
-    whole = problem_data(replace(problem, length_unit="m"))
+    if isinstance(problem, SpaceProblem):
+        # The arm is told alone, so that it does not matter where meshes are.
+        elsewhere = [obstacle.name for obstacle in problem.workspace.obstacles]
+        whole = space_problem_data(replace(problem, length_unit="m"), elsewhere)
+    else:
+        whole = problem_data(replace(problem, length_unit="m"))
     rows = zip(joint_names(problem.arm), dh_table(problem.arm), strict=True)
     parameters = [{"joint": name, **row._asdict()} for name, row in rows]
     return {"status": "described", "name": problem.name, "arm": whole["arm"], "limits": whole["limits"]} | {
@@ -64,7 +73,7 @@ def _data(problem: Problem) -> dict[str, object]:
     }
 
 
-def arm_lines(problem: Problem) -> list[str]:
+def arm_lines(problem: AnyProblem) -> list[str]:
     """The arm in a few lines."""
     arm = problem.arm
     gravity = problem.simulation.gravity
@@ -76,21 +85,33 @@ def arm_lines(problem: Problem) -> list[str]:
     def words(length: float) -> str:
         return f"{number(length)} {unit}"
 
-    base = f"({number(arm.base[0])}, {number(arm.base[1])}) {unit}, heading {np.rad2deg(arm.base_heading):.6g} deg"
+    base = f"({', '.join(number(value) for value in arm.base)}) {unit}, {_pointing(problem)}"
     lines = [
         f"{problem.name}: {arm.links} links of {words(arm.link_length)}, {3 * arm.links} revolutes, axes {arm.axes}",
         f"base at {base}; radius {words(arm.radius)}, length {words(arm.length)}",
         f"mass {np.sum(arm.masses):.6g} kg, payload {arm.payload:g} kg; gravity {gravity.tolist()} m/s²",
     ]
+    along = "the base's direction" if isinstance(problem, SpaceProblem) else "the base heading"
     lines += [
-        f"feed axis from {number(axis.low)} to {words(axis.high)} along the base heading, "
-        f"guide tube ends at {words(axis.hole)}"
+        f"feed axis from {number(axis.low)} to {words(axis.high)} along {along}, guide tube ends at {words(axis.hole)}"
         for axis in arm.base_axes
     ]
     return lines
 
 
-def parameter_table(problem: Problem) -> Table:
+def _pointing(problem: AnyProblem) -> str:
+    """How the base is turned."""
+    if isinstance(problem, SpaceProblem):
+        return f"direction {_components(problem.arm.direction)}, up {_components(problem.arm.up)}"
+    return f"heading {np.rad2deg(problem.arm.base_heading):.6g} deg"
+
+
+def _components(vector: FloatArray) -> str:
+    # A zero that rounding made negative is a zero.
+    return f"({', '.join(f'{value + 0.0:.6g}' for value in vector.round(12))})"
+
+
+def parameter_table(problem: AnyProblem) -> Table:
     """Standard Denavit–Hartenberg parameters of every revolute, A = Rz(θ + offset) Tz(d) Tx(a) Rx(α), and its drive."""
     arm = problem.arm
     limits = problem.limits
@@ -109,10 +130,11 @@ def parameter_table(problem: Problem) -> Table:
     return table
 
 
-def link_table(arm: Arm) -> Table:
+def link_table(arm: DrivenArm) -> Table:
     """Mass and moments of inertia of every link; the two frames between, of no mass, are left out."""
     table = columned_table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
-    limits = np.rad2deg(arm.bend_limits)
+    # In space a joint has two bends, within the same limit.
+    limits = np.rad2deg(arm.bend_limits.reshape(arm.links, -1)[:, 0])
     for k in range(arm.links):
         inertia = (f"{arm.inertia_axial[k]:.6g}", f"{arm.inertia_transverse[k]:.6g}")
         table.add_row(f"link{k + 1:02d}", f"{arm.masses[k]:g}", *inertia, f"{limits[k]:.6g}")

@@ -50,8 +50,8 @@ def plan_pictures(
     """
     if isinstance(solution, SpaceSolution):
         return space_pictures(solution, kind)
-    from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
+    from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
     from ccm_opt.files.report.page import report_html  # noqa: PLC0415
 
@@ -65,13 +65,13 @@ def plan_pictures(
 
 def space_pictures(solution: SpaceSolution, kind: FigureKind = "png") -> Mapping[str, bytes]:
     """The pictures of a plan in space that was just made, by file name."""
-    from ccm_opt.files.plotting.space_film import space_motion_gif  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
     from ccm_opt.files.report.space_page_html import space_report_html  # noqa: PLC0415
 
     return {
         f"plan.{kind}": space_plan_picture(solution, kind),
-        "motion.gif": space_motion_gif(solution),
+        "motion.gif": motion_gif(solution),
         "report.html": space_report_html(solution, pictures=(f"plan.{kind}", "motion.gif")).encode(),
     }
 
@@ -134,12 +134,13 @@ def _drawn_in_space(plan: SavedSpacePlan, figures: Sequence[FigureName], kind: F
     Raises:
         ProblemError: naming what is asked for and drawn in the plane alone.
     """
-    from ccm_opt.files.plotting.space_film import space_motion_gif  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.films import motion_gif, motion_mp4  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
 
     drawers: Mapping[FigureName, Callable[[], tuple[str, bytes]]] = {
         FigureName.PLAN: lambda: (f"plan.{kind}", space_plan_picture(plan, kind)),
-        FigureName.GIF: lambda: ("motion.gif", space_motion_gif(plan)),
+        FigureName.GIF: lambda: ("motion.gif", motion_gif(plan)),
+        FigureName.MP4: lambda: ("motion.mp4", motion_mp4(plan)),
     }
     # Where nothing is asked for, what there is is drawn.
     asked = [name for name in figures if name in drawers or tuple(figures) != STILL_FIGURES]
@@ -165,9 +166,8 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
         return _drawn_in_space(loaded, figures, kind)
     plan = drawn(loaded)
     from ccm_opt.files.plotting import paper_figures  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415
+    from ccm_opt.files.plotting.films import motion_gif, motion_mp4  # noqa: PLC0415
     from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
-    from ccm_opt.files.plotting.video import motion_mp4  # noqa: PLC0415
 
     drawers: Mapping[FigureName, Callable[[DrawnPlan, FigureKind], bytes]] = {
         FigureName.PLAN: plan_picture,

@@ -4,12 +4,13 @@ An earlier plan of the same name stays as it is; whatever is no whole result of 
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
 from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.stage_clock import StageClock
+from ccm_opt.cli.surroundings import MORE_MEMORY, out_of_memory
 from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
 from ccm_opt.files.export.earlier_results import UNFINISHED, place_beside
 from ccm_opt.files.export.failure_folder import write_failure
@@ -65,6 +66,7 @@ def failures_recorded(problem: AnyProblem, out: Path, clock: StageClock, *, pict
         NoPlanFound: its diagnosis is written to ``solution.json``.
         VerificationError: likewise.
         KeyboardInterrupt: a record with the status ``cancelled`` is written, or the plan where there is one already.
+        MemoryError: or whatever else says that memory ran out; a record of that is written.
     """
     record = failure_recorder(problem, out, clock, pictures=pictures)
     try:
@@ -81,6 +83,13 @@ def failures_recorded(problem: AnyProblem, out: Path, clock: StageClock, *, pict
         raise
     except KeyboardInterrupt:
         record("cancelled", Diagnosis("cancelled by the user", clock.current or "planning"))
+        raise
+    except Exception as error:
+        if out_of_memory(error):
+            # What was being made is free again by now; without the room for a record, the error alone has to do.
+            short = Diagnosis("memory ran out", clock.current or "planning", advice=(MORE_MEMORY,))
+            with suppress(MemoryError):
+                failure_recorder(problem, out, clock, pictures=False)(NoPlanFound.unproved_status, short)
         raise
 
 

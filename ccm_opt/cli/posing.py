@@ -4,7 +4,9 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 from rich.markup import escape
+from rich.table import Table
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.failure_record import tell_where
@@ -19,8 +21,10 @@ from ccm_opt.files.export.failure_folder import write_pose_failure
 from ccm_opt.files.export.folder import POSE_RECORD, check_target
 from ccm_opt.files.export.pose_folder import write_pose
 from ccm_opt.files.export.pose_json import pose_json, segment_words
-from ccm_opt.problem import Problem
-from ccm_opt.solution import StaticPose
+from ccm_opt.files.export.space_pose_files import space_pose_json, write_space_pose
+from ccm_opt.space.curve.space_segment import SpaceSegment
+from ccm_opt.space.problem import AnyProblem
+from ccm_opt.space.space_static_pose import AnyStaticPose, SpaceStaticPose
 
 ROWS_SHOWN = 5
 """Multipliers that the table shows; all are in the record."""
@@ -49,25 +53,24 @@ def pose_files(
     problems = NamedProblems(changes)
 
     def pose_one(file: Path) -> int:
-        problem = problems.read_planar(file, "ccm-opt pose")
-        return _pose(problem, out, terms, pictures=pictures)
+        return _pose(problems.read(file), out, terms, pictures=pictures)
 
     return run_all(files, pose_one)
 
 
-def _pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool) -> int:
+def _pose(problem: AnyProblem, out: Path, terms: TermReferences, *, pictures: bool) -> int:
     check_target(out / problem.name, POSE_RECORD)
     with stage_display(problem.name) as clock:
         found = _found_or_recorded(problem, out, clock, terms)
         clock.begin("writing")
         drawn = _pictures(found) if pictures else {}
         last_steps_uninterrupted()
-        folder = write_pose(found, out, drawn)
+        folder = _written(found, out, drawn)
         clock.finish()
     return print_result(lambda: _print(found, clock, folder), SOLVED, lambda: _data(found, folder))
 
 
-def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: TermReferences) -> StaticPose:
+def _found_or_recorded(problem: AnyProblem, out: Path, clock: StageClock, terms: TermReferences) -> AnyStaticPose:
     """Ask the static question; where there is no answer, the record of why is left in the output folder.
 
     Raises:
@@ -94,32 +97,43 @@ def _found_or_recorded(problem: Problem, out: Path, clock: StageClock, terms: Te
         raise
 
 
-def _data(found: StaticPose, folder: Path) -> dict[str, object]:
+def _written(found: AnyStaticPose, out: Path, drawn: Mapping[str, bytes]) -> Path:
+    if isinstance(found, SpaceStaticPose):
+        return write_space_pose(found, out, drawn)
+    return write_pose(found, out, drawn)
+
+
+def _data(found: AnyStaticPose, folder: Path) -> dict[str, object]:
     """The record of the pose without the problem, for programs."""
-    record: dict[str, object] = json.loads(pose_json(found))
+    text = space_pose_json(found) if isinstance(found, SpaceStaticPose) else pose_json(found)
+    record: dict[str, object] = json.loads(text)
     del record["problem"]
     return {"folder": str(folder), **record}
 
 
-def _pictures(found: StaticPose) -> Mapping[str, bytes]:
+def _pictures(found: AnyStaticPose) -> Mapping[str, bytes]:
     from ccm_opt.files.plotting.pose_picture import pose_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.space_pose_picture import space_pose_png  # noqa: PLC0415 - likewise
 
-    return {"pose.png": pose_png(found)}
+    return {"pose.png": space_pose_png(found) if isinstance(found, SpaceStaticPose) else pose_png(found)}
 
 
-def _print(found: StaticPose, clock: StageClock, folder: Path) -> None:
+def _print(found: AnyStaticPose, clock: StageClock, folder: Path) -> None:
     """Print the pose, on stdout."""
     pose = found.pose
     units = units_of(found.problem)
     table = value_table(f"{found.problem.name}: best pose at the goal")
-    table.add_row("gap", units.length(pose.gap), f"≥ {units.given(pose.wanted_gap, 'm')}", escape(found.nearest))
+    wanted = found.wanted_gap if isinstance(found, SpaceStaticPose) else found.pose.wanted_gap
+    table.add_row("gap", units.length(pose.gap), f"≥ {units.given(wanted, 'm')}", escape(found.nearest))
+    if isinstance(found, SpaceStaticPose):
+        _add_ends(table, found)
     table.add_row("cost", f"{pose.cost:.4g}", "", escape(_parts(pose.costs)))
     for name, miss in found.residuals.items():
         table.add_row(escape(f"residual of '{name}'"), f"{miss:.2g}", "", "")
     for name, multiplier in list(pose.multipliers.items())[:ROWS_SHOWN]:
         table.add_row("multiplier", f"{multiplier:.3g}", "", escape(name))
-    for number, segment in enumerate(pose.curve.segments, start=1):
-        table.add_row(f"segment {number}", units.length(segment.length), "", segment_words(segment))
+    for number, (length, words) in enumerate(_segments(found), start=1):
+        table.add_row(f"segment {number}", units.length(length), "", words)
     variables, rows = pose.size
     steps = f"{pose.iterations} iterations"
     table.add_row("NLP", steps, "", f"{variables} variables, {rows} rows: {pose.status}")
@@ -130,6 +144,30 @@ def _print(found: StaticPose, clock: StageClock, folder: Path) -> None:
         console.print(escape(f"  {outcome.start}: {cost}"), soft_wrap=True)
     console.print(escape(stage_line(clock)), soft_wrap=True)
     console.print(escape(f"written to {folder}"), soft_wrap=True)
+
+
+def _add_ends(table: Table, found: SpaceStaticPose) -> None:
+    """Where the base is on its axis, and how the last link is rolled."""
+    units = units_of(found.problem)
+    for axis in found.problem.arm.base_axes:
+        bounds = f"{units.given(axis.low, 'm')} to {units.given(axis.high, 'm')}"
+        table.add_row("feed", units.length(found.feed), bounds, "")
+    table.add_row("roll of the tip", units.shown(found.goal_errors.roll, "rad"), "", "follows from the bends")
+
+
+def _segments(found: AnyStaticPose) -> list[tuple[float, str]]:
+    """Length [m] of every segment of the curve, and its type, or in space where it turns, in words."""
+    if isinstance(found, SpaceStaticPose):
+        return [(segment.length, _space_segment_words(segment)) for segment in found.pose.curve.segments]
+    return [(segment.length, segment_words(segment)) for segment in found.pose.curve.segments]
+
+
+def _space_segment_words(segment: SpaceSegment) -> str:
+    """By how much a segment turns from its beginning to its end, and towards where."""
+    end = segment.frame.T @ segment.end[0][:, 0]
+    turn = np.rad2deg(np.arctan2(np.hypot(end[1], end[2]), end[0]))
+    azimuth = np.rad2deg(np.arctan2(end[2], end[1]))
+    return f"turns {turn:.3g}° towards azimuth {azimuth:.0f}°"
 
 
 def _parts(costs: Mapping[str, float]) -> str:

@@ -17,12 +17,15 @@ from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.cli.watchdog import ended_when_silent
+from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import REACH_RECORD, check_target
 from ccm_opt.files.export.reach_folder import reach_json, write_reach
+from ccm_opt.files.export.space_reach_files import space_reach_json, write_space_reach
 from ccm_opt.ground.cluster import DaskWorkers
 from ccm_opt.ground.executors import LocalWorkers, ThisProcess, Workers
-from ccm_opt.problem import Problem
 from ccm_opt.solution import ReachMap
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.space.space_reach_map import SpaceReachMap
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,10 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
     problems = NamedProblems(changes)
 
     def reach_one(file: Path) -> int:
-        problem = problems.read_planar(file, "ccm-opt reach")
+        problem = problems.read(file)
         check_target(options.out / problem.name, REACH_RECORD)
+        if isinstance(problem, SpaceProblem):
+            return _reach_in_space(problem, options)
         from ccm_opt.driver.reach_mapping import reach_map  # noqa: PLC0415 - loads casadi
 
         with _display(problem.name) as shown, _guarded(problem, options, shown) as progress:
@@ -83,13 +88,33 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
     return run_all(files, reach_one)
 
 
+def _reach_in_space(problem: SpaceProblem, options: ReachOptions) -> int:
+    """The same of a problem in space, in this process.
+
+    Raises:
+        ProblemError: other processes are asked for.
+    """
+    if not isinstance(options.crew, ThisProcess):
+        raise ProblemError(
+            f"--workers and --dask share out maps in the plane alone, and '{problem.name}' is in space; leave them out"
+        )
+    from ccm_opt.driver.reach_mapping_in_space import reach_map_in_space  # noqa: PLC0415 - loads casadi
+
+    with _display(problem.name) as shown, _guarded(problem, options, shown) as progress:
+        found = reach_map_in_space(problem, step=options.step, directions=options.headings, progress=progress)
+    drawn = _space_pictures(found) if options.pictures else {}
+    last_steps_uninterrupted()
+    folder = write_space_reach(found, options.out, drawn)
+    return print_result(lambda: _print_space(found, folder), SOLVED, lambda: _space_data(found, folder))
+
+
 def _guarded(
-    problem: Problem, options: ReachOptions, progress: Callable[[int, int], None]
+    problem: AnyProblem, options: ReachOptions, progress: Callable[[int, int], None]
 ) -> AbstractContextManager[Callable[..., None]]:
-    """Ended when this process looks at a cell without end; other processes are waited for."""
-    if isinstance(options.crew, ThisProcess):
-        return ended_when_silent(problem.name, problem.planner, progress)
-    return nullcontext(progress)
+    """Ended when a process of this machine looks at a cell without end; a cluster has bounds of its own."""
+    if isinstance(options.crew, DaskWorkers):
+        return nullcontext(progress)
+    return ended_when_silent(problem.name, problem.planner, progress)
 
 
 @contextmanager
@@ -114,6 +139,49 @@ def _pictures(found: ReachMap) -> Mapping[str, bytes]:
     from ccm_opt.files.plotting.reach_picture import reach_png  # noqa: PLC0415 - loads matplotlib
 
     return {"reach.png": reach_png(found)}
+
+
+def _space_data(found: SpaceReachMap, folder: Path) -> dict[str, object]:
+    """The record of a map in space without the problem, for programs."""
+    record: dict[str, object] = json.loads(space_reach_json(found))
+    del record["problem"]
+    return {"folder": str(folder), "status": "mapped", **record}
+
+
+def _space_pictures(found: SpaceReachMap) -> Mapping[str, bytes]:
+    from ccm_opt.files.plotting.space_reach_picture import space_reach_png  # noqa: PLC0415 - loads matplotlib
+
+    return {"reach.png": space_reach_png(found)}
+
+
+def _print_space(found: SpaceReachMap, folder: Path) -> None:
+    """Print one line of figures of a map in space, on stdout."""
+    columns = (
+        "problem",
+        "cells",
+        "reached",
+        "proved out of reach",
+        "no pose found",
+        "volume [m³]",
+        "directions",
+        "CPU [s]",
+    )
+    table = columned_table("", columns)
+    count = len(found.directions)
+    share = found.taken[found.reachable].mean() if count and found.reachable.any() else np.nan
+    table.add_row(
+        escape(found.problem.name),
+        str(found.reachable.size),
+        str(int(found.reachable.sum())),
+        str(int(found.proved.sum())),
+        str(int((~found.reachable & ~found.proved).sum())),
+        f"{found.volume:.3g}",
+        f"{100.0 * share:.0f} % of {count}" if count else "not asked",
+        f"{sum(found.timings.values()):.1f}",
+    )
+    console = report_console()
+    console.print(table)
+    console.print(escape(f"written to {folder}"), soft_wrap=True)
 
 
 def _print(found: ReachMap, folder: Path) -> None:

@@ -8,10 +8,10 @@ from typing import Any
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all
 from ccm_opt.cli.tables import peak_torque, report_console, units_of, value_table, verdict_cells
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem
+from ccm_opt.files.export.reading_back import SavedMotion, load_any_problem, load_motion
 from ccm_opt.ground.whole_file import put_file
-from ccm_opt.problem import Problem
 from ccm_opt.solution import SimulatedMotion
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 PICTURE = "simulation.png"
 """Name of the picture in the folder."""
@@ -29,7 +29,7 @@ class Overrides:
     options: Mapping[str, Any]
     disturbances: Mapping[str, Any]
 
-    def applied(self, problem: Problem) -> Problem:
+    def applied(self, problem: AnyProblem) -> AnyProblem:
         """The problem with these settings.
 
         Raises:
@@ -60,7 +60,7 @@ def simulate_folders(folders: Sequence[Path], overrides: Overrides, *, pictures:
 
 
 def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
-    recorded = load_recorded_problem(folder, "ccm-opt simulate")
+    recorded = load_any_problem(folder)
     problem = overrides.applied(recorded)
     motion = load_motion(folder, recorded.arm)
     from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
@@ -77,7 +77,7 @@ def _simulate(folder: Path, overrides: Overrides, *, pictures: bool) -> int:
     )
 
 
-def _data(problem: Problem, simulated: SimulatedMotion, figures: Mapping[str, float]) -> dict[str, object]:
+def _data(problem: AnyProblem, simulated: SimulatedMotion, figures: Mapping[str, float]) -> dict[str, object]:
     """What the simulated arm did, for programs."""
     return {
         "name": problem.name,
@@ -87,17 +87,21 @@ def _data(problem: Problem, simulated: SimulatedMotion, figures: Mapping[str, fl
     }
 
 
-def _draw(folder: Path, problem: Problem, motion: SavedMotion, simulated: SimulatedMotion) -> None:
-    from ccm_opt.files.plotting.simulated_motion import simulation_png  # noqa: PLC0415 - loads matplotlib
+def _draw(folder: Path, problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion) -> None:
+    from ccm_opt.files.plotting.simulated_in_space import space_simulation_png  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.simulated_motion import simulation_png  # noqa: PLC0415 - likewise
 
-    picture = simulation_png(problem, motion.trajectory, motion.joints, simulated)
+    if isinstance(problem, SpaceProblem):
+        picture = space_simulation_png(problem, motion.trajectory, motion.joints, simulated)
+    else:
+        picture = simulation_png(problem, motion.trajectory, motion.joints, simulated)
     try:
         put_file(folder / PICTURE, picture)
     except OSError as error:
         raise ProblemError(f"cannot write {folder / PICTURE}: {error.strerror or error}") from error
 
 
-def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
+def _print(problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
     units = units_of(problem)
     table = value_table(f"{problem.name}: simulated")
     table.add_row("controller", problem.simulation.controller, "", f"step {problem.simulation.step:g} s")
@@ -116,7 +120,7 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
     report_console().print(table)
 
 
-def _words_of_gains(problem: Problem) -> tuple[str, str, str]:
+def _words_of_gains(problem: AnyProblem) -> tuple[str, str, str]:
     """Gains of the joints' PD law: value, nothing where a limit would stand, and where they come from."""
     from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
 
@@ -129,6 +133,6 @@ def _words_of_gains(problem: Problem) -> tuple[str, str, str]:
     return value, "", "as given" if given else f"suit the arm at {options.bandwidth:g} 1/s"
 
 
-def _disturbed(problem: Problem) -> dict[str, float]:
+def _disturbed(problem: AnyProblem) -> dict[str, float]:
     values = vars(problem.simulation.disturbances)
     return {name: float(value) for name, value in values.items() if value and name != "seed"}

@@ -17,26 +17,30 @@ from ccm_opt.files.problem_file import parse_problem
 
 TEMPLATE = "template.toml"
 """The commented problem that ``ccm-opt new`` writes, beside the reader of problem files."""
+SPACE_TEMPLATE = "space_template.toml"
+"""Likewise in space."""
 SPACE_FOLDER = "space"
 """Where the problems in space are."""
 _NAME = re.compile(r"\bNAME\b")
 
 
-def write_new(file: Path) -> int:
+def write_new(file: Path, *, space: bool = False) -> int:
     """Write a commented problem that solves.
 
     Args:
         file: that is made; its name without ``.toml`` is the problem's.
+        space: whether its arm leaves the plane.
 
     Returns:
         The exit code.
     """
-    return run_all([file], _write_new)
+    template = SPACE_TEMPLATE if space else TEMPLATE
+    return run_all([file], lambda place: _write_new(place, template))
 
 
-def _write_new(file: Path) -> int:
+def _write_new(file: Path, template: str) -> int:
     place = file if file.suffix == ".toml" else file.with_name(f"{file.name}.toml")
-    text = _NAME.sub(place.stem, (files("ccm_opt.files.problem_file") / TEMPLATE).read_text(encoding="utf-8"))
+    text = _NAME.sub(place.stem, (files("ccm_opt.files.problem_file") / template).read_text(encoding="utf-8"))
     parse_problem(text, str(place))  # refuses names that cannot be a folder's
     _write(place, text.encode())
     return print_result(

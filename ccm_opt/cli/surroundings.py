@@ -8,6 +8,9 @@ LEAST_ADDRESS_SPACE = 300_000_000
 """Address space below which libraries cannot even be loaded [bytes]; some of them would try without end. Measured:
 by ``ulimit -v``, loading ends in errors below this."""
 
+MORE_MEMORY = "more memory: solving takes 0.6 to 1 GB of address space, and more for many links"
+"""What helps where memory runs out."""
+
 
 def use_sound_streams() -> None:
     """Give every standard stream something to write to, and let it write what it has no letter for as an escape.

@@ -8,14 +8,15 @@ from rich.table import Table
 
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.tables import report_console, units_of, value_table
-from ccm_opt.driver.verified_plan import verified
-from ccm_opt.errors import ProblemError
+from ccm_opt.driver.checking_plans import check
+from ccm_opt.driver.verified_plan import failed_checks
+from ccm_opt.errors import ProblemError, VerificationError
 from ccm_opt.files.export.folder import TOLERANCE_FILES
-from ccm_opt.files.export.reading_back import SavedMotion, load_motion, load_recorded_problem
+from ccm_opt.files.export.reading_back import SavedMotion, load_any_problem, load_motion
 from ccm_opt.files.export.tolerance_json import tolerance_data, tolerance_json
 from ccm_opt.ground.whole_file import put_file
-from ccm_opt.problem import Problem
 from ccm_opt.solution import SurvivedError
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 
 def tolerance_of_folders(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
@@ -33,10 +34,11 @@ def tolerance_of_folders(folders: Sequence[Path], *, simulated: bool, pictures: 
 
 
 def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
-    problem = load_recorded_problem(folder, "ccm-opt tolerance")
+    problem = load_any_problem(folder)
     motion = load_motion(folder, problem.arm)
     # The certificate takes for granted that the plan itself touches nothing.
-    verified(problem, motion.trajectory, motion.joints)
+    if failures := failed_checks(check(problem, motion.trajectory, motion.joints)):
+        raise VerificationError(failures)
     from ccm_opt.driver.surviving import tolerance_of_motion  # noqa: PLC0415 - loads casadi
 
     errors = tolerance_of_motion(problem, motion.trajectory, motion.joints, simulated=simulated)
@@ -51,7 +53,11 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
     )
 
 
-def _picture(problem: Problem, motion: SavedMotion, joints: SurvivedError) -> bytes:
+def _picture(problem: AnyProblem, motion: SavedMotion, joints: SurvivedError) -> bytes:
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.files.plotting.space_tolerance_picture import space_tolerance_png  # noqa: PLC0415 - likewise
+
+        return space_tolerance_png(problem, motion.trajectory, joints)
     from ccm_opt.files.plotting.tube_picture import tolerance_png  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.verification.tolerance.error_model import joint_errors  # noqa: PLC0415 - with it
     from ccm_opt.verification.tolerance.tube import tube_of  # noqa: PLC0415 - with it
@@ -67,7 +73,7 @@ def _write(path: Path, content: bytes) -> None:
         raise ProblemError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
+def tolerance_table(problem: AnyProblem, errors: Sequence[SurvivedError]) -> Table:
     """The errors that a plan survives, with what limits them."""
     table = value_table(f"{problem.name}: survives errors of")
     units = units_of(problem)

@@ -3,7 +3,7 @@
 import sys
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ccm_opt.cli.cancelling import interrupt_met
 from ccm_opt.cli.outcome import SOLVED, run_all
@@ -11,12 +11,15 @@ from ccm_opt.cli.output import output
 from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.export.reading_back import load_motion, load_recorded_problem
+from ccm_opt.files.export.reading_back import load_any_problem, load_motion
 from ccm_opt.files.problem_file import load_problem
-from ccm_opt.space.problem import in_the_plane
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 if TYPE_CHECKING:
     from ccm_opt.cli.view.app import ViewerApp
+    from ccm_opt.driver.live_plan import LivePlan
+    from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
+    from ccm_opt.space.space_solution import AnySolution
 
 
 def view_item(item: Path, port: int, *, browser: bool) -> int:
@@ -57,29 +60,42 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
     """
     try:
         from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
-        from ccm_opt.cli.view.frames import MotionFrames  # noqa: PLC0415
+        from ccm_opt.cli.view.kinds import frames_of  # noqa: PLC0415
     except ModuleNotFoundError as missing:
         raise ProblemError(
             f"the viewer needs the package {missing.name}; install it with: pip install 'ccm-opt[viewer]'"
         ) from missing
-    from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi
 
     folder = item.is_dir()
-    if folder:
-        problem = load_recorded_problem(item, "ccm-opt view")
-    else:
-        problem = in_the_plane(load_problem(item, allow_outside=outside_allowed()), "ccm-opt view")
+    problem = load_any_problem(item) if folder else load_problem(item, allow_outside=outside_allowed())
     with stage_display(problem.name) as clock:
         clock.begin("planning")
-        live = LivePlan(problem) if LivePlan.suits(problem) else None
+        live = _live_plan(problem)
         clock.finish()
     if folder:
         motion = load_motion(item, problem.arm)
-        return ViewerApp(MotionFrames(problem, motion.trajectory, motion.joints), live, port)
+        return ViewerApp(frames_of(problem, motion.trajectory, motion.joints), live, port)
     if live is None:
         from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads toppra
 
+        either: Any = problem
         with stage_display(problem.name) as clock:
-            solution = solve(problem, progress=clock)
-        return ViewerApp(MotionFrames(problem, solution.trajectory, solution.joints), None, port, solution.checks)
-    return ViewerApp(MotionFrames(problem, live.plan.trajectory, live.plan.joints), live, port, live.plan.checks)
+            solution: AnySolution = solve(either, progress=clock)
+        return ViewerApp(frames_of(problem, solution.trajectory, solution.joints), None, port, solution.checks)
+    plan = live.plan
+    return ViewerApp(frames_of(problem, plan.trajectory, plan.joints), live, port, plan.checks)
+
+
+def _live_plan(problem: AnyProblem) -> "LivePlan | LivePlanInSpace | None":
+    """The plan that follows drags; None where the problem is none for it.
+
+    Raises:
+        NoPlanFound: the problem has no plan.
+    """
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.driver.live_plan_in_space import LivePlanInSpace  # noqa: PLC0415 - loads casadi
+
+        return LivePlanInSpace(problem) if LivePlanInSpace.suits(problem) else None
+    from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - likewise
+
+    return LivePlan(problem) if LivePlan.suits(problem) else None

@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from typing import NoReturn
 
 from ccm_opt.cli.display_settings import WATCHDOG, WatchdogSettings
+from ccm_opt.cli.surroundings import MORE_MEMORY
 from ccm_opt.errors import Diagnosis, TimeLimitReached
 from ccm_opt.problem import PlannerOptions
 
@@ -123,8 +124,7 @@ def _end(command: int, name: str, silence: float, record: Recorder | None, setti
     os.write(2, f"error: {name}: {reason}\n".encode(sys.stderr.encoding, "replace"))
     try:
         if record is not None:
-            advice = ("more memory: solving takes 0.6 to 1 GB of address space, and more for many links",)
-            record(TimeLimitReached.unproved_status, Diagnosis(reason, "planning", advice=advice))
+            record(TimeLimitReached.unproved_status, Diagnosis(reason, "planning", advice=(MORE_MEMORY,)))
     finally:
         for ending in (ENDING, signal.SIGKILL):
             with suppress(ProcessLookupError):

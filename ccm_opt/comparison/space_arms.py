@@ -42,7 +42,7 @@ def joint_limit(links: int) -> float:
 
 
 def with_links(arm: SpaceArm, links: int) -> SpaceArm:
-    """An arm as long, thick and heavy, of another number of links, without drives of their own inertia."""
+    """An arm as long, thick and heavy, of another number of links, whose drives are all alike."""
     masses = np.full(links, float(np.sum(arm.masses)) / links)
     axial, transverse = cylinder_inertia(masses, arm.radius, arm.length / links)
     return replace(
@@ -53,4 +53,6 @@ def with_links(arm: SpaceArm, links: int) -> SpaceArm:
         masses=masses,
         inertia_axial=axial,
         inertia_transverse=transverse,
+        rotor_inertia=float(np.mean(arm.rotor_inertia)),
+        friction=float(np.mean(arm.friction)),
     )

@@ -1,4 +1,4 @@
-"""The suites of random problems in space by their names: clutter and disturbed jobs, of any number of links."""
+"""The suites of random problems in space by their names: clutter, work places and disturbed jobs, of any links."""
 
 import re
 from collections.abc import Callable
@@ -7,14 +7,22 @@ from pathlib import Path
 from ccm_opt.comparison.space_arms import USUAL_LINKS
 from ccm_opt.comparison.space_clutter import space_clutter
 from ccm_opt.comparison.space_jobs import JOBS, disturbed_job
+from ccm_opt.comparison.space_sites import SITES, site_problem
 from ccm_opt.errors import ProblemError
 from ccm_opt.space.problem import SpaceProblem
 
 SPACE = "space-"
 """How the names of these suites begin."""
-SPACE_SUITES = (*(f"{SPACE}clutter-{count}" for count in (20, 40, 80, 160, 320)), *(f"{SPACE}{job}" for job in JOBS))
+SPACE_SUITES = (
+    *(f"{SPACE}clutter-{count}" for count in (20, 40, 80, 160, 320)),
+    *(f"{SPACE}{job}" for job in JOBS),
+    *(f"{SPACE}{site}" for site in SITES),
+)
 """The suites with as many links as usual; any other even number follows as ``-8-links``."""
-_NAME = re.compile(rf"{SPACE}(clutter-(?P<count>\d{{1,4}})|(?P<job>{'|'.join(JOBS)}))(-(?P<links>\d{{1,3}})-links)?")
+_NAME = re.compile(
+    rf"{SPACE}(clutter-(?P<count>\d{{1,4}})|(?P<job>{'|'.join(JOBS)})|(?P<site>{'|'.join(SITES)}))"
+    r"(-(?P<links>\d{1,3})-links)?"
+)
 
 
 def space_maker(suite: str, folder: Path) -> Callable[[int, str], SpaceProblem]:
@@ -37,4 +45,6 @@ def space_maker(suite: str, folder: Path) -> Callable[[int, str], SpaceProblem]:
         )
     if found["job"]:
         return lambda seed, name: disturbed_job(seed, found["job"], links, folder, name)
+    if found["site"]:
+        return lambda seed, name: site_problem(found["site"], seed, links, name)
     return lambda seed, name: space_clutter(seed, int(found["count"]), links, name)

@@ -160,6 +160,102 @@ class TrialSettings:
 
 
 @dataclass(frozen=True)
+class SpaceReachSettings:
+    """How closely directions are looked at along which an arm in space may fall short of its goal.
+
+    Attributes:
+        directions: over the whole sphere, at first. Taste: 6° between them.
+        directions_near: about the best so far. Taste.
+        refinements: how often that is done, each time half as far apart. Taste: to a tenth of a degree.
+    """
+
+    directions: int = 1000
+    directions_near: int = 50
+    refinements: int = 8
+
+
+@dataclass(frozen=True)
+class WaySettings:
+    """How finely the room about an arm in space is looked at for ways of its axis.
+
+    Attributes:
+        cells: cubes at first. Taste: a thirtieth of the room along a side.
+        finest: cubes are not split below this share of the room that is asked about. Taste: that is then known to a
+            twentieth.
+        most_cells: cubes at which a search is given up. Taste: 0.1 GB and some seconds.
+        more_cells: that are added for how wide the widest way is, at each width, likewise. Taste.
+        floor_cells: that are added for whether there is any way that deserves the name. Taste.
+        detour_cells: that are added for whether there is a way that is too long. Taste: wide ones are found at once.
+        most_rounds: of splitting, likewise. Taste.
+        most_insides: groups of cubes of which in one round it is found whether they are inside of bodies. Taste.
+        spread: how many cubes more than the least a chain may have whose cubes are split. Taste.
+        fineness: relative accuracy of the widest way. Taste.
+        least: of the room that is needed, the share below which ways are told to be closed altogether. Taste.
+        detour: ways are looked for up to this multiple of the arm's length. Taste.
+        halvings: of what is not known of the length that would do. Taste.
+        reach: distances are looked at up to this multiple of the room that is needed. Taste.
+        beside: obstacles up to this multiple of the distance of the nearest are beside a place. Taste.
+        most_beside: of them at most. Taste.
+        most_removed: obstacles that are taken away one at a time, nearest to the straight way first. Taste.
+        pulls: how often a short way is pulled tighter. Measured: six bring it to 2 % of the shortest round one edge.
+        pull_steps: halvings of how far one of its corners is moved then. Taste.
+        places: along each straight part of a way that are looked at. Taste.
+        narrow: a way narrower than this multiple of what the arm needs is told. Taste.
+    """
+
+    cells: int = 20_000
+    finest: float = 0.04
+    most_cells: int = 300_000
+    more_cells: int = 40_000
+    floor_cells: int = 150_000
+    detour_cells: int = 15_000
+    most_rounds: int = 60
+    most_insides: int = 100
+    spread: int = 1
+    fineness: float = 0.03
+    least: float = 0.3
+    detour: float = 1.5
+    halvings: int = 3
+    reach: float = 8.0
+    beside: float = 1.3
+    most_beside: int = 3
+    most_removed: int = 8
+    pulls: int = 6
+    pull_steps: int = 5
+    places: int = 9
+    narrow: float = 1.5
+
+
+@dataclass(frozen=True)
+class MovedSpaceGoalSettings:
+    """How the nearest goal in space that can be taken is looked for.
+
+    Attributes:
+        cells: of each of two grids, one about the goal, one where the arm can be. Taste.
+        near: half the side of the first, as a multiple of radius and clearance. Taste.
+        stretch: share of its length to which the arm can be expected to stretch. Taste.
+        apart: places are told when they are this share of their distance from the goal off the ones before. Taste.
+        most_places: that are looked at. Taste: some 5 ms each.
+        most_ways: of them to which a way is looked for. Taste: some 0.3 s each.
+        steps: how far beyond the place the goal is moved, as shares of how far that is or of the arm's length,
+            whichever is less. Taste: what is free for the last link need not be so for those before it.
+    """
+
+    cells: int = 20_000
+    near: float = 4.0
+    stretch: float = 0.99
+    apart: float = 0.2
+    most_places: int = 200
+    most_ways: int = 3
+    steps: tuple[float, ...] = (0.0, 0.1, 0.3)
+
+
+def _space_trials() -> TrialSettings:
+    """In space a motion takes some times as long to find as in the plane."""
+    return TrialSettings(longest_try=4.0, longest_further_try=2.0, longest_search=14.0, patience=6.0)
+
+
+@dataclass(frozen=True)
 class DiagnosisSettings:
     """All numbers of the explanation of failures.
 
@@ -169,7 +265,11 @@ class DiagnosisSettings:
         units: of numbers that look as if they were given in another unit.
         moved_goal: of the nearest goal that can be taken.
         first_links: of the proof that the first links cannot turn to the goal.
+        space_reach: of the proof that an arm in space cannot turn to its goal.
+        ways: of the search for ways of an arm in space.
+        moved_space_goal: of the nearest goal in space that can be taken.
         trials: of the tries of changed problems.
+        space_trials: the same in space, with more time.
         findings: findings that are reported, at most. Taste.
         figures: figures that a reported value keeps, rounded to the easier side before it is solved. Taste.
     """
@@ -179,7 +279,11 @@ class DiagnosisSettings:
     units: UnitHintSettings = field(default_factory=UnitHintSettings)
     moved_goal: MovedGoalSettings = field(default_factory=MovedGoalSettings)
     first_links: FirstLinksSettings = field(default_factory=FirstLinksSettings)
+    space_reach: SpaceReachSettings = field(default_factory=SpaceReachSettings)
+    ways: WaySettings = field(default_factory=WaySettings)
+    moved_space_goal: MovedSpaceGoalSettings = field(default_factory=MovedSpaceGoalSettings)
     trials: TrialSettings = field(default_factory=TrialSettings)
+    space_trials: TrialSettings = field(default_factory=_space_trials)
     findings: int = 5
     figures: int = 4
 

@@ -1,17 +1,19 @@
 """What the driver asks: is there any use in planning, and why was no plan found."""
 
+import time
 from dataclasses import replace
 
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
 from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
+from ccm_opt.diagnosis.in_plane import IN_PLANE
+from ccm_opt.diagnosis.knowledge import Knowledge
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
-from ccm_opt.diagnosis.tightness import tight_places
-from ccm_opt.diagnosis.unit_hints import unit_hints
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation, UnreachableGoal
 from ccm_opt.problem import Problem
+from ccm_opt.space.problem import AnyProblem
 
 
 def refuse_impossible(problem: Problem) -> None:
@@ -22,8 +24,8 @@ def refuse_impossible(problem: Problem) -> None:
     """
     for number, stop in enumerate(problem.stops, start=1):
         single = replace(problem, goal=stop.goal, tolerances=stop.tolerances, stops=())
-        _refuse(ranked(failed(single, AT_ONCE)), f"goal {number} of {len(problem.stops) + 1}: ")
-    _refuse(ranked(failed(problem, AT_ONCE)))
+        refuse(ranked(failed(single, AT_ONCE)), f"goal {number} of {len(problem.stops) + 1}: ")
+    refuse(ranked(failed(problem, AT_ONCE)))
 
 
 def refuse_closed(problem: Problem) -> None:
@@ -32,42 +34,52 @@ def refuse_closed(problem: Problem) -> None:
     Raises:
         UnreachableGoal: with the findings.
     """
-    _refuse(ranked(failed(problem)))
+    refuse(ranked(failed(problem)))
 
 
-def _refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
-    """Raise what is proved, the first finding as the reason; nothing proved, nothing raised."""
+def refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
+    """Raise what is proved, the first finding as the reason; nothing proved, nothing raised.
+
+    Args:
+        findings: of the necessary checks, ranked.
+        goal: which of several goals they are about, in words.
+
+    Raises:
+        UnreachableGoal: with the findings.
+    """
     if any(finding.proved for finding in findings):
         raise UnreachableGoal(Diagnosis(f"{goal}{findings[0].reason}", "necessary checks", findings=findings))
 
 
-def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
+def with_proof(problem: AnyProblem, error: NoPlanFound, knowledge: Knowledge = IN_PLANE) -> NoPlanFound:
     """The same error with what proves that there is no plan, if anything does; no change of the problem is tried."""
     if error.diagnosis.findings:
         return error  # whose reason is the first of them, and says which of several goals it is about
-    findings = ranked(failed(problem))
+    findings = ranked(knowledge.proved(problem))
     reason = findings[0].reason if findings else error.diagnosis.reason
-    advice = (*unit_hints(problem), *error.diagnosis.advice)
+    advice = (*knowledge.hints(problem), *error.diagnosis.advice)
     return type(error)(replace(error.diagnosis, reason=reason, findings=findings, advice=advice))
 
 
-def explained(problem: Problem, error: NoPlanFound, trials: Trials) -> NoPlanFound:
+def explained(problem: AnyProblem, error: NoPlanFound, trials: Trials, knowledge: Knowledge = IN_PLANE) -> NoPlanFound:
     """The same error with all that is known of why, and the changes with which the problem was solved.
 
     Args:
         problem: what was asked.
         error: how the pipeline ended.
         trials: solves changed problems in the time that is left.
+        knowledge: of problems of its kind.
     """
-    checked = failed(problem)
+    checked = knowledge.proved(problem)
     # What is proved leaves no use for what is likely; an overload is known of the path that was found, no more.
-    known = checked or _overloads(problem, error) or tight_places(problem)
-    solved = relaxations(problem, known, trials)
+    known = checked or _overloads(problem, error) or knowledge.likely(problem)
+    # What it took to find the causes is not taken from the tries.
+    solved = relaxations(problem, known, replace(trials, begun=time.process_time()), knowledge)
     findings = ranked(known, solved)
-    return type(error)(_diagnosis(problem, error.diagnosis, findings, solved))
+    return type(error)(_diagnosis(problem, error.diagnosis, findings, solved, knowledge))
 
 
-def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
+def _overloads(problem: AnyProblem, error: NoPlanFound) -> tuple[Finding, ...]:
     """The joint that timing found too weak to hold the arm somewhere on the path, if that is how it ended."""
     evidence = error.diagnosis.evidence
     number, torque, place = (evidence.get(name) for name in ("revolute", "torque", "path_position"))
@@ -78,43 +90,46 @@ def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
 
 
 def _diagnosis(
-    problem: Problem, old: Diagnosis, findings: tuple[Finding, ...], solved: tuple[Relaxation, ...]
+    problem: AnyProblem,
+    old: Diagnosis,
+    findings: tuple[Finding, ...],
+    solved: tuple[Relaxation, ...],
+    knowledge: Knowledge,
 ) -> Diagnosis:
     """The old diagnosis with what was found: a proof takes the place of its reason."""
     known = bool(binding(findings[:1]))
     reason = findings[0].reason if known else old.reason
-    advice = () if solved else _advice(problem, findings) or old.advice
-    advice = (*unit_hints(problem), *advice)
+    advice = () if solved else _advice(problem, findings, knowledge) or old.advice
+    advice = (*knowledge.hints(problem), *advice)
     return Diagnosis(reason, old.stage, advice, old.evidence, findings, solved)
 
 
-def _advice(problem: Problem, findings: tuple[Finding, ...]) -> tuple[str, ...]:
+def _advice(problem: AnyProblem, findings: tuple[Finding, ...], knowledge: Knowledge) -> tuple[str, ...]:
     """What would be needed at least, as far as is known, when no try of it succeeded.
 
     Nothing is advised of which the necessary checks prove that it is not enough.
     """
     proved = tuple(finding for finding in findings if finding.proved)
     words = []
-    for candidate in candidates(problem, proved) if proved else ():
+    for candidate in candidates(problem, proved, knowledge) if proved else ():
         if isinstance(candidate, WholeChange):
-            words += [] if _hopeless(candidate.changed(problem)) else [candidate.words]
+            words += [] if knowledge.hopeless(candidate.changed(problem)) else [candidate.words]
         elif (bound := candidate.bound or hardest_bound(candidate, proved)) is not None:
-            value = _least_with_hope(problem, candidate, bound)
+            value = _least_with_hope(problem, candidate, bound, knowledge)
             words += [] if value is None else [f"{candidate.relaxation(problem, value, bound).words} at least"]
     return tuple(f"{each}, though no solve has shown that it is enough" for each in words)
 
 
 def _least_with_hope(
-    problem: Problem, candidate: Parameter, bound: float, settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
+    problem: AnyProblem,
+    candidate: Parameter,
+    bound: float,
+    knowledge: Knowledge,
+    settings: TrialSettings = DEFAULT_DIAGNOSIS.trials,
 ) -> float | None:
     """The least change, from the bound on, that the necessary checks let pass; None where none of them does."""
     for step in candidate.steps or settings.advised_steps:
         value = candidate.rounded(problem, bound * (1.0 + step) ** candidate.easier)
-        if not _hopeless(candidate.write(problem, value)):
+        if not knowledge.hopeless(candidate.write(problem, value)):
             return value
     return None
-
-
-def _hopeless(changed: Problem) -> bool:
-    """Whether a changed problem is proved to have no plan, for whatever reason."""
-    return any(finding.proved for finding in failed(changed))

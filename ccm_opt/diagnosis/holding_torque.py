@@ -11,7 +11,9 @@ from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import joint_names, revolute_angles
+from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem import Problem
+from ccm_opt.space.problem import AnyProblem
 
 
 def strong_enough(problem: Problem) -> Iterator[Finding]:
@@ -33,19 +35,35 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
 
 def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
     """By how much the tolerances of a pose can lower each revolute's load, at most, shape (3 links,) [N m]."""
-    arm = problem.arm
-    play = pose.link_play(arm)
-    if not play.any():
-        return np.zeros(3 * arm.links)
+    return np.repeat(lighter_by_play(problem, pose.link_play(problem.arm)), 3)
+
+
+def lighter_by_play(problem: AnyProblem, play: FloatArray) -> FloatArray:
+    """By how much the load of each joint may be lower where joints are off their places, at most, shape (links,) [N m].
+
+    Args:
+        problem: with the arm and gravity.
+        play: of each joint, shape (links,) [m].
+    """
     # Every weight beyond a joint may come nearer by its own play and by the joint's.
-    weights = float(np.linalg.norm(problem.simulation.gravity)) * np.append(arm.masses, arm.payload)
+    weights = _weights(problem)
     moved = np.append(play, play[-1])
-    beyond = np.cumsum((weights * moved)[::-1])[::-1][: arm.links]
-    carried = np.cumsum(weights[::-1])[::-1][: arm.links]
-    return np.repeat(beyond + carried * play, 3)
+    beyond = np.cumsum((weights * moved)[::-1])[::-1][: problem.arm.links]
+    return np.asarray(beyond + carried_weights(problem) * play)
 
 
-def overloaded(problem: Problem, where: str, number: int, load: float) -> Finding:
+def carried_weights(problem: AnyProblem) -> FloatArray:
+    """What hangs on each joint, the payload too, shape (links,) [N]."""
+    return np.asarray(np.cumsum(_weights(problem)[::-1])[::-1][: problem.arm.links])
+
+
+def _weights(problem: AnyProblem) -> FloatArray:
+    """Of the links and of the payload, shape (links + 1,) [N]."""
+    arm = problem.arm
+    return float(np.linalg.norm(problem.simulation.gravity)) * np.append(arm.masses, arm.payload)
+
+
+def overloaded(problem: AnyProblem, where: str, number: int, load: float) -> Finding:
     """A joint that cannot hold the arm in one pose, which by itself proves nothing: its torque against its limit.
 
     Args:
@@ -69,6 +87,6 @@ def overloaded(problem: Problem, where: str, number: int, load: float) -> Findin
     )
 
 
-def joint_words(arm: Arm, number: int) -> str:
+def joint_words(arm: Arm | SpaceArm, number: int) -> str:
     """A revolute in words: its ball, counted from 1, and its name."""
     return f"joint {number // 3 + 1} ({joint_names(arm)[number]})"

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -11,7 +12,16 @@ from ccm_opt.errors import Relaxation
 from ccm_opt.ground.length_units import METRES
 from ccm_opt.ground.length_words import file_length
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem import CurvePose, Problem, TipGoal
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+
+_Problem = TypeVar("_Problem", Problem, SpaceProblem)
+_Arm = TypeVar("_Arm", Arm, SpaceArm)
+Read = Callable[[Any], float]
+"""A number of a problem, in the plane or in space."""
+Write = Callable[[Any, float], Any]
+"""A problem with another number, of the same kind as before."""
 
 
 @dataclass(frozen=True)
@@ -35,18 +45,18 @@ class Parameter:
 
     key: str
     easier: int
-    read: Callable[[Problem], float]
-    write: Callable[[Problem, float], Problem]
-    words: Callable[[Problem, float], str]
-    scale: Callable[[Problem], float] = lambda _: 1.0
-    fits: Callable[[Problem], bool] = lambda _: True
-    unit: Callable[[Problem], float] = lambda _: 1.0
+    read: Read
+    write: Write
+    words: Callable[[Any, float], str]
+    scale: Read = lambda _: 1.0
+    fits: Callable[[Any], bool] = lambda _: True
+    unit: Read = lambda _: 1.0
     whole: float | None = None
     bound: float | None = None
     steps: tuple[float, ...] | None = None
     paths_stay: bool = True
 
-    def rounded(self, problem: Problem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:
+    def rounded(self, problem: AnyProblem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:
         """A value rounded to some figures, to the easier side: so what is reported is what was solved."""
         reported = value * self.scale(problem)
         if reported <= 0.0:
@@ -57,7 +67,7 @@ class Parameter:
         count = np.ceil(count - 1e-6) if self.easier > 0 else np.floor(count + 1e-6)
         return float(count / 10.0**digits / self.scale(problem))
 
-    def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
+    def relaxation(self, problem: AnyProblem, value: float, bound: float | None) -> Relaxation:
         """What is reported when a problem was solved with a value."""
         given = self.read(problem)
         sign = "≥" if self.easier > 0 else "≤"
@@ -67,18 +77,18 @@ class Parameter:
         return Relaxation(words, self.key, unit * value, None if bound is None else unit * bound, change)
 
 
-def _with_radius(problem: Problem, radius: float) -> Problem:
+def _with_radius(problem: _Problem, radius: float) -> _Problem:
     """Another radius; a mount as long as the radius goes on being so, and solid cylinders stay solid cylinders."""
     arm = problem.arm
     mount = radius if arm.mount_length == arm.radius else arm.mount_length
     return replace(problem, arm=_as_cylinders(arm, replace(arm, radius=radius, mount_length=mount)))
 
 
-def _with_link_length(problem: Problem, length: float) -> Problem:
+def _with_link_length(problem: _Problem, length: float) -> _Problem:
     return replace(problem, arm=_as_cylinders(problem.arm, replace(problem.arm, link_length=length)))
 
 
-def _as_cylinders(old: Arm, new: Arm) -> Arm:
+def _as_cylinders(old: _Arm, new: _Arm) -> _Arm:
     """The new arm with the inertia of solid cylinders where the old arm's is that."""
     cylinders = np.allclose(old.inertia_axial, _axial(old)) and np.allclose(old.inertia_transverse, _transverse(old))
     if not cylinders or new.radius <= 0.0:
@@ -86,74 +96,74 @@ def _as_cylinders(old: Arm, new: Arm) -> Arm:
     return replace(new, inertia_axial=_axial(new), inertia_transverse=_transverse(new))
 
 
-def _axial(arm: Arm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _axial(arm: Arm | SpaceArm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return arm.masses * arm.radius**2 / 2.0
 
 
-def _transverse(arm: Arm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _transverse(arm: Arm | SpaceArm) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0
 
 
-def _with_clearance(problem: Problem, clearance: float) -> Problem:
+def _with_clearance(problem: _Problem, clearance: float) -> _Problem:
     return replace(problem, workspace=replace(problem.workspace, clearance=clearance))
 
 
-def _with_joint_limit(problem: Problem, limit: float) -> Problem:
+def _with_joint_limit(problem: _Problem, limit: float) -> _Problem:
     return replace(problem, arm=replace(problem.arm, joint_limit=limit))
 
 
-def _with_base_limit(problem: Problem, limit: float) -> Problem:
+def _with_base_limit(problem: _Problem, limit: float) -> _Problem:
     return replace(problem, arm=replace(problem.arm, base_limit=limit))
 
 
-def _with_feed_to(problem: Problem, high: float) -> Problem:
+def _with_feed_to(problem: _Problem, high: float) -> _Problem:
     feed = problem.arm.feed
     return problem if feed is None else replace(problem, arm=replace(problem.arm, feed=replace(feed, high=high)))
 
 
-def _with_torque(problem: Problem, share: float) -> Problem:
+def _with_torque(problem: _Problem, share: float) -> _Problem:
     limits = problem.limits
     torque = None if limits.torque is None else share * limits.torque
     return replace(problem, limits=replace(limits, torque=torque))
 
 
-def _with_mass(problem: Problem, share: float) -> Problem:
+def _with_mass(problem: _Problem, share: float) -> _Problem:
     arm = problem.arm
     parts = {name: share * getattr(arm, name) for name in ("masses", "inertia_axial", "inertia_transverse")}
     return replace(problem, arm=replace(arm, **parts))
 
 
-def _uniform_torque(problem: Problem) -> float:
+def _uniform_torque(problem: AnyProblem) -> float:
     """The torque limit when all joints have the same, else 1."""
     torque = problem.limits.torque
     return 1.0 if torque is None or np.ptp(torque) else float(torque[0])
 
 
-def _torque_words(problem: Problem, share: float) -> str:
+def _torque_words(problem: AnyProblem, share: float) -> str:
     value = share * _uniform_torque(problem)
     same = problem.limits.torque is not None and not np.ptp(problem.limits.torque)
     return f"limits.torque ? {value:.4g} N m" if same else f"limits.torque ? {value:.4g} times what it is"
 
 
-def _uniform_mass(problem: Problem) -> float:
+def _uniform_mass(problem: AnyProblem) -> float:
     """The mass of a link when all are alike, else 1."""
     masses = problem.arm.masses
     return 1.0 if np.ptp(masses) else float(masses[0])
 
 
-def _mass_words(problem: Problem, share: float) -> str:
+def _mass_words(problem: AnyProblem, share: float) -> str:
     value = share * _uniform_mass(problem)
     if np.ptp(problem.arm.masses):
         return f"arm.masses ? {value:.4g} times what they are"
     return f"arm.link_mass ? {value:.4g} kg"
 
 
-def _per_file_unit(problem: Problem) -> float:
+def _per_file_unit(problem: AnyProblem) -> float:
     """What lengths are multiplied by to be in the unit of the problem's file, in which they are rounded."""
     return 1.0 / METRES[problem.length_unit]
 
 
-def _no_curves(problem: Problem) -> bool:
+def _no_curves(problem: AnyProblem) -> bool:
     """Whether no end is a curve, whose length would have to change with the arm's."""
     return not any(isinstance(end, CurvePose) for end in (problem.start, problem.goal))
 
@@ -249,7 +259,7 @@ class WholeChange:
     words: str
     key: str
     value: str | None
-    changed: Callable[[Problem], Problem]
+    changed: Callable[[Any], Any]
     term: str = ""
 
     def relaxation(self) -> Relaxation:

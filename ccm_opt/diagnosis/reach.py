@@ -1,6 +1,6 @@
 """Whether the goal is near enough, far enough and in a direction that the joints can turn to, whatever stands there."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import shapely
@@ -10,6 +10,7 @@ from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
 from ccm_opt.diagnosis.words import degrees, point
 from ccm_opt.errors import Finding
 from ccm_opt.ground.angles import heading_of, wrap
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import long_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
@@ -120,16 +121,7 @@ def _short_of_turn(arm: Arm, place: TipPlace, what: str, turn: float, most: floa
     bounds = {"arm.joint_limit_deg": (turn - base) / (arm.links - 1)}
     if base:
         bounds["arm.base_limit_deg"] = arm.base_limit + turn - most
-    yield Finding(
-        "too stiff",
-        f"{place.key}: the arm cannot turn enough: {degrees(turn)} {what}, all joints together turn by {degrees(most)}",
-        key=place.key,
-        place=point(place.goal.position),
-        measured=turn,
-        allowed=most,
-        unit="rad",
-        bounds=bounds,
-    )
+    yield cannot_turn_enough(place.key, place.goal.position, what, turn, most, bounds)
 
 
 def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
@@ -141,15 +133,57 @@ def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     limit = brentq(
         lambda bend: least_chord(arm.links, arm.link_length, bend) - distance, arm.joint_limit, 2.0 * np.pi / arm.links
     )
-    yield Finding(
+    needed = {"arm.joint_limit_deg": float(limit)}
+    yield cannot_curl_up(place.key, place.goal.position, distance, arm.joint_limit, nearest, needed)
+
+
+def cannot_turn_enough(
+    key: str, goal: FloatArray, what: str, turn: float, most: float, bounds: Mapping[str, float]
+) -> Finding:
+    """A turn that is more than all joints together can make.
+
+    Args:
+        key: of the goal in the problem file.
+        goal: its place, shape (2,) or (3,) [m].
+        what: from where to where the arm would have to turn.
+        turn: by how much [rad].
+        most: that the joints can make together [rad].
+        bounds: limits that would do, by their keys [rad].
+    """
+    return Finding(
         "too stiff",
-        f"{place.key}: the arm cannot curl up enough; the goal is {long_length(distance)} from the base; with "
-        f"every joint at its limit of {degrees(arm.joint_limit)} the tip comes no nearer than {long_length(nearest)}",
-        key=place.key,
-        place=point(place.goal.position),
+        f"{key}: the arm cannot turn enough: {degrees(turn)} {what}, all joints together turn by {degrees(most)}",
+        key=key,
+        place=point(goal),
+        measured=turn,
+        allowed=most,
+        unit="rad",
+        bounds=bounds,
+    )
+
+
+def cannot_curl_up(
+    key: str, goal: FloatArray, distance: float, limit: float, nearest: float, bounds: Mapping[str, float]
+) -> Finding:
+    """A goal nearer to the base than the tip can come.
+
+    Args:
+        key: of the goal in the problem file.
+        goal: its place, shape (2,) or (3,) [m].
+        distance: from the base, with what is tolerated [m].
+        limit: of the joints [rad].
+        nearest: that the tip comes with every joint at its limit [m].
+        bounds: limits that would do, by their keys [rad].
+    """
+    return Finding(
+        "too stiff",
+        f"{key}: the arm cannot curl up enough; the goal is {long_length(distance)} from the base; with "
+        f"every joint at its limit of {degrees(limit)} the tip comes no nearer than {long_length(nearest)}",
+        key=key,
+        place=point(goal),
         measured=distance,
         allowed=nearest,
-        bounds={"arm.joint_limit_deg": float(limit)},
+        bounds=bounds,
     )
 
 

@@ -4,39 +4,31 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
-from ccm_opt.diagnosis.moved_goal import moved_goals
-from ccm_opt.diagnosis.parameters import (
-    PARAMETERS,
-    Parameter,
-    WholeChange,
-    without_heading,
-    without_obstacle,
-    without_term,
-)
-from ccm_opt.diagnosis.wider_room import wider_room
+from ccm_opt.diagnosis.in_plane import IN_PLANE
+from ccm_opt.diagnosis.knowledge import Knowledge
+from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, without_obstacle, without_term
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
-from ccm_opt.freespace.workspace import BOUNDARY_NAME
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.problem import Problem
+from ccm_opt.space.problem import AnyProblem
 
-Solve: TypeAlias = Callable[[Problem], object]
+Solve: TypeAlias = Callable[[Any], object]
 """Plans, times and verifies a problem, or raises; what it returns is not looked at."""
 CERTAIN = frozenset(("torque", "contact", "joint limit"))
 """Kinds of findings that are measured on a pose or a path; not proved, they leave other poses within tolerance."""
-SolveWithout: TypeAlias = Callable[[Problem, str], object]
+SolveWithout: TypeAlias = Callable[[Any, str], object]
 """The same with one constraint or cost of the user's dropped, by its name."""
-HoldAgain: TypeAlias = Callable[[Problem, object], object]
+HoldAgain: TypeAlias = Callable[[Any, object], object]
 """Times and verifies what was returned for one problem as a plan for another, or raises."""
 
 
-def _nothing_to_drop(problem: Problem, name: str) -> object:
+def _nothing_to_drop(problem: AnyProblem, name: str) -> object:
     raise ProblemError(f"problem '{problem.name}' has no constraint or cost '{name}'")
 
 
-def _never_holds(problem: Problem, plan: object) -> object:
+def _never_holds(problem: AnyProblem, plan: object) -> object:
     raise ProblemError(f"{type(plan).__name__} is no plan for problem '{problem.name}'")
 
 
@@ -74,7 +66,7 @@ class Trials:
         """CPU time that is left [s]."""
         return min(self.until.left, self.settings.longest_search - self.spent)
 
-    def succeeds(self, problem: Problem, dropped: str = "", *, hurried: bool = False) -> bool:
+    def succeeds(self, problem: AnyProblem, dropped: str = "", *, hurried: bool = False) -> bool:
         """Whether a problem, perhaps less a term of the user's, is solved within its share of the time.
 
         Args:
@@ -96,7 +88,7 @@ class Trials:
         self.plans.append(plan)
         return True
 
-    def holds(self, problem: Problem) -> bool:
+    def holds(self, problem: AnyProblem) -> bool:
         """Whether the last plan is one for this problem as well; nothing is planned for that."""
         try:
             self.hold_again(problem, self.plans[-1])
@@ -105,27 +97,30 @@ class Trials:
         return True
 
 
-def _in_haste(problem: Problem, limit: float) -> Problem:
+def _in_haste(problem: AnyProblem, limit: float) -> AnyProblem:
     """The problem with a time limit [s], and with nothing asked for that only makes motions better."""
     # An arm that is hardly strong enough may need the shorter way.
     plain = problem.planner.optimiser if problem.limits.torque is not None else "none"
     return replace(problem, planner=replace(problem.planner, time_limit=limit, optimiser=plain, wanted_gap=0.0))
 
 
-def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials) -> tuple[Relaxation, ...]:
+def relaxations(
+    problem: AnyProblem, findings: tuple[Finding, ...], trials: Trials, knowledge: Knowledge = IN_PLANE
+) -> tuple[Relaxation, ...]:
     """Changes of one thing with which the problem is solved, the smallest first.
 
     Args:
         problem: what was asked.
         findings: what stands in its way; what is proved, or an overload on the path that was found, binds.
         trials: solves.
+        knowledge: of problems of its kind.
     """
     certain = binding(findings)
     settings = trials.settings
     found: list[Relaxation] = []
     # Nothing of the user's own mends what is known of the arm and the room.
     dropped = [] if certain else [without_term(name, kind) for kind, name in trials.terms[: settings.most_dropped]]
-    for candidate in chain(dropped, candidates(problem, findings, settings.most_omitted)):
+    for candidate in chain(dropped, candidates(problem, findings, knowledge, settings.most_omitted)):
         if len(found) >= settings.enough or trials.left < settings.least_time:
             break
         if found and trials.spent > settings.patience:
@@ -148,13 +143,17 @@ def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
 
 
 def candidates(
-    problem: Problem, findings: tuple[Finding, ...], most_omitted: int = DEFAULT_DIAGNOSIS.trials.most_omitted
+    problem: AnyProblem,
+    findings: tuple[Finding, ...],
+    knowledge: Knowledge = IN_PLANE,
+    most_omitted: int = DEFAULT_DIAGNOSIS.trials.most_omitted,
 ) -> Iterator[Parameter | WholeChange]:
     """What may mend all that is proved, or else all that is likely, most promising first.
 
     Args:
         problem: what was asked.
         findings: what stands in its way.
+        knowledge: of problems of its kind.
         most_omitted: obstacles that are left out, each alone.
     """
     proved = binding(findings)
@@ -164,30 +163,23 @@ def candidates(
     mends = {key for key in keys if not proved or all(key in finding.bounds for finding in proved)}
     fitting = [each for each in PARAMETERS if each.key in mends and each.fits(problem)]
     yield from sorted(fitting, key=lambda each: keys.index(each.key))
-    room = wider_room(problem, proved)
+    room = knowledge.wider_room(problem, proved)
     if room is not None:
         yield room
-    in_the_way = [without_obstacle(name) for name in _removable(proved, findings)[:most_omitted]]
+    removable = _removable(proved, findings, knowledge.room_name)
+    in_the_way = [without_obstacle(name) for name in removable[:most_omitted]]
     # Where no number of the arm helps, what closes the way is more to the point than a goal on this side of it.
     if not fitting:
         yield from in_the_way
-    yield from moved_goals(problem, proved)
-    if relevant and all(_heading_may_mend(finding) for finding in relevant):
-        heading = without_heading(problem)
-        if heading is not None:
-            yield heading
+    yield from knowledge.moved_goals(problem, proved)
+    yield from knowledge.left_out(problem, relevant)
     if fitting:
         yield from in_the_way
 
 
-def _heading_may_mend(finding: Finding) -> bool:
-    """Whether a finding may be due to the heading asked for at the goal."""
-    return finding.kind in {"too stiff", "contact", "curve"} and not finding.key.startswith("start")
-
-
-def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...]) -> list[str]:
-    """Obstacles whose removal may mend all that is proved, or else all that is likely; the boundary stays."""
-    names = [name for finding in proved or findings for name in finding.obstacles if name != BOUNDARY_NAME]
+def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...], room_name: str) -> list[str]:
+    """Obstacles whose removal may mend all that is proved, or else all that is likely; the room stays."""
+    names = [name for finding in proved or findings for name in finding.obstacles if name != room_name]
     mending = [name for name in names if all(name in finding.obstacles for finding in proved)]
     return list(dict.fromkeys(mending))
 
@@ -201,7 +193,7 @@ def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float 
 
 
 def least_change(
-    parameter: Parameter, problem: Problem, bound: float | None, trials: Trials, *, hurried: bool = False
+    parameter: Parameter, problem: AnyProblem, bound: float | None, trials: Trials, *, hurried: bool = False
 ) -> Relaxation | None:
     """The least change of a parameter, within the steps, with which the problem is solved; None when none is found.
 
@@ -232,7 +224,7 @@ def least_change(
 
 
 def _closed_in(
-    parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials, *, hurried: bool
+    parameter: Parameter, problem: AnyProblem, failed: Sequence[float], worked: float, trials: Trials, *, hurried: bool
 ) -> float:
     """A value that works, close to one that does not, by bisection while there is time.
 

@@ -10,9 +10,9 @@ def degrees(angle: float) -> str:
     return f"{np.rad2deg(angle):.1f}°"
 
 
-def point(place: FloatArray) -> tuple[float, float]:
+def point(place: FloatArray) -> tuple[float, ...]:
     """A place as a finding keeps it."""
-    return float(place[0]), float(place[1])
+    return tuple(float(coordinate) for coordinate in place)
 
 
 def listed(names: tuple[str, ...]) -> str:

@@ -4,16 +4,19 @@ import numpy as np
 
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import Diagnosis, Finding, UnreachableGoal
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import Goal, JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.space.problem import AnyProblem, SpaceGoal, SpaceProblem, SpaceTipGoal
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.contradictions import Contradiction, GoalPlaces, contradictions
+from ccm_opt.user_terms.contradictions_in_space import GoalRegion, contradictions_in_space
 from ccm_opt.user_terms.terms import applies_at
 
 ADVICE = ("change the bounds of the constraint, or the goal", "let it apply on the way only", "make it soft")
 
 
-def refuse_contradictions(problem: Problem, terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS) -> None:
+def refuse_contradictions(problem: AnyProblem, terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS) -> None:
     """Refuse constraints that are proved not to hold at a goal, whatever the pose.
 
     A start that breaks a constraint is bad input, which is for the planner to say; then nothing is refused here.
@@ -26,10 +29,14 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None, settings: S
     Raises:
         UnreachableGoal: naming the constraint and by how much it is off.
     """
-    if terms is None or problem.arm.base_axes or _breaks_start(problem, terms, settings):
+    if terms is None or _breaks_start(problem, terms, settings):
+        return
+    # In the plane proofs know a fixed base alone.
+    if problem.arm.base_axes and isinstance(problem, Problem):
         return
     several = len(problem.stops) > 0
-    goals = [(stop.goal, stop.tolerances) for stop in problem.stops] + [(problem.goal, problem.tolerances)]
+    stops: list[tuple[Goal | SpaceGoal, Tolerances]] = [(stop.goal, stop.tolerances) for stop in problem.stops]
+    goals = [*stops, (problem.goal, problem.tolerances)]
     for number, (goal, tolerances) in enumerate(goals, start=1):
         where = f"goal {number} of {len(goals)}" if several else "the goal"
         findings = tuple(_finding(each, where) for each in _contradictions(terms, goal, tolerances, settings))
@@ -37,14 +44,9 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None, settings: S
             raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", ADVICE, findings=findings))
 
 
-def _breaks_start(problem: Problem, terms: UserTerms, settings: Settings) -> bool:
+def _breaks_start(problem: AnyProblem, terms: UserTerms, settings: Settings) -> bool:
     """Whether the start breaks a constraint: then the input is bad, and the planner says so."""
-    start = problem.start
-    arm = problem.arm
-    if isinstance(start, JointPose):
-        headings = arm.headings(start.bends)
-    else:
-        headings = map_curve(arm, start.configuration, problem.planner.mapping)
+    headings = _shape_at_start(problem)
     misses = (
         float(item.residuals(headings[None], np.zeros(1))[0])
         for item in terms.hard
@@ -53,9 +55,21 @@ def _breaks_start(problem: Problem, terms: UserTerms, settings: Settings) -> boo
     return any(not miss <= settings.user_terms.tolerance for miss in misses)
 
 
+def _shape_at_start(problem: AnyProblem) -> FloatArray:
+    """Headings of the links at the start, or in space its configuration, shape (k,)."""
+    if isinstance(problem, SpaceProblem):
+        return problem.start.configuration(problem.arm)
+    if isinstance(problem.start, JointPose):
+        return problem.arm.headings(problem.start.bends)
+    return map_curve(problem.arm, problem.start.configuration, problem.planner.mapping)
+
+
 def _contradictions(
-    terms: UserTerms, goal: Goal, tolerances: Tolerances, settings: Settings
+    terms: UserTerms, goal: Goal | SpaceGoal, tolerances: Tolerances, settings: Settings
 ) -> tuple[Contradiction, ...]:
+    if isinstance(goal, SpaceTipGoal):
+        region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
+        return contradictions_in_space(terms, region, settings.user_terms)
     if not isinstance(goal, TipGoal):
         return ()
     places = GoalPlaces(goal.position, goal.heading, tolerances.position, tolerances.heading)

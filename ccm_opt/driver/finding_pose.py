@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import overload
 
 from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.call_arguments import expect_arguments
@@ -20,12 +21,13 @@ from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.planners.pose_over_routes import PoseTry, brought_tries, drawn_tries, pose_search, pose_tries
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.solution import GoalPoseRecord, PoseOutcome, StaticPose
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.space.space_static_pose import AnyStaticPose, SpaceStaticPose
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.terms import Constraint, Cost
 
 
-@on_one_thread
-@in_words_of_its_file
+@overload
 def find_pose(
     problem: Problem,
     *,
@@ -33,13 +35,47 @@ def find_pose(
     costs: Sequence[Cost] = (),
     progress: Callable[[Progress], None] | None = None,
     settings: Settings | None = None,
-) -> StaticPose:
+) -> StaticPose: ...
+
+
+@overload
+def find_pose(
+    problem: SpaceProblem,
+    *,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    progress: Callable[[Progress], None] | None = None,
+    settings: Settings | None = None,
+) -> SpaceStaticPose: ...
+
+
+@overload
+def find_pose(
+    problem: AnyProblem,
+    *,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    progress: Callable[[Progress], None] | None = None,
+    settings: Settings | None = None,
+) -> AnyStaticPose: ...
+
+
+def find_pose(
+    problem: AnyProblem,
+    *,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    progress: Callable[[Progress], None] | None = None,
+    settings: Settings | None = None,
+) -> AnyStaticPose:
     """Find the best pose of the arm at a problem's goal, by the goal-pose NLP from every route to it.
+
+    In space it is asked from where a motion ends that leads there, and from drawn poses.
 
     Of goals in sequence it is the last. Whether a motion leads to the pose is not asked: ``solve`` does that.
 
     Args:
-        problem: with a goal for the tip, and an arm whose base stands still.
+        problem: with a goal for the tip; in the plane with an arm whose base stands still.
         constraints: of the user; those that cover the goal are rows of the NLP.
         costs: of the user; those that cover the goal are terms of its objective.
         progress: told when a stage starts, and when the search begins with another candidate.
@@ -52,10 +88,26 @@ def find_pose(
         ProblemError: the goal is for the whole arm, so that there is nothing to find, or the base moves.
         NoPlanFound: no pose was found; the diagnosis says what is missed, and whether that is proved.
     """
-    Problem.expected(problem)
     expect_arguments(progress=progress, settings=settings)
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.driver.finding_pose_in_space import find_pose_in_space  # noqa: PLC0415 - most are in the plane
+
+        return find_pose_in_space(problem, constraints=constraints, costs=costs, progress=progress)
+    Problem.expected(problem)
+    return _find_pose_in_plane(problem, constraints, costs, progress, settings or DEFAULT_SETTINGS)
+
+
+@on_one_thread
+@in_words_of_its_file
+def _find_pose_in_plane(
+    problem: Problem,
+    constraints: Sequence[Constraint],
+    costs: Sequence[Cost],
+    progress: Callable[[Progress], None] | None,
+    numbers: Settings,
+) -> StaticPose:
+    """The same of a problem in the plane."""
     stages = Stages(progress, problem.planner.time_limit)
-    numbers = settings or DEFAULT_SETTINGS
     refuse_other_questions(problem)
     terms = compiled_terms(problem.arm, constraints, costs)
     with stages("necessary checks"):
@@ -72,9 +124,7 @@ def find_pose(
         problem=problem,
         pose=units.record_in_metres(answer.pose),
         binding=tuple(replace(side, place=_times(side.place, units.metres)) for side in answer.binding),
-        outcomes=tuple(
-            replace(each, gap=None if each.gap is None else units.metres * each.gap) for each in answer.outcomes
-        ),
+        outcomes=tuple(_outcome_in_metres(each, units) for each in answer.outcomes),
     )
 
 

@@ -30,3 +30,19 @@ class LiveSettings:
 
 LIVE = LiveSettings()
 """Used where no other settings are given."""
+
+
+@dataclass(frozen=True)
+class LiveInSpaceSettings:
+    """How long people wait for a plan when they drag a goal in space.
+
+    Attributes:
+        patience: CPU time for the search after a change [s]. Taste: three times what the elbow takes; timing and
+            verification come on top.
+    """
+
+    patience: float = 1.0
+
+
+LIVE_IN_SPACE = LiveInSpaceSettings()
+"""Used where no other settings are given."""

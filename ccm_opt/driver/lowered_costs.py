@@ -8,15 +8,17 @@ from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, UnreachableGoal, VerificationError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem
+from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.user_terms.compiled_terms import UserTerms
 
 Plan = TypeVar("Plan")
+PlannedProblem = TypeVar("PlannedProblem", Problem, SpaceProblem)
 
 
 def planned_with_costs(
-    problem: Problem,
+    problem: PlannedProblem,
     terms: UserTerms | None,
-    attempt: Callable[[Problem, UserTerms | None], Plan],
+    attempt: Callable[[PlannedProblem, UserTerms | None], Plan],
     settings: Settings = DEFAULT_SETTINGS,
 ) -> tuple[Plan, float]:
     """A plan with as much of the user's costs as one is found with; hard constraints hold in full.

@@ -13,7 +13,7 @@ from ccm_opt.driver.planned_for_errors import STAGE
 from ccm_opt.driver.planning_run import PlanningRun, compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
-from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
@@ -100,13 +100,20 @@ def solve(
         )
     from ccm_opt.driver.space_pipeline import solve_in_space  # noqa: PLC0415 - most problems are in the plane
 
-    given = {"constraints": bool(constraints), "costs": bool(costs), "retimer": retimer is not None}
-    if vain := [name for name, is_given in given.items() if is_given]:
-        raise ProblemError(f"{' and '.join(vain)} work in the plane alone, and '{problem.name}' is in space")
-    expect_arguments(progress=progress, planner=planner, retimer=None, settings=settings, explain=explain)
-    # A planner that is given with a problem in space plans such problems: both have one method of the same name.
-    of_space: Any = planner
-    return solve_in_space(problem, progress=progress, planner=of_space, settings=settings)
+    expect_arguments(progress=progress, planner=planner, retimer=retimer, settings=settings, explain=explain)
+    # What is given with a problem in space is for such problems: its methods have the same names.
+    planner_in_space: Any = planner
+    retimer_in_space: Any = retimer
+    return solve_in_space(
+        problem,
+        progress=progress,
+        planner=planner_in_space,
+        retimer=retimer_in_space,
+        constraints=constraints,
+        costs=costs,
+        explain=explain,
+        settings=settings,
+    )
 
 
 @on_one_thread

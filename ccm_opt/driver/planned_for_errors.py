@@ -12,6 +12,7 @@ from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, VerificationE
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.problem import Problem
 from ccm_opt.solution import SurvivedError
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.joint_error_check import check_of
 from ccm_opt.verification.tolerance.survived_errors import survived_error
@@ -42,10 +43,10 @@ def planned_for_errors(
         return attempt(problem)
     search = _RoomSearch(problem, attempt, settings, Deadline.after(problem.planner.time_limit))
     plan, survived = search.best()
-    check = check_of(problem, survived)
+    check = check_of(problem.joint_error, survived)
     if check.passed:
         return replace(plan, checks=(*plan.checks, check))
-    raise MotionNotFound(_short_of(problem, survived))
+    raise MotionNotFound(short_of(problem, survived))
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,8 @@ def _with_room(problem: Problem, share: float, time_limit: float) -> Problem:
     return replace(problem, arm=roomy, planner=planner, joint_error=0.0)
 
 
-def _short_of(problem: Problem, best: SurvivedError) -> Diagnosis:
+def short_of(problem: AnyProblem, best: SurvivedError) -> Diagnosis:
+    """Why a motion that survives less than its problem asks for is none, and what would help."""
     asked = float(np.rad2deg(problem.joint_error))
     reached = float(np.rad2deg(best.size))
     if not best.limited:
@@ -134,11 +136,17 @@ def _short_of(problem: Problem, best: SurvivedError) -> Diagnosis:
     )
     advice = (
         f"ask for tolerance.joint_error_deg = {_below(reached)}, which the best motion survives",
-        *room_advice(problem.arm, problem.workspace),
+        *_advice(problem),
         "move what limits it, or the goal, apart",
     )
     evidence = {"asked_deg": asked, "survived_deg": reached, "where": best.where, "link": best.link, "time": best.time}
     return Diagnosis(reason, STAGE, advice, evidence)
+
+
+def _advice(problem: AnyProblem) -> tuple[str, ...]:
+    if isinstance(problem, SpaceProblem):
+        return ("use a smaller arm.radius",) if problem.arm.radius > 0.0 else ()
+    return room_advice(problem.arm, problem.workspace)
 
 
 def _below(angle: float) -> str:

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from ccm_opt.diagnosis.explain import explained
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
+from ccm_opt.driver.kept_plan import as_it_stands
 from ccm_opt.driver.planned_for_errors import planned_for_errors
 from ccm_opt.driver.planner_choice import default_planner
 from ccm_opt.driver.pose_failure import with_constraint_first
@@ -16,11 +18,11 @@ from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.expected import expect
 from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.planners.legs import Leg, plan_legs
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
-from ccm_opt.solution import JointPath
+from ccm_opt.solution import JointPath, Solution
 from ccm_opt.user_terms.compiled_terms import UserTerms, compile_terms
 from ccm_opt.user_terms.terms import Constraint, Cost
 
@@ -65,7 +67,10 @@ class PlanningRun:
         def surviving(tried: Problem) -> VerifiedPlan:
             return planned_for_errors(tried, lambda roomy: self._planned(roomy, lowered), self.settings)
 
-        return best_of_tries(hurried, surviving, self.stages, self.settings)
+        return best_of_tries(hurried, surviving, partial(self._as_it_stands, hurried), self.settings)
+
+    def _as_it_stands(self, problem: Problem, plan: VerifiedPlan) -> Solution:
+        return as_it_stands(problem, plan, self.stages)
 
     def _planned(self, roomy: Problem, lowered: UserTerms | None) -> VerifiedPlan:
         """Legs, one to each goal, then their timing and verification: each by itself, then all as one motion."""
@@ -126,7 +131,7 @@ def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[
     return tuple(sorted(every, key=lambda term: f"'{term[1]}'" not in reason))
 
 
-def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms | None:
+def compiled_terms(arm: DrivenArm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms | None:
     """The user's constraints and costs for an arm; None when there are none.
 
     Raises:

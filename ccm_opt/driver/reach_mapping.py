@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import overload
 
 import numpy as np
 
@@ -25,6 +26,8 @@ from ccm_opt.ground.stages import Stages
 from ccm_opt.planners.tip_reach import FREE, ReachQuestion, cell_poses, start_headings
 from ccm_opt.problem import Problem, TipGoal, Tolerances
 from ccm_opt.solution import ReachMap
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.space.space_reach_map import SpaceReachMap
 
 PLACE_CHECKS = (contact_at_tips, within_reach, supple_enough)
 """Checks of a place that cost next to nothing; each is a proof."""
@@ -41,7 +44,7 @@ class _Grid:
     headings: FloatArray
 
 
-@in_words_of_its_file
+@overload
 def reach_map(
     problem: Problem,
     *,
@@ -50,17 +53,41 @@ def reach_map(
     workers: Workers | int = 1,
     progress: Callable[[int, int], None] | None = None,
     settings: Settings | None = None,
-) -> ReachMap:
+) -> ReachMap: ...
+
+
+@overload
+def reach_map(
+    problem: SpaceProblem,
+    *,
+    step: float | None = None,
+    headings: int | None = None,
+    workers: Workers | int = 1,
+    progress: Callable[[int, int], None] | None = None,
+    settings: Settings | None = None,
+) -> SpaceReachMap: ...
+
+
+def reach_map(
+    problem: AnyProblem,
+    *,
+    step: float | None = None,
+    headings: int | None = None,
+    workers: Workers | int = 1,
+    progress: Callable[[int, int], None] | None = None,
+    settings: Settings | None = None,
+) -> ReachMap | SpaceReachMap:
     """Map where the tip can be in the room, and with which headings, by poses led on from cell to cell.
 
     The question is static: a pose that keeps the joint limits and touches nothing. The problem's goals are not looked
     at; its start is the first pose. That no pose was found in a cell is no proof, unless the map says so.
 
     Args:
-        problem: arm, room and start; the base stands still.
+        problem: arm, room and start; in the plane the base stands still.
         step: width of a cell [m]; a share of the arm's length when None.
-        headings: how many, evenly round the turn, are tried in each cell.
-        workers: number of processes of this machine, or an object that opens an executor, such as ``DaskWorkers``.
+        headings: how many, evenly round the turn, are tried in each cell; in space directions, evenly over the sphere.
+        workers: number of processes of this machine, or an object that opens an executor, such as ``DaskWorkers``;
+            in space there is no other than this process.
         progress: called after every task with the numbers of cells reached and of cells that may be.
         settings: numbers; the defaults when None.
 
@@ -68,10 +95,28 @@ def reach_map(
         ProblemError: the base moves, or the grid makes no sense.
         UnreachableGoal: the start touches something or breaks a joint limit.
     """
-    Problem.expected(problem)
     expect_arguments(progress=progress, settings=settings)
     _expect_grid(step, headings, workers)
-    numbers = settings or DEFAULT_SETTINGS
+    if isinstance(problem, SpaceProblem):
+        from ccm_opt.driver.reach_mapping_in_space import reach_map_in_space  # noqa: PLC0415 - most are in the plane
+
+        if workers != 1:
+            raise ProblemError(f"workers= are for maps in the plane, and '{problem.name}' is in space; leave them out")
+        return reach_map_in_space(problem, step=step, directions=headings, progress=progress)
+    Problem.expected(problem)
+    return _reach_map_in_plane(problem, step, headings, workers, progress, settings or DEFAULT_SETTINGS)
+
+
+@in_words_of_its_file
+def _reach_map_in_plane(
+    problem: Problem,
+    step: float | None,
+    headings: int | None,
+    workers: Workers | int,
+    progress: Callable[[int, int], None] | None,
+    numbers: Settings,
+) -> ReachMap:
+    """The same of a problem in the plane."""
     stages = Stages()
     grid = _grid(problem, step, headings, numbers)
     x = grid.x

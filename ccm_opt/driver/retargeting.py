@@ -1,7 +1,8 @@
 """A new goal while the arm is moving: it comes to rest soonest along its path, and goes on to the goal from there."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, overload
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -13,24 +14,32 @@ from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
+from ccm_opt.driver.space_pipeline import described_in_space
+from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, results_of_terms, verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.dynamics.simulation.braking import braked
-from ccm_opt.errors import CancelledWithPlan, ProblemError
+from ccm_opt.errors import CancelledWithPlan, MotionNotFound, ProblemError, VerificationError
 from ccm_opt.ground.arguments import is_number
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.expected import expect, expect_that
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
 from ccm_opt.ground.threads import on_one_thread
-from ccm_opt.planners.legs import Leg, whole_path
+from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.planners.legs import end_to_end
 from ccm_opt.planners.protocols import Planner
 from ccm_opt.problem import CurvePose, Goal, JointPose, Problem, Stop, TipGoal, Tolerances
-from ccm_opt.solution import JointPath, JointTrajectory, Solution
+from ccm_opt.solution import JointPath, JointStates, JointTrajectory, Solution
+from ccm_opt.space.problem import AnyProblem, SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.space.space_solution import AnySolution, SpaceSolution
+from ccm_opt.space.verification import verify_in_space
 from ccm_opt.user_terms.terms import Constraint, Cost
 
+LATER = (0.15, 0.4, 1.0)
+"""Shares of what is left of a motion after which a fed arm is braked, where it cannot go on from a sooner rest."""
 
-@on_one_thread
-@in_words_of_its_file
+
+@overload
 def retarget(
     solution: Solution,
     time: float,
@@ -42,13 +51,42 @@ def retarget(
     costs: Sequence[Cost] = (),
     progress: Callable[[Progress], None] | None = None,
     settings: Settings | None = None,
-) -> Solution:
-    """Change the goal of a motion that is under way.
+) -> Solution: ...
+
+
+@overload
+def retarget(
+    solution: SpaceSolution,
+    time: float,
+    goal: SpaceGoal,
+    *,
+    tolerances: Tolerances | None = None,
+    planner: Planner | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    progress: Callable[[Progress], None] | None = None,
+    settings: Settings | None = None,
+) -> SpaceSolution: ...
+
+
+def retarget(
+    solution: AnySolution,
+    time: float,
+    goal: Goal | SpaceGoal,
+    *,
+    tolerances: Tolerances | None = None,
+    planner: Planner | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    progress: Callable[[Progress], None] | None = None,
+    settings: Settings | None = None,
+) -> AnySolution:
+    """Change the goal of a motion that is under way, in the plane or in space.
 
     Args:
         solution: the plan that the arm follows.
         time: when the new goal becomes known, since the motion began [s].
-        goal: the new goal.
+        goal: the new goal; of a plan in space one in space.
         tolerances: how near it counts; as for the old one when None.
         planner: another planner for the way from rest; the problem's own when None.
         constraints: of the user, for the way from rest, as ``solve`` takes them. A solution does not keep those that
@@ -59,71 +97,203 @@ def retarget(
 
     Returns:
         The whole verified motion, as planned up to that moment, to rest soonest along the same path, and on to the new
-        goal. The stop is the last of its problem's stops; goals on the way that were not reached are left out.
+        goal; where an arm on a feed axis in space cannot go on from there, it rests a little later. The stop is the
+        last of its problem's stops; goals on the way that were not reached are left out.
 
     Raises:
         ProblemError: the moment is not within the motion, or jerk is limited.
         NoPlanFound: with a diagnosis: the new goal cannot be reached from where the arm comes to rest.
         VerificationError: the verifier refuses the motion.
     """
-    expect(solution, Solution, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
-    expect(goal, (TipGoal, JointPose, CurvePose), "a goal", "for example ccm_opt.problem.TipGoal(position, heading)")
+    kinds = (Solution, SpaceSolution)
+    expect(solution, kinds, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
     expect_arguments(progress=progress, planner=planner, settings=settings)
     expect(tolerances, (Tolerances, type(None)), "ccm_opt.problem.Tolerances for tolerances=")
-    problem = solution.problem
-    arm = problem.arm
-    stages = Stages(progress, problem.planner.time_limit)
-    numbers = settings or DEFAULT_SETTINGS
     _check(solution, time)
+    _expect_goal(solution, goal)
+    near = tolerances or solution.problem.tolerances
+    return _retargeted(solution, time, _ChangedGoal(goal, near, planner, constraints, costs, progress, settings))
 
-    # Down to rest, along the path that the arm is on.
-    dynamics = InverseDynamics(arm, problem.simulation.gravity)
-    with stages("braking"):
-        share = problem.planner.effort_share
-        first = braked(solution.trajectory, time, arm, problem.limits, dynamics, share=share, settings=numbers.braking)
-    rest = JointPose.from_configuration(first.positions[-1].copy(), first.coordinates)
 
-    # From rest to the new goal, a problem like any other.
-    onward = replace(problem, start=rest, goal=goal, stops=(), tolerances=tolerances or problem.tolerances, source="")
+@on_one_thread
+@in_words_of_its_file
+def _retargeted(solution: AnySolution, time: float, changed: "_ChangedGoal") -> AnySolution:
+    """The whole motion with a new goal."""
+    if not isinstance(solution, SpaceSolution):
+        return _onward_in_plane(solution.problem, _braked(solution, time, changed), changed)
     try:
-        leg = solve(onward, progress=progress, planner=planner, constraints=constraints, costs=costs, settings=settings)
-    except CancelledWithPlan as cancelled:
-        # The way from rest alone is no plan for an arm that is still moving.
-        raise KeyboardInterrupt from cancelled
+        return _onward_in_space(solution.problem, _braked(solution, time, changed), changed)
+    except MotionNotFound:
+        # A fed arm may rest with a joint so little out of its guide tube that nothing leads on from there.
+        if not solution.problem.arm.base_axes:
+            raise
+        left = solution.trajectory.duration - time
+        for share in LATER:
+            try:
+                return _onward_in_space(solution.problem, _braked(solution, time + share * left, changed), changed)
+            except MotionNotFound:
+                continue
+        raise
+
+
+def _braked(solution: AnySolution, time: float, changed: "_ChangedGoal") -> "_UnderWay":
+    """The motion down to rest, along the path that the arm is on."""
+    problem = solution.problem
+    stages = Stages(changed.progress, problem.planner.time_limit)
+    dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
+    with stages("braking"):
+        first = braked(
+            solution.trajectory,
+            time,
+            problem.arm,
+            problem.limits,
+            dynamics,
+            share=problem.planner.effort_share,
+            settings=changed.numbers.braking,
+        )
+    return _UnderWay(first, f"retargeted at {time:.4g} s", dynamics, stages)
+
+
+@dataclass(frozen=True)
+class _ChangedGoal:
+    """What the way from rest is planned to, and with; attributes as the arguments of ``retarget``."""
+
+    goal: Any
+    tolerances: Tolerances
+    planner: Planner | None
+    constraints: Sequence[Constraint]
+    costs: Sequence[Cost]
+    progress: Callable[[Progress], None] | None
+    settings: Settings | None
+
+    @property
+    def numbers(self) -> Settings:
+        return self.settings or DEFAULT_SETTINGS
+
+    @overload
+    def reached(self, onward: Problem) -> Solution: ...
+
+    @overload
+    def reached(self, onward: SpaceProblem) -> SpaceSolution: ...
+
+    def reached(self, onward: AnyProblem) -> AnySolution:
+        """The way from rest to the new goal, a problem like any other.
+
+        Raises:
+            KeyboardInterrupt: on Ctrl-C; the way from rest alone is no plan for an arm that is still moving.
+        """
+        either: Any = onward
+        try:
+            solution: AnySolution = solve(
+                either,
+                progress=self.progress,
+                planner=self.planner,
+                constraints=self.constraints,
+                costs=self.costs,
+                settings=self.settings,
+            )
+        except CancelledWithPlan as cancelled:
+            raise KeyboardInterrupt from cancelled
+        return solution
+
+
+@dataclass(frozen=True)
+class _UnderWay:
+    """The motion down to rest.
+
+    Attributes:
+        first: the motion.
+        name: of its path.
+        dynamics: of the arm.
+        stages: names and times the stages.
+    """
+
+    first: JointTrajectory
+    name: str
+    dynamics: InverseDynamics
+    stages: Stages
+
+    @property
+    def rest(self) -> FloatArray:
+        """The configuration in which the arm comes to rest, shape (c,)."""
+        return np.array(self.first.positions[-1])
+
+    def whole(self, leg: JointTrajectory, arm: DrivenArm) -> tuple[JointTrajectory, JointStates]:
+        """Both parts as one motion, and the same for all drives."""
+        trajectory = retiming.joined([self.first, leg])
+        return trajectory, joint_states(arm, trajectory, self.dynamics)
+
+    def path(self, onward: JointPath) -> JointPath:
+        """The path of the whole motion; keyframes and curves are those of the way from rest."""
+        values = self.first.positions
+        if len(values) <= onward.spline.k:
+            return onward
+
+        # The way to rest has samples, but no spline; both parts need the same degree to be put together.
+        driven = make_interp_spline(np.linspace(0.0, 1.0, len(values)), values, k=onward.spline.k)
+        spline = end_to_end((replace(onward, spline=driven), onward)).spline
+        return replace(onward, spline=spline, candidate=f"{self.name}: {onward.candidate}", spare=0.0)
+
+    def count(self, of_leg: Mapping[str, float]) -> None:
+        """Add the times of the way from rest: some stages run twice, for it and for the whole."""
+        for name, seconds in of_leg.items():
+            self.stages.timings[name] = self.stages.timings.get(name, 0.0) + seconds
+
+
+def _onward_in_plane(problem: Problem, under_way: _UnderWay, changed: _ChangedGoal) -> Solution:
+    """The whole motion in the plane, from the motion down to rest."""
+    arm = problem.arm
+    numbers = changed.numbers
+    rest = JointPose.from_configuration(under_way.rest, arm.coordinates)
+    onward = replace(problem, start=rest, goal=changed.goal, stops=(), tolerances=changed.tolerances, source="")
+    leg = changed.reached(onward)
 
     # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
     # The arm stopped at its first goals on the way before it was braked; the others are dropped.
-    passed = problem.stops[: len(first.stops)]
+    passed = problem.stops[: len(under_way.first.stops)]
     whole = replace(onward, start=problem.start, stops=(*passed, Stop(rest, Tolerances())))
-    trajectory = retiming.joined([first, leg.trajectory])
-    joints = joint_states(arm, trajectory, dynamics)
-    with stages("verification"):
+    trajectory, joints = under_way.whole(leg.trajectory, arm)
+    with under_way.stages("verification"):
         checks = verified(whole, trajectory, joints, numbers.verification)
-        terms = compiled_terms(arm, constraints, costs)
+        terms = compiled_terms(arm, changed.constraints, changed.costs)
         of_terms = results_of_terms(terms, arm, leg.path, leg.trajectory, numbers.user_terms)
-    plan = VerifiedPlan(_path(first, leg.path, onward, time), trajectory, joints, checks, of_terms)
-    # Some stages run twice, for the way from rest and for the whole; their times are added up.
-    for name, seconds in leg.timings.items():
-        stages.timings[name] = stages.timings.get(name, 0.0) + seconds
-    return described(whole, plan, stages, numbers)
+    plan = VerifiedPlan(under_way.path(leg.path), trajectory, joints, checks, of_terms)
+    under_way.count(leg.timings)
+    return described(whole, plan, under_way.stages, numbers)
 
 
-def _check(solution: Solution, time: float) -> None:
+def _onward_in_space(problem: SpaceProblem, under_way: _UnderWay, changed: _ChangedGoal) -> SpaceSolution:
+    """The whole motion in space, likewise."""
+    arm = problem.arm
+    rest = SpaceJointPose.from_configuration(under_way.rest, arm.links)
+    onward = replace(problem, start=rest, goal=changed.goal, stops=(), tolerances=changed.tolerances, source="")
+    leg = changed.reached(onward)
+    passed = problem.stops[: len(under_way.first.stops)]
+    whole = replace(onward, start=problem.start, stops=(*passed, SpaceStop(rest, Tolerances())))
+    trajectory, joints = under_way.whole(leg.trajectory, arm)
+    with under_way.stages("verification"):
+        checks = verify_in_space(whole, trajectory, joints, changed.numbers.verification)
+        if failures := failed_checks(checks):
+            raise VerificationError(failures)
+        terms = compiled_terms(arm, changed.constraints, changed.costs)
+        of_terms = results_of_terms(terms, arm, leg.path, leg.trajectory, changed.numbers.user_terms)
+    plan = VerifiedPlan(under_way.path(leg.path), trajectory, joints, checks, of_terms)
+    under_way.count(leg.timings)
+    return described_in_space(whole, plan, under_way.stages, changed.numbers)
+
+
+def _expect_goal(solution: AnySolution, goal: object) -> None:
+    if isinstance(solution, SpaceSolution):
+        example = "for example ccm_opt.space.problem.SpaceTipGoal(position, direction)"
+        expect(goal, (SpaceTipGoal, SpaceJointPose), "a goal in space", example)
+    else:
+        example = "for example ccm_opt.problem.TipGoal(position, heading)"
+        expect(goal, (TipGoal, JointPose, CurvePose), "a goal", example)
+
+
+def _check(solution: AnySolution, time: float) -> None:
     expect_that(lambda: is_number(time), time, "a time [s]")
     if not 0.0 <= time <= solution.trajectory.duration:
         raise ProblemError(f"time must be within the motion, 0 to {solution.trajectory.duration:.6g} s, got {time}")
     if solution.problem.limits.jerk is not None or solution.problem.limits.feed_jerk is not None:
         raise ProblemError("a motion with limits.jerk cannot be retargeted yet; leave jerk limits out")
-
-
-def _path(first: JointTrajectory, onward: JointPath, problem: Problem, time: float) -> JointPath:
-    """The path of the whole motion; keyframes and curves are those of the way from rest."""
-    values = first.positions
-    if len(values) <= onward.spline.k:
-        return onward
-
-    # The way to rest has samples, but no spline; both parts need the same degree to be put together.
-    driven = make_interp_spline(np.linspace(0.0, 1.0, len(values)), values, k=onward.spline.k)
-    legs = (Leg(problem, replace(onward, spline=driven)), Leg(problem, onward))
-    name = f"retargeted at {time:.4g} s: {onward.candidate}"
-    return replace(onward, spline=whole_path(legs).spline, candidate=name, spare=0.0)

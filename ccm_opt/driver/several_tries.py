@@ -2,21 +2,25 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
-from ccm_opt.driver.kept_plan import as_it_stands
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, UnreachableGoal, VerificationError
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.stages import Stages
 from ccm_opt.problem import Problem
 from ccm_opt.solution import TryRecord
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.space_solution import AnySolution
+
+PlannedProblem = TypeVar("PlannedProblem", Problem, SpaceProblem)
+"""A problem in the plane, or one in space."""
 
 
 def best_of_tries(
-    problem: Problem,
-    attempt: Callable[[Problem], VerifiedPlan],
-    stages: Stages,
+    problem: PlannedProblem,
+    attempt: Callable[[PlannedProblem], VerifiedPlan],
+    as_it_stands: Callable[[VerifiedPlan], AnySolution],
     settings: Settings = DEFAULT_SETTINGS,
 ) -> VerifiedPlan:
     """The best plan of as many tries as the problem asks for, each with the next seed and an equal share of the time.
@@ -26,7 +30,7 @@ def best_of_tries(
     Args:
         problem: what to solve.
         attempt: plans, times and verifies a problem.
-        stages: their times so far, for the record after Ctrl-C.
+        as_it_stands: makes a solution of a plan, for Ctrl-C.
         settings: which try is the best.
 
     Raises:
@@ -49,7 +53,7 @@ def best_of_tries(
     except KeyboardInterrupt as interrupt:
         if not tries.plans:
             raise
-        raise CancelledWithPlan(as_it_stands(problem, tries.best(), stages)) from interrupt
+        raise CancelledWithPlan(as_it_stands(tries.best())) from interrupt
     return tries.best()
 
 
@@ -59,7 +63,7 @@ def least_gap(plan: VerifiedPlan) -> float:
 
 
 @dataclass
-class _Tries:
+class _Tries(Generic[PlannedProblem]):
     """The tries so far.
 
     Attributes:
@@ -69,12 +73,12 @@ class _Tries:
         failures: of the other tries, by seed.
     """
 
-    problem: Problem
+    problem: PlannedProblem
     room_share: float
     plans: dict[int, VerifiedPlan] = field(default_factory=dict)
     failures: dict[int, NoPlanFound | VerificationError] = field(default_factory=dict)
 
-    def make(self, attempt: Callable[[Problem], VerifiedPlan], tried: Problem) -> None:
+    def make(self, attempt: Callable[[PlannedProblem], VerifiedPlan], tried: PlannedProblem) -> None:
         """One more.
 
         Raises:
@@ -100,12 +104,14 @@ class _Tries:
         most = max(gaps.values())
         roomy = [seed for seed, gap in gaps.items() if gap >= min(self.room_share * most, most)]
         taken = min(roomy, key=lambda seed: self.plans[seed].trajectory.duration)
-        found = [
+        found: list[TryRecord] = [
             TryRecord(seed, plan.trajectory.duration, least_gap(plan), "", taken=seed == taken)
             for seed, plan in self.plans.items()
         ]
-        failed = [TryRecord(seed, None, None, _reason(failure)) for seed, failure in self.failures.items()]
-        return replace(self.plans[taken], tries=tuple(sorted((*found, *failed), key=lambda each: each.seed)))
+        failed: list[TryRecord] = [
+            TryRecord(seed, None, None, _reason(failure)) for seed, failure in self.failures.items()
+        ]
+        return replace(self.plans[taken], tries=tuple(sorted([*found, *failed], key=lambda each: each.seed)))
 
 
 def _reason(failure: NoPlanFound | VerificationError) -> str:

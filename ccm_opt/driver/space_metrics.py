@@ -7,6 +7,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.polyline import path_length
 from ccm_opt.solution import Check, JointStates, JointTrajectory
+from ccm_opt.space.leader_in_space import leader_deviation
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.space_solution import goal_errors
 
@@ -30,6 +31,11 @@ def space_figures_of_motion(
     if errors.direction is not None:
         figures["direction_error_rad"] = errors.direction
     figures["tip_roll_rad"] = errors.roll
+    followed = leader_deviation(arm, trajectory.positions)
+    if followed is not None:
+        figures["leader_deviation_mean_m"] = followed.mean
+        figures["leader_deviation_worst_m"] = followed.worst
+        figures["leader_deviation_straight_mean_m"] = followed.straight_mean
     figures.update(
         {
             f"least_{check.name.replace(' ', '_')}_m": check.worst

@@ -1,67 +1,41 @@
 """The driver for arms in space, in the order of the plane's: plan, time, verify, measure the room, simulate."""
 
 import logging
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
-from ccm_opt import retiming
+from ccm_opt.diagnosis.explain import with_proof
+from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE, refuse_impossible_in_space
 from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
+from ccm_opt.driver.contradicting_terms import refuse_contradictions
+from ccm_opt.driver.errors_in_space import planned_for_errors_in_space
 from ccm_opt.driver.file_words import in_words_of_its_file
+from ccm_opt.driver.lowered_costs import planned_with_costs
+from ccm_opt.driver.planned_for_errors import STAGE
+from ccm_opt.driver.planning_run import compiled_terms
+from ccm_opt.driver.several_tries import best_of_tries
 from ccm_opt.driver.solution_assembly import versions
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.space_metrics import space_figures_of_motion
+from ccm_opt.driver.space_planning_run import PlannerInSpace, RetimerInSpace, SpacePlanningRun
 from ccm_opt.driver.space_room import room_in_space
-from ccm_opt.driver.verified_plan import failed_checks, with_hair
-from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_checks import check_options
-from ccm_opt.errors import CancelledWithPlan, Diagnosis, NoPlanFound, ProblemError, RetimingError, VerificationError
+from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
 from ccm_opt.ground.threads import on_one_thread
-from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.planners.following.gating import feed_limits
-from ccm_opt.planners.legs import end_to_end
-from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, RoomRecord, SimulatedMotion
-from ccm_opt.space.planner import SpacePlanner
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
+from ccm_opt.solution import RoomRecord, SimulatedMotion
+from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.space_solution import SpaceSolution
-from ccm_opt.space.verification import verify_in_space
+from ccm_opt.user_terms.compiled_terms import UserTerms
+from ccm_opt.user_terms.terms import Constraint, Cost
 
 _Result = TypeVar("_Result")
 
 logger = logging.getLogger(__name__)
-
-
-class PlannerInSpace(Protocol):
-    """Finds a certified joint path for a problem in space."""
-
-    def plan(self, problem: SpaceProblem) -> JointPath:
-        """Plan a motion to the problem's only goal.
-
-        Raises:
-            NoPlanFound: with a diagnosis, when there is none within the limits.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class VerifiedSpacePlan:
-    """A motion in space that passes every check.
-
-    Attributes:
-        path: the way, of all legs end to end.
-        trajectory: the same in time.
-        joints: the same for all drives.
-        checks: of the verifier.
-    """
-
-    path: JointPath
-    trajectory: JointTrajectory
-    joints: JointStates
-    checks: tuple[Check, ...]
 
 
 @on_one_thread
@@ -71,128 +45,89 @@ def solve_in_space(
     *,
     progress: Callable[[Progress], None] | None = None,
     planner: PlannerInSpace | None = None,
+    retimer: RetimerInSpace | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    explain: bool = True,
     settings: Settings | None = None,
 ) -> SpaceSolution:
-    """Plan, time, verify and simulate a motion of an arm in space.
-
-    Args:
-        problem: what to solve.
-        progress: told when a stage starts.
-        planner: another planner; when None the package's own.
-        settings: numbers of timing and simulation; the defaults when None.
-
-    Returns:
-        A verified solution; there is no unverified one.
-
-    Raises:
-        ProblemError: the problem cannot be used as it stands.
-        NoPlanFound: with a diagnosis: there is no plan within the limits.
-        VerificationError: the verifier refuses the plan; a defect of the planner.
-        CancelledWithPlan: on Ctrl-C once there is a verified plan, which it holds; a ``KeyboardInterrupt``.
-    """
+    """Plan, time, verify and simulate a motion of an arm in space; see ``solve`` for arguments, result and errors."""
     refuse_what_is_planar(problem)
     numbers = settings or DEFAULT_SETTINGS
     stages = Stages(progress, problem.planner.time_limit)
+    deadline = Deadline.after(problem.planner.time_limit)
     with stages("dynamics model"):
         check_options(problem.arm, problem.simulation, settings=numbers.simulation)
-        dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
+        terms = compiled_terms(problem.arm, constraints, costs)
+    with stages("necessary checks"):
+        # No change of the problem that is tried after a failure would mend this.
+        refuse_contradictions(problem, terms, numbers)
 
-    legs = plan_legs_in_space(problem, planner or SpacePlanner(stages))
-    with stages("retiming"):
-        timed = [timed_in_space(leg, path, dynamics, numbers) for leg, path in legs]
-        trajectory = retiming.joined(timed, [stop.pause for stop in problem.stops]) if len(timed) > 1 else timed[0]
-        joints = joint_states(problem.arm, trajectory, dynamics)
-    with stages("verification"):
-        checks = verify_in_space(problem, trajectory, joints)
-        if failures := failed_checks(checks):
-            raise VerificationError(failures)
-    path = end_to_end([path for _, path in legs])
-    return _described(problem, VerifiedSpacePlan(path, trajectory, joints, checks), stages, numbers)
+    run = SpacePlanningRun(problem, planner, retimer, constraints, costs, stages, numbers)
+    try:
+        with stages("necessary checks"):
+            refuse_impossible_in_space(problem)
+        attempt = partial(_best_attempt, run)
+        plan, cost_share = planned_with_costs(problem, None if planner else terms, attempt, numbers)
+    except NoPlanFound as failure:
+        # What a motion survives is explained already, and further searches would not know of it.
+        if failure.diagnosis.stage == STAGE:
+            raise
+        if not explain:
+            raise with_proof(problem, failure, IN_SPACE) from failure
+        with stages("diagnosis"):
+            explanation = run.explained(failure, deadline)
+        raise explanation from failure
+    figures = {"cost_share": cost_share} if terms is not None and terms.all_costs else {}
+    return described_in_space(problem, plan, stages, numbers, figures)
+
+
+def _best_attempt(run: SpacePlanningRun, hurried: SpaceProblem, lowered: UserTerms | None) -> VerifiedPlan:
+    """The best of all tries.
+
+    Args:
+        run: plans each of them.
+        hurried: the problem with the time that is left.
+        lowered: the user's terms with the share of the costs that is tried.
+
+    Raises:
+        NoPlanFound: when no try finds a plan.
+        VerificationError: the verifier refuses the plan.
+    """
+    return best_of_tries(
+        hurried,
+        lambda tried: planned_for_errors_in_space(tried, lambda roomy: run.planned(roomy, lowered), run.settings),
+        lambda plan: assembled_in_space(hurried, plan, _not_waited_for(hurried, plan), {}, run.stages, None),
+        run.settings,
+    )
 
 
 def refuse_what_is_planar(problem: SpaceProblem) -> None:
     """Refuse what a problem in space asks for and only the plane knows, by its key.
 
     Raises:
-        ProblemError: naming everything that is asked for in vain.
+        ProblemError: naming what is asked for in vain.
     """
-    asked = {
-        'planner.method = "hill-climbing"': problem.planner.method != "nlp",
-        "planner.tries": problem.planner.tries != 1,
-        "tolerance.joint_error_deg": problem.joint_error != 0.0,
-    }
-    if found := [name for name, given in asked.items() if given]:
-        raise ProblemError(f"{' and '.join(found)} work in the plane alone, and '{problem.name}' is in space")
+    if problem.planner.method != "nlp":
+        raise ProblemError(
+            f"planner.method = \"{problem.planner.method}\" works in the plane alone, and '{problem.name}' is in space"
+        )
 
 
-def plan_legs_in_space(problem: SpaceProblem, planner: PlannerInSpace) -> list[tuple[SpaceProblem, JointPath]]:
-    """The way to every goal in turn, each from where the one before ends.
-
-    Raises:
-        NoPlanFound: naming the goal that is not reached.
-    """
-    deadline = Deadline.after(problem.planner.time_limit)
-    start = problem.start
-    legs: list[tuple[SpaceProblem, JointPath]] = []
-    for number, stop in enumerate(problem.goals, start=1):
-        options = replace(problem.planner, time_limit=max(deadline.left, 0.5)) if legs else problem.planner
-        leg = replace(problem, start=start, goal=stop.goal, tolerances=stop.tolerances, stops=(), planner=options)
-        try:
-            path = planner.plan(leg)
-        except NoPlanFound as error:
-            if not problem.stops:
-                raise
-            found = error.diagnosis
-            reason = f"goal {number} of {len(problem.goals)}: {found.reason}"
-            raise type(error)(replace(found, reason=reason, evidence={**found.evidence, "goal": number})) from error
-        legs.append((leg, path))
-        start = SpaceJointPose.from_configuration(path.spline(1.0), problem.arm.links)
-    return legs
-
-
-def timed_in_space(
-    problem: SpaceProblem, path: JointPath, dynamics: InverseDynamics, settings: Settings = DEFAULT_SETTINGS
-) -> JointTrajectory:
-    """The motion along a path by the problem's method of timing.
-
-    Raises:
-        RetimingError: there is none within the limits.
-    """
-    arm = problem.arm
-    timings = retiming.timings(
-        path,
-        feed_limits(arm, problem.limits, settings.feed.following),
-        dynamics,
-        revolutes=partial(revolute_angles, arm),
-        method=problem.planner.retiming,
-        link_length=arm.link_length,
-        coordinates=arm.coordinates,
-        arm=arm,
-        share=problem.planner.effort_share,
-        settings=with_hair(settings.timing, 0.5 * problem.contact_tolerance),
-        paul=settings.transitions,
-    )
-    for trajectory in timings:
-        # The fastest of Paul's transitions leave the path farther than it is certified to spare.
-        if problem.planner.retiming == "toppra" or _passes(problem, trajectory, dynamics):
-            return trajectory
-    reason = "even with its narrowest turns a motion of legs and turns does not pass the verifier"
-    raise RetimingError(Diagnosis(reason, "retiming", ('use planner.retiming = "toppra", which stays on the path',)))
-
-
-def _passes(problem: SpaceProblem, trajectory: JointTrajectory, dynamics: InverseDynamics) -> bool:
-    checks = verify_in_space(problem, trajectory, joint_states(problem.arm, trajectory, dynamics))
-    return not failed_checks(checks)
-
-
-def _described(problem: SpaceProblem, plan: VerifiedSpacePlan, stages: Stages, settings: Settings) -> SpaceSolution:
+def described_in_space(
+    problem: SpaceProblem,
+    plan: VerifiedPlan,
+    stages: Stages,
+    settings: Settings,
+    of_costs: Mapping[str, float] | None = None,
+) -> SpaceSolution:
     """The solution that a verified plan is, with its room and its simulation; whatever happens there, it is kept.
 
     Raises:
         CancelledWithPlan: on Ctrl-C, with the solution as far as it is known.
     """
     room: RoomRecord | None = None
-    simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
+    simulated = _not_waited_for(problem, plan)
     figures: Mapping[str, float] = {}
     try:
         with stages("room"):
@@ -201,8 +136,13 @@ def _described(problem: SpaceProblem, plan: VerifiedSpacePlan, stages: Stages, s
             run = partial(simulate_and_check, problem, plan.trajectory, plan.joints, settings)
             simulated, figures = _kept(run, "the plan was not simulated") or (simulated, figures)
     except KeyboardInterrupt as interrupt:
-        raise CancelledWithPlan(assembled_in_space(problem, plan, simulated, figures, stages, room)) from interrupt
-    return assembled_in_space(problem, plan, simulated, figures, stages, room)
+        found = assembled_in_space(problem, plan, simulated, {**figures, **(of_costs or {})}, stages, room)
+        raise CancelledWithPlan(found) from interrupt
+    return assembled_in_space(problem, plan, simulated, {**figures, **(of_costs or {})}, stages, room)
+
+
+def _not_waited_for(problem: SpaceProblem, plan: VerifiedPlan) -> SimulatedMotion:
+    return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
 
 
 def _kept(stage: Callable[[], _Result], what: str) -> _Result | None:
@@ -216,7 +156,7 @@ def _kept(stage: Callable[[], _Result], what: str) -> _Result | None:
 
 def assembled_in_space(
     problem: SpaceProblem,
-    plan: VerifiedSpacePlan,
+    plan: VerifiedPlan,
     simulated: SimulatedMotion,
     of_simulation: Mapping[str, float],
     stages: Stages,
@@ -232,9 +172,10 @@ def assembled_in_space(
         trajectory=plan.trajectory,
         joints=plan.joints,
         simulation=simulated,
-        checks=plan.checks,
-        metrics={**figures, **of_simulation},
+        checks=(*plan.checks, *plan.of_terms.checks),
+        metrics={**figures, **of_simulation, **plan.of_terms.figures},
         timings=dict(stages.timings),
         versions=dict(versions()),
         room=room,
+        tries=plan.tries,
     )

@@ -11,6 +11,9 @@ from ccm_opt.ground.expected import expect
 from ccm_opt.problem import Disturbances, Problem
 from ccm_opt.solution import JointStates, JointTrajectory, SimulationVerdict, Solution, SurvivedError
 from ccm_opt.solution.simulation_verdict import FOLLOWED
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.space.space_solution import AnySolution, SpaceSolution
+from ccm_opt.space.verification.survived_in_space import survived_errors_in_space
 from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
 
@@ -21,7 +24,7 @@ NOT_SIMULATED = "not simulated"
 
 
 def tolerance_of(
-    solution: Solution, *, simulated: bool = True, settings: Settings | None = None
+    solution: AnySolution, *, simulated: bool = True, settings: Settings | None = None
 ) -> tuple[SurvivedError, ...]:
     """The largest errors that a plan survives, one kind of error at a time.
 
@@ -33,7 +36,7 @@ def tolerance_of(
     Returns:
         Of joints, link lengths, base heading, base position and walls, certified; then of payload and friction.
     """
-    expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
+    expect(solution, (Solution, SpaceSolution), "a ccm_opt.Solution", "ccm_opt.solve makes one")
     expect_arguments(settings=settings, simulated=simulated)
     numbers = settings or DEFAULT_SETTINGS
     return tolerance_of_motion(
@@ -42,7 +45,7 @@ def tolerance_of(
 
 
 def tolerance_of_motion(
-    problem: Problem,
+    problem: AnyProblem,
     trajectory: JointTrajectory,
     joints: JointStates,
     *,
@@ -50,11 +53,15 @@ def tolerance_of_motion(
     settings: Settings = DEFAULT_SETTINGS,
 ) -> tuple[SurvivedError, ...]:
     """The same of a motion that passes every check of its problem."""
-    errors = survived_errors(problem.arm, problem.workspace, trajectory, settings.tolerance)
+    if isinstance(problem, SpaceProblem):
+        errors = survived_errors_in_space(problem, trajectory, settings.tolerance)
+    else:
+        errors = survived_errors(problem.arm, problem.workspace, trajectory, settings.tolerance)
     if not simulated:
         return errors
     weight = float(np.sum(problem.arm.masses))
-    torques = np.abs(joints.torques[:, 1::3])
+    coordinates = problem.arm.coordinates
+    torques = np.abs(joints.torques[:, coordinates.drive_numbers[coordinates.bends]])
     speeds = np.abs(trajectory.bend_velocities)
     # Friction that takes as much torque at the highest speed as the plan does at most.
     drag = float(torques.max(initial=0.0) / max(float(speeds.max(initial=0.0)), settings.tolerance.least))
@@ -79,7 +86,7 @@ def _survived_load(
     name: str,
     unit: str,
     first: float,
-    problem: Problem,
+    problem: AnyProblem,
     trajectory: JointTrajectory,
     joints: JointStates,
     settings: Settings,
@@ -125,7 +132,7 @@ def _survived_load(
 
 
 def _verdict(
-    problem: Problem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates, settings: Settings
+    problem: AnyProblem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates, settings: Settings
 ) -> SimulationVerdict:
     """What becomes of the arm under disturbances."""
     changed = replace(problem, simulation=replace(problem.simulation, disturbances=disturbed))

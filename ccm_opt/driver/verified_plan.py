@@ -14,6 +14,7 @@ from ccm_opt.ground.length_words import file_length
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.frames import revolute_angles
+from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.planners.following.gating import feed_limits
 from ccm_opt.planners.legs import Leg, plan_legs, whole_path
 from ccm_opt.planners.own_units import OwnUnits
@@ -21,9 +22,9 @@ from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.retiming.timing_settings import TimingSettings
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
+from ccm_opt.user_terms import term_checks
 from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
 from ccm_opt.user_terms.compiled_terms import UserTerms
-from ccm_opt.user_terms.term_checks import checks_of_terms, metrics_of_terms
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
@@ -119,11 +120,11 @@ def _put_together(
     with stages("verification"):
         checks = verified(problem, trajectory, joints, settings.verification)
     # A leg's constraints hold for the leg by itself: its path parameter runs from 0 to 1.
-    of_terms = _worst_of_legs([leg.of_terms for leg in timed])
+    of_terms = worst_of_legs([leg.of_terms for leg in timed])
     return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
 
 
-def _worst_of_legs(legs: Sequence[TermResults]) -> TermResults:
+def worst_of_legs(legs: Sequence[TermResults]) -> TermResults:
     """The checks of all legs, each with the number of its goal, and of every figure the one farthest from zero."""
     checks = [
         replace(check, name=f"{check.name}, goal {number}")
@@ -184,7 +185,7 @@ def _no_timing(failures: list[str], *, by_transitions: bool) -> CcmError:
 
 def results_of_terms(
     terms: UserTerms | None,
-    arm: Arm,
+    arm: Arm | SpaceArm,
     path: JointPath,
     trajectory: JointTrajectory,
     settings: TermCheckSettings = TERM_CHECKS,
@@ -192,8 +193,7 @@ def results_of_terms(
     """What a motion makes of the user's constraints and costs; nothing when there are none."""
     if terms is None:
         return TermResults()
-    checks = checks_of_terms(terms, arm, path, trajectory, settings)
-    return TermResults(checks, metrics_of_terms(terms, arm, path, trajectory, settings))
+    return TermResults(*term_checks.results_of_terms(terms, arm, path, trajectory, settings))
 
 
 def _not_kept(failures: list[str]) -> Diagnosis:

@@ -137,7 +137,7 @@ def animate(plan: AnySolution | SavedPlan | SavedSpacePlan, file: str | Path) ->
 
     Args:
         plan: just made, or loaded.
-        file: ends with ``.gif``, or in the plane with ``.mp4`` where ffmpeg is installed.
+        file: ends with ``.gif``, or with ``.mp4`` where ffmpeg is installed.
 
     Returns:
         The file.
@@ -145,22 +145,14 @@ def animate(plan: AnySolution | SavedPlan | SavedSpacePlan, file: str | Path) ->
     Raises:
         ProblemError: for another ending, without ffmpeg, or where the file cannot be written.
     """
-    from ccm_opt.files.plotting.animation import motion_gif  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.video import motion_mp4  # noqa: PLC0415
+    from ccm_opt.files.plotting.films import motion_gif, motion_mp4  # noqa: PLC0415 - loads matplotlib
 
     expect(file, (str, Path), "the path of a film")
     place = Path(file)
-    if isinstance(plan, (SpaceSolution, SavedSpacePlan)):
-        from ccm_opt.files.plotting.space_film import space_motion_gif  # noqa: PLC0415
-
-        if place.suffix != ".gif":
-            raise ProblemError(f"a film of a plan in space ends with .gif, got '{place.name}'")
-        content = space_motion_gif(plan)
-    else:
-        films = {".gif": motion_gif, ".mp4": motion_mp4}
-        if place.suffix not in films:
-            raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
-        content = films[place.suffix](drawn(plan))
+    films = {".gif": motion_gif, ".mp4": motion_mp4}
+    if place.suffix not in films:
+        raise ProblemError(f"a film ends with {' or '.join(films)}, got '{place.name}'")
+    content = films[place.suffix](plan if isinstance(plan, (SpaceSolution, SavedSpacePlan)) else drawn(plan))
     try:
         put_file(place, content)
     except OSError as error:

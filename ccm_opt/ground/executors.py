@@ -6,16 +6,21 @@ Only a few tasks are handed over at a time, so that ten thousand take no more me
 worker, every task comes back exactly once: with its result or with the error that it ended with.
 """
 
+import ctypes
 import logging
 import multiprocessing
+import os
 import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from multiprocessing.connection import wait
 from queue import Empty, SimpleQueue
+from threading import Thread
 from typing import Any, Generic, Protocol, TypeVar
 
 from ccm_opt.errors import ProblemError
@@ -80,7 +85,7 @@ class LocalWorkers:
         context = multiprocessing.get_context("spawn")
         # The executor does not publish its processes; those that are new from here on are its own.
         before = set(multiprocessing.active_children())
-        executor = ProcessPoolExecutor(self.count, mp_context=context, initializer=_leave_interrupts)
+        executor = ProcessPoolExecutor(self.count, mp_context=context, initializer=_serve_parent)
         try:
             yield executor, self.settings.tasks_per_process * self.count
         except BaseException:
@@ -256,6 +261,27 @@ def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TAS
         return future
 
 
-def _leave_interrupts() -> None:
-    """Leave Ctrl-C to the process that hands the tasks over."""
+def _serve_parent() -> None:
+    """Leave Ctrl-C to the process that hands the tasks over, and end when that one does, however it ends.
+
+    A worker waits for tasks on a pipe whose other end it holds too, so that by itself it would wait for ever.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+    Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    if sys.platform.startswith("linux"):
+        # Where a solver spins no thread of Python's gets a turn; there the system ends the worker.
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_SIGNAL_AT_PARENTS_END, signal.SIGKILL)
+
+
+def _end_with(sentinel: int) -> None:
+    """Wait until another process ends, and end this one."""
+    wait([sentinel])
+    os._exit(1)
+
+
+_SIGNAL_AT_PARENTS_END = 1
+"""``PR_SET_PDEATHSIG`` of Linux."""

@@ -6,6 +6,9 @@ DEFAULT_LINK_MASS = 0.1
 """Mass of a link when nothing else is given [kg]: the paper's swan's neck (section 5)."""
 THIN_ROD_RADIUS = 0.01
 """Radius, in link lengths, of the cylinders that stand for the links of an arm of zero radius in its inertia."""
+SPACE_ROD_RADIUS = 0.05
+"""Likewise of thinner links in space, whose roll is moved by the bends of the others and held by a drive: with less
+inertia about the axis the simulated drive overshoots within a step of a millisecond."""
 
 
 def cylinder_inertia(masses: FloatArray, radius: float, link_length: float) -> tuple[FloatArray, FloatArray]:

@@ -90,7 +90,7 @@ class OwnUnits:
             curves=tuple(self._in_metres(curve) for curve in path.curves),
             leaders=tuple(self.metres * leader for leader in path.leaders),
             spare=self.metres * path.spare,
-            goal_pose=None if path.goal_pose is None else self.record_in_metres(path.goal_pose),
+            goal_pose=self.record_in_metres(path.goal_pose) if isinstance(path.goal_pose, GoalPoseRecord) else None,
         )
 
     def path_in_units(self, path: JointPath, arm: Arm) -> JointPath:
@@ -251,10 +251,10 @@ class OwnUnits:
         )
         return replace(
             finding,
-            place=None if finding.place is None else (self.metres * finding.place[0], self.metres * finding.place[1]),
+            place=None if finding.place is None else tuple(self.metres * x for x in finding.place),
             measured=measured,
             allowed=allowed,
-            way=tuple((self.metres * x, self.metres * y) for x, y in finding.way),
+            way=tuple(tuple(self.metres * x for x in place) for place in finding.way),
             bounds={key: self.metres * x if key in LENGTH_KEYS else x for key, x in finding.bounds.items()},
         )
 

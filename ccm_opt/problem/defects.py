@@ -1,6 +1,6 @@
 """What is wrong with the data of a problem, whoever made it, in sentences."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, TypeAlias, get_args
 
@@ -8,7 +8,17 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Axes, MappingName
-from ccm_opt.problem.options import ControllerName, MethodName, OptimiserName, RetimingName, Weights
+from ccm_opt.jointed.drive_limits import Limits
+from ccm_opt.jointed.driven_arm import DrivenArm
+from ccm_opt.problem.options import (
+    ControllerName,
+    MethodName,
+    OptimiserName,
+    PlannerOptions,
+    RetimingName,
+    SimulationOptions,
+    Weights,
+)
 from ccm_opt.problem.poses import JointPose, TipGoal
 
 if TYPE_CHECKING:
@@ -24,21 +34,40 @@ def defects(problem: "Problem") -> Iterator[str]:
         yield f"arm.links must be even and at least 2, got {arm.links}"
     if not (arm.link_length > 0.0 and arm.radius >= 0.0):
         yield f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}"
-    for name, value, shape in _positive_arrays(problem):
-        yield from _array_defects(name, value, shape, positive=True)
     for name, value, shape in _plain_arrays(problem):
-        yield from _array_defects(name, value, shape, positive=False)
-    yield from _name_defects(problem)
+        yield from array_defects(name, value, shape, positive=False)
+    yield from _name_defects("planner.mapping", problem.planner.mapping, get_args(MappingName))
     if not 0.0 <= problem.joint_error < np.pi:
         yield f"joint_error must be from 0 to below π rad, got {problem.joint_error}"
     if not 0.0 < problem.contact_tolerance < np.inf:
         yield f"verification.contact_tolerance must be positive and finite, got {problem.contact_tolerance}"
-    yield from _weight_defects(problem.planner.weights)
-    yield from _feed_defects(problem)
-    yield from _point_defects(problem)
-    if not 0.0 < problem.planner.effort_share <= 1.0:
-        yield f"planner.effort_share must be above 0 and at most 1, got {problem.planner.effort_share}"
-    if problem.planner.retiming == "paul" and (problem.limits.jerk is not None or problem.limits.feed_jerk is not None):
+    poses = [("start", problem.start), ("goal", problem.goal)]
+    poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
+    yield from feed_defects(
+        problem.arm, problem.limits, [(name, pose.feed) for name, pose in poses if not isinstance(pose, TipGoal)]
+    )
+    yield from drive_defects(problem.arm, problem.limits, problem.planner, problem.simulation)
+
+
+def drive_defects(
+    arm: DrivenArm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions
+) -> Iterator[str]:
+    """What is wrong with masses, limits and options, which mean the same in the plane and in space."""
+    for name, value, shape in _positive_arrays(arm, limits):
+        yield from array_defects(name, value, shape, positive=True)
+    for key, name, names in (
+        ("arm.axes", arm.axes, get_args(Axes)),
+        ("planner.method", planner.method, get_args(MethodName)),
+        ("planner.optimiser", planner.optimiser, get_args(OptimiserName)),
+        ("planner.retiming", planner.retiming, get_args(RetimingName)),
+        ("simulation.controller", simulation.controller, get_args(ControllerName)),
+    ):
+        yield from _name_defects(key, name, names)
+    yield from _weight_defects(planner.weights)
+    yield from _point_defects(arm, limits)
+    if not 0.0 < planner.effort_share <= 1.0:
+        yield f"planner.effort_share must be above 0 and at most 1, got {planner.effort_share}"
+    if planner.retiming == "paul" and (limits.jerk is not None or limits.feed_jerk is not None):
         yield 'limits.jerk and limits.feed_jerk need planner.retiming = "toppra", got "paul"'
 
 
@@ -48,10 +77,10 @@ def _weight_defects(weights: Weights) -> Iterator[str]:
             yield f"planner.weights.{name} must be finite and not negative, got {value}"
 
 
-def _point_defects(problem: "Problem") -> Iterator[str]:
+def _point_defects(arm: DrivenArm, limits: Limits) -> Iterator[str]:
     """Limits on points: on the arm, positive, and one for each."""
-    points = problem.limits.points
-    length = problem.arm.length
+    points = limits.points
+    length = arm.length
     for k, point in enumerate(points):
         name = f"limits.points[{k}]"
         if point.at is not None and not 0.0 <= point.at <= length * (1.0 + 1e-9):
@@ -65,14 +94,11 @@ def _point_defects(problem: "Problem") -> Iterator[str]:
             yield f"{name} limits the {point.name} a second time"
 
 
-def _feed_defects(problem: "Problem") -> Iterator[str]:
-    limits = problem.limits
-    poses = [("start", problem.start), ("goal", problem.goal)]
-    poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
-    placed = [(name, pose.feed) for name, pose in poses if not isinstance(pose, TipGoal)]
-    if not problem.arm.base_axes:
+def feed_defects(arm: DrivenArm, limits: Limits, placed: Sequence[tuple[str, float]]) -> Iterator[str]:
+    """What is wrong with a feed axis, its limits, and the places on it of poses by their names [m]."""
+    if not arm.base_axes:
         yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
-    for axis in problem.arm.base_axes:
+    for axis in arm.base_axes:
         if not axis.low < axis.high:
             yield f"arm.feed must have low < high, got {axis.low} and {axis.high}"
         for key in ("feed_velocity", "feed_acceleration"):
@@ -86,9 +112,7 @@ def _feed_defects(problem: "Problem") -> Iterator[str]:
                 yield f"{name}.feed must be within the range of the axis, {axis.low} to {axis.high} m, got {value}"
 
 
-def _positive_arrays(problem: "Problem") -> Iterator[_Array]:
-    arm = problem.arm
-    limits = problem.limits
+def _positive_arrays(arm: DrivenArm, limits: Limits) -> Iterator[_Array]:
     for name in ("masses", "inertia_axial", "inertia_transverse"):
         yield f"arm.{name}", getattr(arm, name), (arm.links,)
     for name in ("velocity", "acceleration", "torque", "jerk"):
@@ -106,7 +130,8 @@ def _plain_arrays(problem: "Problem") -> Iterator[_Array]:
             yield f"{end}.position", pose.position, (2,)
 
 
-def _array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:
+def array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:
+    """What is wrong with an array, that has to be finite and of a shape, and perhaps positive."""
     if not hasattr(value, "shape"):
         yield f"{name} must be an array of shape {shape}, got a {type(value).__name__}"
     elif value.shape != shape:
@@ -117,15 +142,6 @@ def _array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, posi
         yield f"{name} must be positive, got {value[value <= 0.0][0]}"
 
 
-def _name_defects(problem: "Problem") -> Iterator[str]:
-    planner = problem.planner
-    for key, value, names in (
-        ("arm.axes", problem.arm.axes, get_args(Axes)),
-        ("planner.method", planner.method, get_args(MethodName)),
-        ("planner.mapping", planner.mapping, get_args(MappingName)),
-        ("planner.optimiser", planner.optimiser, get_args(OptimiserName)),
-        ("planner.retiming", planner.retiming, get_args(RetimingName)),
-        ("simulation.controller", problem.simulation.controller, get_args(ControllerName)),
-    ):
-        if value not in names:
-            yield f"{key} must be one of {', '.join(names)}, got {value!r}"
+def _name_defects(key: str, value: str, names: tuple[str, ...]) -> Iterator[str]:
+    if value not in names:
+        yield f"{key} must be one of {', '.join(names)}, got {value!r}"

@@ -13,6 +13,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import short_length, words_in
 from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
+from ccm_opt.solution.goal_pose_in_space import SpaceGoalPoseRecord
 from ccm_opt.solution.goal_pose_record import GoalPoseRecord
 from ccm_opt.solution.presenting import presenter
 from ccm_opt.solution.room_record import NearPlace, RoomRecord
@@ -52,7 +53,7 @@ class JointPath:
     candidate: str = ""
     leaders: tuple[FloatArray, ...] = ()
     spare: float = 0.0
-    goal_pose: GoalPoseRecord | None = None
+    goal_pose: GoalPoseRecord | SpaceGoalPoseRecord | None = None
 
     def reversed(self) -> "JointPath":
         """The same motion from its end to its start; to draw the arm back is to reverse how it came."""

@@ -3,27 +3,46 @@
 The pose is taken as the motion's own curve shows it, and put onto the goal: so joints in a guide tube stay straight.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.solution import SpaceGoalPoseRecord
 from ccm_opt.space.motion.pieces import edge_is_safe
 from ccm_opt.space.motion.pose_led import PoseLed
 from ccm_opt.space.motion.space_continuation import SpaceStalled, follow
-from ccm_opt.space.motion.space_goal import onto_goal
+from ccm_opt.space.motion.space_goal import keeps_terms_at_goal, onto_goal
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
 from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
+from ccm_opt.space.nlp.space_pose_solver import SpaceArmPose
 from ccm_opt.space.problem import SpaceProblem
 
 IN_NLP_POSE = "ending in the pose of the NLP"
 """What is added to the name of a motion that does."""
 
 
-def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) -> tuple[SpaceTask, SpaceMotion]:
+@dataclass(frozen=True, eq=False)
+class Ending:
+    """Where a motion ends, and what the NLP said of it.
+
+    Attributes:
+        task: whose goal is the pose of the end where that is settled, or as it was.
+        motion: to the goal.
+        record: the NLP's answer; None where it was not asked.
+    """
+
+    task: SpaceTask
+    motion: SpaceMotion
+    record: SpaceGoalPoseRecord | None = None
+
+
+def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) -> Ending:
     """The motion, moved on to the best pose at its goal; as it is where no better pose is found, or none is reached.
 
     Args:
@@ -31,27 +50,31 @@ def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) ->
         task: the same as the search is asked.
         motion: to the goal.
 
-    Returns:
-        The task whose goal is that pose, or as it was, and the motion.
     """
     settings = SpacePoseSettings(iterations=task.settings.ending.iterations)
     if task.goal is None or task.deadline.passed():
-        return task, motion
-    asked = SpaceGoalPoses(problem, task.tree, settings=settings)
-    best = asked.best(motion.configurations[-1], task.deadline)
-    if best is None:
-        return task, motion
+        return Ending(task, motion)
+    terms = None if task.user is None else task.user.terms
+    asked = SpaceGoalPoses(problem, task.tree, terms=terms, settings=settings)
+    answers = asked.improved(motion.configurations[-1], task.deadline)
+    feasible = [pose for pose in answers if asked.feasible(pose)]
+    if not feasible:
+        worst = answers[-1]
+        reason = f"the program found none; of its rows '{worst.worst_row}' is missed most"
+        return Ending(task, motion, _record(problem, worst, answers, reason))
+    best = min(feasible, key=lambda pose: pose.cost)
+    refused = partial(_record, problem, best, answers)
     stepper = task.stepper(motion.curve, 0.0)
     last = onto_goal(stepper, task.goal, stepper.pose(motion.curve.fitted(best.q)))
-    if last is None:
-        return task, motion
+    if last is None or not keeps_terms_at_goal(stepper, last):
+        return Ending(task, motion, refused("the curve of the motion cannot take it at the goal"))
     enough = task.settings.ending.enough * task.wanted_gap
     room = asked.gap(last.q)
     if room < min(asked.gap(motion.configurations[-1]), enough):
-        return task, motion
+        return Ending(task, motion, refused("there is more room where the motion ends"))
     poses = _on_the_way(task, stepper, motion.unknowns[-1], last)
     if not edge_is_safe(stepper, poses[-1].v, last.v):
-        return task, motion
+        return Ending(task, motion, refused("the arm cannot be moved there from where the motion ends"))
     ways = [*poses[1:], last]
     whole = SpaceMotion(
         motion.curve,
@@ -60,7 +83,27 @@ def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) ->
         f"{motion.candidate}, {IN_NLP_POSE}",
     )
     # With room to spare the end is settled; else the optimisation may move it on.
-    return (replace(task, goal=None, goal_pose=last.q) if room >= enough else task), whole
+    settled = replace(task, goal=None, goal_pose=last.q) if room >= enough else task
+    return Ending(settled, whole, _record(problem, best, answers))
+
+
+def _record(
+    problem: SpaceProblem, pose: SpaceArmPose, answers: Sequence[SpaceArmPose], reason: str = ""
+) -> SpaceGoalPoseRecord:
+    """What is kept of a pose of the NLP, the motion ending in it unless there is a reason why not."""
+    return SpaceGoalPoseRecord(
+        reached=not reason,
+        reason=reason,
+        configuration=pose.q,
+        gap=pose.gap,
+        wanted_gap=problem.wanted_gap,
+        costs=pose.costs,
+        multipliers=pose.multipliers,
+        iterations=pose.iterations,
+        size=pose.size,
+        status=pose.status,
+        tried=len(answers),
+    )
 
 
 def _on_the_way(task: SpaceTask, stepper: SpaceStepper, start: FloatArray, end: SpacePose) -> list[SpacePose]:

@@ -1,16 +1,16 @@
 """RRT-Connect of OMPL for arms in space (extra ``ompl``), over our distances and under our certificate: a peer.
 
-What is compared is the search. Poses at the goal, the proof that a motion touches nothing, the smooth path, timing and
-verification are those of our planner. The sampler plans in the joints, as samplers do.
+What is compared is the search. The pose at the goal, the proof that a motion touches nothing, the smooth path, timing
+and verification are those of our planner. The sampler plans in the joints, as samplers do.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from ccm_opt.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached
+from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.space_arm import SpaceArm
@@ -20,11 +20,13 @@ from ccm_opt.solution import JointPath
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.goal_poses import goal_poses
+from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_smooth_path import certified_spline
 from ccm_opt.space.motion.task import SpaceTask
 from ccm_opt.space.planner import refuse_ends, space_task
-from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,12 @@ class FedJoints:
     Attributes:
         arm: the arm.
         longest_turn: by which a bend may change from one configuration to the next [rad].
+        beyond_tube: how far behind the tube joints begin to bend, in link lengths.
     """
 
     arm: SpaceArm
     longest_turn: float
+    beyond_tube: float = 0.0
 
     @property
     def low(self) -> FloatArray:
@@ -88,8 +92,12 @@ class FedJoints:
 
     @property
     def _leaving(self) -> FloatArray:
-        """Feed at which each joint leaves the tube, shape (links,) [m]."""
-        return np.asarray(self.arm.hole - self.arm.link_length * np.arange(self.arm.links), dtype=np.float64)
+        """Feed from which on each joint may bend, a little beyond the tube, shape (links,) [m].
+
+        A smooth path begins to bend it somewhat earlier than the way does.
+        """
+        beyond = self.beyond_tube * self.arm.link_length
+        return np.asarray(self.arm.hole + beyond - self.arm.link_length * np.arange(self.arm.links), dtype=np.float64)
 
     def _out(self, q: FloatArray) -> FloatArray:
         """How far each bend counts, from 0 to 1, shape (..., 2 links)."""
@@ -118,14 +126,15 @@ class SpaceOmplPlanner:
             ProblemError: the goal asks for places on the way, which this planner does not know; or OMPL is missing.
             NoPlanFound: none was found in time.
         """
+        tree = SurfaceTree.of(problem.workspace.soup)
         limit = problem.planner.time_limit
-        deadline = Deadline.after(self.settings.planning_share * limit)
-        task = space_task(problem, SurfaceTree.of(problem.workspace.soup), deadline, self.motion)
+        joints = FedJoints(problem.arm, self.settings.longest_turn, self.settings.beyond_tube)
+        given = self._given_goals(problem, tree, joints)
+        task = space_task(problem, tree, Deadline.after(self.settings.planning_share * limit), self.motion)
         if task.via:
             raise ProblemError("the method ompl knows no places on the way; leave goal.via out, or use nlp")
         refuse_ends(problem, task)
-        joints = FedJoints(problem.arm, self.settings.longest_turn)
-        goals = self._goals(problem, joints, Deadline.after(self.settings.goal_share * limit))
+        goals = given or self._goals(problem, tree, joints, Deadline.after(self.settings.goal_share * limit))
         way = self._way(problem, task, joints, goals)
         legs = [joints.keyframes(before, after)[1:] for before, after in pairwise(way)]
         keyframes = np.concatenate((task.start[None], *legs))
@@ -134,9 +143,24 @@ class SpaceOmplPlanner:
             raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion"))
         return JointPath(spline, keyframes, (), NAME, spare=task.certificate.pair_gap)
 
-    def _goals(self, problem: SpaceProblem, joints: FedJoints, until: Deadline) -> list[FloatArray]:
+    def _given_goals(self, problem: SpaceProblem, tree: SurfaceTree, joints: FedJoints) -> list[FloatArray]:
+        """Where our own search ends, which the sampler gets for nothing of its time; none where that finds nothing.
+
+        In ducts hardly any pose that is drawn at a goal touches nothing, and a sampler without a goal can only fail.
+        """
+        if not isinstance(problem.goal, SpaceTipGoal) or problem.goal.via:
+            return []
+        until = Deadline.after(self.settings.goal_share * problem.planner.time_limit)
+        try:
+            found = find_motion(space_task(problem, tree, until, self.motion))
+        except NoPlanFound:
+            return []
+        drawn = joints.drawn(found.configurations[-1])
+        return [] if drawn is None else [drawn]
+
+    def _goals(self, problem: SpaceProblem, tree: SurfaceTree, joints: FedJoints, until: Deadline) -> list[FloatArray]:
         """Draws that stand for poses at the goal."""
-        task = space_task(problem, SurfaceTree.of(problem.workspace.soup), until, self.motion)
+        task = space_task(problem, tree, until, self.motion)
         if task.goal_pose is not None:
             poses = iter((task.goal_pose,))
         else:
@@ -161,7 +185,12 @@ class SpaceOmplPlanner:
         util.noOutputHandler()
         # OMPL's generators take their seeds from this one when they are made; 0 is none.
         util.RNG.setSeed(problem.planner.seed + 1)
-        information = _information(base, task, joints)
+        # The smooth path leaves the way at its corners, and needs some gap for that.
+        beyond = self.settings.searched_gap * problem.arm.length
+        certificate = replace(
+            task.certificate, gap=task.certificate.gap + beyond, pair_gap=task.certificate.pair_gap + beyond
+        )
+        information = _information(base, certificate, joints)
         start = joints.drawn(task.start)
         if start is None:
             raise ProblemError("the start bends joints that are hardly out of the guide tube; the method ompl cannot")
@@ -185,7 +214,7 @@ class SpaceOmplPlanner:
         return np.array([_drawn(state, len(start)) for state in path.getStates()])
 
 
-def _information(base: Any, task: SpaceTask, joints: FedJoints) -> Any:
+def _information(base: Any, certificate: SpaceCertificate, joints: FedJoints) -> Any:
     """The space that OMPL plans in, with the certificate as judge of states and motions."""
     low = joints.low
     high = joints.high
@@ -200,7 +229,7 @@ def _information(base: Any, task: SpaceTask, joints: FedJoints) -> Any:
 
     def stands_free(state: Any) -> bool:
         q = joints.configuration(_drawn(state, count))
-        return task.certificate.safe(q, q, depth=0)
+        return certificate.safe(q, q, depth=0)
 
     class CertifiedSpaceMotions(base.MotionValidator):  # type: ignore[misc]
         """Motions that the certificate proves free of contact."""
@@ -208,7 +237,7 @@ def _information(base: Any, task: SpaceTask, joints: FedJoints) -> Any:
         def checkMotion(self, one: Any, other: Any) -> bool:  # noqa: N802 - OMPL's name
             """Whether the straight motion from a state to another touches nothing."""
             keyframes = joints.keyframes(_drawn(one, count), _drawn(other, count))
-            return all(task.certificate.safe(before, after) for before, after in pairwise(keyframes))
+            return all(certificate.safe(before, after) for before, after in pairwise(keyframes))
 
     information.setStateValidityChecker(stands_free)
     information.setMotionValidator(CertifiedSpaceMotions(information))

@@ -1,6 +1,8 @@
 """The planner of arms in space: from a problem to a certified joint path."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +13,8 @@ from ccm_opt.ground.length_words import place, short_length
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.solution import JointPath
+from ccm_opt.motion.limits.user_ends import refuse_broken_goal, refuse_broken_start
+from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
@@ -19,12 +22,15 @@ from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
 from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_search import find_motion
-from ccm_opt.space.motion.space_smooth_path import certified_spline
+from ccm_opt.space.motion.space_smooth_path import certified_path
+from ccm_opt.space.motion.space_user_limit import SpaceUserLimit
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
+from ccm_opt.space.motion.tracking_in_space import tracked
 from ccm_opt.space.nlp_ending import ended_by_nlp
 from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.enclosures import Enclosure, deepest_enclosure
 from ccm_opt.space.scene.scene import ROOM_NAME
+from ccm_opt.user_terms.compiled_terms import UserTerms
 
 PLANNING_SHARE = 0.8
 """Of the time limit that planning may take; the rest is for timing, simulation and reasons."""
@@ -37,10 +43,14 @@ class SpacePlanner:
     Attributes:
         stages: names and times the stages.
         settings: numbers of the search.
+        terms: the user's constraints and costs; None where there are none.
+        refuse: raises where it is proved that a problem has no plan; asked where no way of the tip leads to the goal.
     """
 
     stages: Stages = field(default_factory=Stages)
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+    terms: UserTerms | None = None
+    refuse: Callable[[SpaceProblem], None] | None = None
 
     def plan(self, problem: SpaceProblem) -> JointPath:
         """Plan a certified motion to the problem's goal.
@@ -51,37 +61,59 @@ class SpacePlanner:
         """
         deadline = Deadline.after(PLANNING_SHARE * problem.planner.time_limit)
         with self.stages("free space"):
-            task = space_task(problem, SurfaceTree.of(problem.workspace.soup), deadline, self.settings)
+            task = space_task(problem, SurfaceTree.of(problem.workspace.soup), deadline, self.settings, self.terms)
             refuse_ends(problem, task)
-        motions = self._lifted(problem, task) or self._planned(problem, task)
+            if self.refuse is not None:
+                task = replace(task, refuse=partial(self.refuse, problem))
+        planned = self._lifted(problem, task) or self._planned(problem, task)
         with self.stages("smooth path"):
-            return joint_path(task, *motions)
+            path = joint_path(task, *planned.motions, legs=problem.planner.retiming == "paul")
+        return replace(path, goal_pose=planned.end)
 
-    def _planned(self, problem: SpaceProblem, task: SpaceTask) -> tuple[SpaceMotion, ...]:
+    def _planned(self, problem: SpaceProblem, task: SpaceTask) -> "_Planned":
         """The optimised motion, and the one that was found, whose path may have room where the shorter one has none."""
         with self.stages("motion"):
             found = find_motion(task)
         with self.stages("configuration"):
-            ended, motion = ended_by_nlp(problem, task, found)
+            ending = ended_by_nlp(problem, task, found)
+            motion = tracked(task, ending.motion)
         with self.stages("optimisation"):
-            return optimise(motion, ended), found
+            motions = (optimise(motion, ending.task), found if motion.u is None else motion)
+        return _Planned(motions, ending.record)
 
-    def _lifted(self, problem: SpaceProblem, task: SpaceTask) -> tuple[SpaceMotion, ...] | None:
+    def _lifted(self, problem: SpaceProblem, task: SpaceTask) -> "_Planned | None":
         """The motion of an arm of many links, planned for few; None where the arm has few, or that does not pass."""
         few = coarse_task(task)
         if few is None:
             return None
         try:
-            motion = self._planned(coarse_problem(problem, few), few)[0]
+            planned = self._planned(coarse_problem(problem, few), replace(few, refuse=None))
         except NoPlanFound:
             return None
         with self.stages("lifting"):
-            lifted = lifted_motion(task, motion)
-        return None if lifted is None else (lifted,)
+            lifted = lifted_motion(task, planned.motions[0])
+        return None if lifted is None else _Planned((lifted,), planned.end)
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """What comes of planning.
+
+    Attributes:
+        motions: the best first; a smooth path is laid along the first that has room for one.
+        end: what the NLP said about where they end, or None.
+    """
+
+    motions: tuple[SpaceMotion, ...]
+    end: SpaceGoalPoseRecord | None
 
 
 def space_task(
-    problem: SpaceProblem, tree: SurfaceTree, deadline: Deadline, settings: SpaceMotionSettings
+    problem: SpaceProblem,
+    tree: SurfaceTree,
+    deadline: Deadline,
+    settings: SpaceMotionSettings,
+    terms: UserTerms | None = None,
 ) -> SpaceTask:
     """What the search is asked for a problem.
 
@@ -90,6 +122,7 @@ def space_task(
         tree: of its surfaces.
         deadline: when to stop.
         settings: numbers of the search.
+        terms: the user's constraints and costs, or None.
     """
     arm = problem.arm
     goal = problem.goal
@@ -102,12 +135,14 @@ def space_task(
         via=() if isinstance(goal, SpaceJointPose) else goal.via,
         clearance=problem.workspace.clearance,
         wanted_gap=problem.wanted_gap,
-        box=reach_box(arm, problem.workspace.bounds),
+        box=tip_box(arm, problem.workspace.bounds),
+        scene=problem.workspace.extent if len(problem.workspace.soup) else np.zeros((0, 3)),
         names=problem.workspace.soup.names,
         slowness=slowness(problem),
         deadline=deadline,
         seed=problem.planner.seed,
         settings=settings,
+        user=None if terms is None else SpaceUserLimit.of(arm, terms, settings.schedule.lead),
     )
 
 
@@ -147,10 +182,24 @@ def slowness(problem: SpaceProblem) -> FloatArray:
 
 
 def reach_box(arm: SpaceArm, bounds: FloatArray | None) -> FloatArray:
-    """Corners of where the tip can be at all: within the arm's length of its base, and in the room, (2, 3) [m]."""
+    """Corners of where any of the arm can be: within the arm's length of its base, and in the room, (2, 3) [m]."""
     low, high = arm.base_range
+    return _box_about(arm, low, high, arm.length, bounds)
+
+
+def tip_box(arm: SpaceArm, bounds: FloatArray | None) -> FloatArray:
+    """Corners of where the tip can be, (2, 3) [m]; an arm is straight in its guide tube and turns about its end."""
+    low, high = arm.base_range
+    if not arm.base_axes:
+        return reach_box(arm, bounds)
+    first = max(low, arm.hole)
+    return _box_about(arm, first, max(first, high), arm.length - max(first - high, 0.0), bounds)
+
+
+def _box_about(arm: SpaceArm, low: float, high: float, reach: float, bounds: FloatArray | None) -> FloatArray:
+    """Corners of what is within reach of a part of the line of the base, and in the room, (2, 3) [m]."""
     ends = arm.base + np.outer([low, high], arm.direction)
-    box = np.stack((ends.min(axis=0) - arm.length, ends.max(axis=0) + arm.length))
+    box = np.stack((ends.min(axis=0) - reach, ends.max(axis=0) + reach))
     if bounds is None:
         return box
     return np.stack((np.maximum(box[0], bounds[0]), np.minimum(box[1], bounds[1])))
@@ -160,9 +209,13 @@ def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:
     """Refuse a start, or a goal of the whole arm, in contact, and a goal that is out of reach.
 
     Raises:
-        ProblemError: the start touches something.
+        ProblemError: the start touches something, or breaks a constraint of the user.
         UnreachableGoal: the goal does, or is too far away.
     """
+    if task.user is not None:
+        refuse_broken_start(task.user.terms, task.start, task.user.settings.allowed)
+        if task.goal_pose is not None:
+            refuse_broken_goal(task.user.terms, task.goal_pose, task.user.settings.allowed)
     contact = contact_words(problem, task, task.start)
     if contact:
         raise ProblemError(f"the start is in contact: {contact}")
@@ -171,8 +224,17 @@ def refuse_ends(problem: SpaceProblem, task: SpaceTask) -> None:
         if contact:
             raise UnreachableGoal(Diagnosis(f"the goal pose is in contact: {contact}", "necessary checks"))
     if task.goal is not None:
-        _refuse_goal_without_room(problem, task, task.goal)
-        _refuse_far_goal(task, task.goal)
+        refuse_goal(problem, task, task.goal)
+
+
+def refuse_goal(problem: SpaceProblem, task: SpaceTask, goal: SpaceTipPose) -> None:
+    """Refuse a goal for the tip that leaves it no room, or that is out of reach.
+
+    Raises:
+        UnreachableGoal: saying which, and by how much.
+    """
+    _refuse_goal_without_room(problem, task, goal)
+    _refuse_far_goal(task, goal)
 
 
 def contact_words(problem: SpaceProblem, task: SpaceTask, q: FloatArray) -> str:
@@ -254,14 +316,33 @@ def _refuse_far_goal(task: SpaceTask, goal: SpaceTipPose) -> None:
         raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal nearer", "use a longer arm")))
 
 
-def joint_path(task: SpaceTask, *motions: SpaceMotion) -> JointPath:
+def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> JointPath:
     """The smooth, certified path through joint space along the first of some motions that has one.
+
+    Args:
+        task: what was asked.
+        motions: certified.
+        legs: whether the arm will move on straight legs between the keyframes, and not along the path.
 
     Raises:
         MotionNotFound: no smooth path near the motion can be certified.
     """
     for motion in motions:
-        spline = certified_spline(task, motion.configurations)
+        spline = certified_path(task, motion)
         if spline is not None:
-            return JointPath(spline, motion.configurations, (), motion.candidate, spare=task.certificate.pair_gap)
-    raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion"))
+            # Of what is certified to be spared timing may use nothing where constraints are kept exactly.
+            kept = task.user is not None and task.user.terms.hard
+            spare = 0.0 if kept else task.certificate.pair_gap
+            keyframes = motion.configurations
+            if task.arm.base_axes and not legs:
+                # Drawn in the unknowns, the path of a fed arm may pass configurations of the motion by.
+                keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
+            return JointPath(spline, keyframes, (), motion.candidate, spare=spare)
+    if task.user is None or not task.user.terms.hard:
+        raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion"))
+    names = " and ".join(f"'{name}'" for name in task.user.names)
+    reason = f"a motion was found, but no smooth path near it that keeps constraint {names} between its keyframes"
+    advice = ["give the constraint some width between its bounds, or make it soft"]
+    if task.user.shapes_path and task.arm.base_axes:
+        advice.append("leave arm.feed out: equations that are not linear hold for arms with a fixed base")
+    raise MotionNotFound(Diagnosis(reason, "constraints", tuple(advice)))

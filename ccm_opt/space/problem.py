@@ -9,10 +9,14 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import LengthUnit
 from ccm_opt.ground.length_words import long_length, words_in
 from ccm_opt.jointed.drive_limits import Limits
+from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem import PlannerOptions, Problem, SimulationOptions, Tolerances, VerificationOptions
 from ccm_opt.problem.definition import CONTACT_SHARE_OF_LENGTH, WANTED_SHARE_OF_LENGTH, WANTED_SHARE_OF_RADIUS
-from ccm_opt.space.scene.scene import SpaceWorkspace
+from ccm_opt.problem.field_types import COMMON_NUMBERS, COMMON_PARTS, PartTypes, wrong_types
+from ccm_opt.problem.options import Weights
+from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.space.space_defects import space_defects
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,23 @@ class SpaceStop:
     pause: float = 0.0
 
 
+IN_SPACE = PartTypes(
+    parts={
+        **COMMON_PARTS,
+        "workspace": (SpaceWorkspace,),
+        "arm": (SpaceArm,),
+        "start": (SpaceJointPose,),
+        "goal": (SpaceTipGoal, SpaceJointPose),
+        "workspace.obstacles": (tuple,),
+        "arm.feed": (Feed, type(None)),
+        "planner.weights": (Weights,),
+    },
+    numbers=COMMON_NUMBERS,
+    entries={"stops": SpaceStop, "workspace.obstacles": SpaceObstacle},
+)
+"""What the parts of a ``SpaceProblem`` are."""
+
+
 @dataclass(frozen=True, repr=False)
 class SpaceProblem:
     """One planning problem of an arm in space; its attributes are called as those of ``Problem``.
@@ -91,6 +112,9 @@ class SpaceProblem:
         source: the text of the problem file, kept for the record; empty when built in Python.
         length_unit: in which people are told lengths, that of the problem file: ``m``, ``mm`` or ``in``. All values
             are in metres whatever it is.
+
+    Raises:
+        ProblemError: something in it is of another type or shape than it has to be, or out of bounds; all is named.
     """
 
     name: str
@@ -108,6 +132,12 @@ class SpaceProblem:
     verification: VerificationOptions = field(default_factory=VerificationOptions)
     source: str = ""
     length_unit: LengthUnit = "m"
+
+    def __post_init__(self) -> None:
+        # What has the wrong type would only fail in some check of its values.
+        found = tuple(wrong_types(self, IN_SPACE)) or tuple(space_defects(self))
+        if found:
+            raise ProblemError(f"problem '{self.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in found))
 
     @property
     def contact_tolerance(self) -> float:

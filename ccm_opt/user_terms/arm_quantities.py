@@ -48,6 +48,14 @@ class ArmQuantities(ABC):
     def parted(self, poses: FloatArray, feed: FloatArray | float) -> tuple[FloatArray, FloatArray | float]:
         """Shape and feed [m] of poses of shape (N, c); where they are shapes alone, with the feed that is given."""
 
+    @abstractmethod
+    def shapes(self, coordinates: FloatArray) -> FloatArray:
+        """The arm's shape, shape (N, k) [rad], at coordinates of the arm, shape (N, c) [rad, m]."""
+
+    @abstractmethod
+    def shape_rates(self, rates: FloatArray) -> FloatArray:
+        """The rates of the shape, shape (N, k) [rad/s], by those of the coordinates, shape (N, c) [rad/s, m/s]."""
+
     @property
     def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
         """The symbols that the expression of a timed motion may hold, those of a path, and the rates."""

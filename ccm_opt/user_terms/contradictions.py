@@ -138,7 +138,7 @@ def _proved_miss(
     for _ in range(settings.bisections):
         places = [_about(coordinate, goal.around, pieces) for coordinate in goal.position.tolist()]
         try:
-            misses = _misses(item, interval_values(function, [*places, pieces]))
+            misses = least_misses(item, interval_values(function, [*places, pieces]))
         except NotBounded:
             return 0.0
         if np.all(misses > settings.tolerance):
@@ -151,7 +151,7 @@ def _about(centre: float, around: float, like: Intervals) -> Intervals:
     return Intervals(np.full_like(like.low, centre - around), np.full_like(like.low, centre + around))
 
 
-def _misses(item: CompiledConstraint, values: list[Intervals]) -> FloatArray:
+def least_misses(item: CompiledConstraint, values: list[Intervals]) -> FloatArray:
     """By how much the worst entry is missed at least, in every box."""
     above = np.stack([value.low - high for value, high in zip(values, item.upper, strict=True)])
     below = np.stack([low - value.high for value, low in zip(values, item.lower, strict=True)])

@@ -83,6 +83,15 @@ class Quantities(ArmQuantities):
             return poses, feed
         return poses[..., :links], self.arm.link_length * np.sum(poses[..., links:], axis=-1)
 
+    def shapes(self, coordinates: FloatArray) -> FloatArray:
+        """Headings of the links at coordinates of the arm, shape (N, links) [rad]."""
+        return self.arm.headings(coordinates[:, self.arm.coordinates.bends])
+
+    def shape_rates(self, rates: FloatArray) -> FloatArray:
+        """Rates of the headings, shape (N, links) [rad/s]."""
+        # Headings are running sums of the bends, and so are their rates.
+        return np.cumsum(rates[:, self.arm.coordinates.bends], axis=1)
+
     @cached_property
     def joint_angles(self) -> Any:
         """Bend of every joint, the first against the base heading, shape (links, 1) [rad]."""

@@ -83,6 +83,14 @@ class SpaceQuantities(ArmQuantities):
             return poses, feed
         return poses[..., :bends], np.asarray(np.sum(poses[..., bends:], axis=-1))
 
+    def shapes(self, coordinates: FloatArray) -> FloatArray:
+        """Both bends of every joint at coordinates of the arm, shape (N, 2 links) [rad]."""
+        return coordinates[:, : 2 * self.arm.links]
+
+    def shape_rates(self, rates: FloatArray) -> FloatArray:
+        """Rates of the bends, shape (N, 2 links) [rad/s]."""
+        return rates[:, : 2 * self.arm.links]
+
     @property
     def joint_angles(self) -> Any:
         """Both bends of every joint, shape (2, links) [rad]."""

@@ -9,6 +9,7 @@ from scipy.interpolate import BPoly
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.solution import Check, JointPath, JointTrajectory
 from ccm_opt.user_terms.check_settings import TERM_CHECKS, TermCheckSettings
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -24,46 +25,46 @@ class CheckedPoses:
 
     Attributes:
         time: shape (N,) [s]; NaN where unknown.
-        headings: shape (N, links) [rad].
+        shapes: headings of the links, or in space bends of the joints, shape (N, k) [rad].
         u: path parameter, shape (N,).
         feed: shape (N,), zeros without a feed axis [m].
-        heading_rates: shape (N, links) [rad/s]; NaN where time is unknown.
+        shape_rates: of the same, shape (N, k) [rad/s]; NaN where time is unknown.
         feed_rate: shape (N,) [m/s]; NaN where time is unknown.
     """
 
     time: FloatArray
-    headings: FloatArray
+    shapes: FloatArray
     u: FloatArray
     feed: FloatArray
-    heading_rates: FloatArray
+    shape_rates: FloatArray
     feed_rate: FloatArray
 
     @property
     def states(self) -> MotionStates:
         """The same for constraints on speeds."""
-        return MotionStates(self.headings, self.feed, self.u, self.heading_rates, self.feed_rate)
+        return MotionStates(self.shapes, self.feed, self.u, self.shape_rates, self.feed_rate)
 
     def where(self, where: Where) -> "CheckedPoses":
         """Those at which a term applies."""
         chosen = applies_at(where, self.u)
         return CheckedPoses(
             self.time[chosen],
-            self.headings[chosen],
+            self.shapes[chosen],
             self.u[chosen],
             self.feed[chosen],
-            self.heading_rates[chosen],
+            self.shape_rates[chosen],
             self.feed_rate[chosen],
         )
 
 
-def checks_of_terms(
+def results_of_terms(
     terms: UserTerms,
-    arm: Arm,
+    arm: Arm | SpaceArm,
     path: JointPath,
     trajectory: JointTrajectory,
     settings: TermCheckSettings = TERM_CHECKS,
-) -> tuple[Check, ...]:
-    """One check for every constraint: hard ones against the tolerance, soft ones for the record.
+) -> tuple[tuple[Check, ...], Mapping[str, float]]:
+    """One check for every constraint, and figures by name.
 
     Args:
         terms: constraints and costs.
@@ -71,16 +72,20 @@ def checks_of_terms(
         path: gives the path parameter, and the keyframes.
         trajectory: the timed motion.
         settings: tolerance and rate.
+
+    Returns:
+        Checks, of hard constraints against the tolerance and of soft ones for the record; and the worst residual of
+        every constraint with the mean value of every cost.
     """
     # Poses are shared by all terms, since finding their path parameters is what takes time.
     every = poses_at_rate(terms, arm, path, trajectory, settings)
-    keyframes = poses_at_keyframes(arm, path.keyframes, nearest_path_parameters(path, _bends(arm, path), settings))
-    return _checks(terms, every, keyframes, settings)
+    keyframes = poses_at_keyframes(terms, arm, path.keyframes, _path_parameters(arm, path, path.keyframes, settings))
+    return _checks(terms, every, keyframes, settings), _figures(terms, every)
 
 
 def checks_without_path(
     terms: UserTerms,
-    arm: Arm,
+    arm: Arm | SpaceArm,
     trajectory: JointTrajectory,
     keyframes: FloatArray,
     settings: TermCheckSettings = TERM_CHECKS,
@@ -103,7 +108,8 @@ def checks_without_path(
             "it can be checked only by solving again"
         )
     every = poses_at_rate(terms, arm, None, trajectory, settings)
-    return _checks(terms, every, poses_at_keyframes(arm, keyframes, np.linspace(0.0, 1.0, len(keyframes))), settings)
+    even = np.linspace(0.0, 1.0, len(keyframes))
+    return _checks(terms, every, poses_at_keyframes(terms, arm, keyframes, even), settings)
 
 
 def _checks(
@@ -117,15 +123,8 @@ def _checks(
     return tuple(checks)
 
 
-def metrics_of_terms(
-    terms: UserTerms,
-    arm: Arm,
-    path: JointPath,
-    trajectory: JointTrajectory,
-    settings: TermCheckSettings = TERM_CHECKS,
-) -> Mapping[str, float]:
-    """Worst residual of every constraint and mean value of every cost, by name; arguments as for the checks."""
-    every = poses_at_rate(terms, arm, path, trajectory, settings)
+def _figures(terms: UserTerms, every: CheckedPoses) -> Mapping[str, float]:
+    """Worst residual of every constraint and mean value of every cost, by name."""
     figures = {}
     for constraint in terms.constraints:
         excess, _ = _worst(constraint, every)
@@ -135,13 +134,13 @@ def metrics_of_terms(
         figures[f"residual_{_key(timed.compiled.constraint.name)}"] = _missed(excess)
     for cost in terms.costs:
         poses = every.where(cost.cost.where)
-        figures[f"cost_{_key(cost.cost.name)}"] = float(np.mean(cost.values(poses.headings, poses.u, poses.feed)))
+        figures[f"cost_{_key(cost.cost.name)}"] = float(np.mean(cost.values(poses.shapes, poses.u, poses.feed)))
     return figures
 
 
 def poses_at_rate(
     terms: UserTerms,
-    arm: Arm,
+    arm: Arm | SpaceArm,
     path: JointPath | None,
     trajectory: JointTrajectory,
     settings: TermCheckSettings = TERM_CHECKS,
@@ -153,15 +152,14 @@ def poses_at_rate(
     motion = _hermite(trajectory.time, *known)
     positions: FloatArray = motion(time)
     rates: FloatArray = motion.derivative()(time)
-    bends = positions[:, arm.coordinates.bends]
     feed = arm.coordinates.advance(positions)
     # Path parameters cost a search along the path, so they are found only where a term depends on them.
     u = np.linspace(0.0, 1.0, len(time))
     if path is not None and _parametric(terms):
-        u = nearest_path_parameters(path, bends, settings)
-    # Headings are running sums of the bends, and so are their rates.
-    heading_rates = np.cumsum(rates[:, arm.coordinates.bends], axis=1)
-    return CheckedPoses(time, arm.headings(bends), u, feed, heading_rates, arm.coordinates.advance(rates))
+        u = _path_parameters(arm, path, positions, settings)
+    known_as = terms.quantities
+    feed_rates = arm.coordinates.advance(rates)
+    return CheckedPoses(time, known_as.shapes(positions), u, feed, known_as.shape_rates(rates), feed_rates)
 
 
 def _parametric(terms: UserTerms) -> bool:
@@ -169,18 +167,23 @@ def _parametric(terms: UserTerms) -> bool:
     return terms.parametric or any(timed.parametric for timed in terms.timed)
 
 
-def _bends(arm: Arm, path: JointPath) -> FloatArray:
-    """Bends at the planner's keyframes, shape (K, links) [rad]."""
-    return path.keyframes[:, arm.coordinates.bends]
+def _path_parameters(
+    arm: Arm | SpaceArm, path: JointPath, positions: FloatArray, settings: TermCheckSettings
+) -> FloatArray:
+    """Path parameters of coordinates along a path, shape (N,)."""
+    if isinstance(arm, SpaceArm):
+        # An arm that is fed straight tells how far it is by its feed alone.
+        return nearest_path_parameters(path, positions, settings)
+    return nearest_path_parameters(path, positions[:, arm.coordinates.bends], settings)
 
 
-def poses_at_keyframes(arm: Arm, keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
+def poses_at_keyframes(terms: UserTerms, arm: Arm | SpaceArm, keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
     """The planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
-    bends = keyframes[:, arm.coordinates.bends]
+    shapes = terms.quantities.shapes(keyframes)
     feed = arm.coordinates.advance(keyframes)
     # NaN rather than zero: a constraint on speeds that is evaluated here must fail, not pass.
-    unknown = np.full(len(bends), np.nan)
-    return CheckedPoses(unknown, arm.headings(bends), u, feed, np.full_like(bends, np.nan), unknown)
+    unknown = np.full(len(shapes), np.nan)
+    return CheckedPoses(unknown, shapes, u, feed, np.full_like(shapes, np.nan), unknown)
 
 
 def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
@@ -196,7 +199,11 @@ def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
 
 def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> BPoly:
     """Quintic Hermite interpolation: the motion that the samples' positions, velocities and accelerations define."""
-    return BPoly.from_derivatives(time, np.stack((x, v, a), axis=1))
+    h = np.diff(time)[:, None]
+    # Bernstein coefficients of each interval by the derivatives at its ends.
+    rising = (x[:-1], x[:-1] + h * v[:-1] / 5.0, x[:-1] + 2.0 * h * v[:-1] / 5.0 + h**2 * a[:-1] / 20.0)
+    falling = (x[1:] - 2.0 * h * v[1:] / 5.0 + h**2 * a[1:] / 20.0, x[1:] - h * v[1:] / 5.0, x[1:])
+    return BPoly(np.stack((*rising, *falling)), time)
 
 
 def _check_in_time(timed: TimedConstraint, poses: CheckedPoses, tolerance: float) -> Check:
@@ -228,7 +235,7 @@ def _worst(compiled: CompiledConstraint, poses: CheckedPoses) -> tuple[float, st
     chosen = poses.where(compiled.constraint.where)
     if not len(chosen.u):
         return 0.0, "at no sample"
-    return _largest(compiled.excesses(chosen.headings, chosen.u, chosen.feed), chosen)
+    return _largest(compiled.excesses(chosen.shapes, chosen.u, chosen.feed), chosen)
 
 
 def _largest(excesses: FloatArray, chosen: CheckedPoses) -> tuple[float, str]:

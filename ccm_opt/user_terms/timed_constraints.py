@@ -18,17 +18,17 @@ class MotionStates:
     """Places and rates of a motion at which constraints on speeds are checked.
 
     Attributes:
-        headings: of the links, shape (N, links) [rad].
+        shapes: headings of the links, or in space bends of the joints, shape (N, k) [rad].
         feed: shape (N,) [m].
         u: path parameter, shape (N,).
-        heading_rates: shape (N, links) [rad/s].
+        shape_rates: of the same, shape (N, k) [rad/s].
         feed_rate: shape (N,) [m/s].
     """
 
-    headings: FloatArray
+    shapes: FloatArray
     feed: FloatArray
     u: FloatArray
-    heading_rates: FloatArray
+    shape_rates: FloatArray
     feed_rate: FloatArray
 
 
@@ -71,10 +71,10 @@ class TimedConstraint:
         # CasADi maps a function over the columns of its arguments: one state, one column.
         count = len(states.u)
         arguments = (
-            ca.DM(states.headings.T),
+            ca.DM(states.shapes.T),
             ca.DM(states.feed).T,
             ca.DM(states.u).T,
-            ca.DM(states.heading_rates.T),
+            ca.DM(states.shape_rates.T),
             ca.DM(states.feed_rate).T,
         )
         values = np.asarray(self._function(*arguments), dtype=np.float64).reshape(-1, count).T

@@ -9,8 +9,10 @@ The theorem, its assumptions and its proof stand in ``docs/theory.md`` (theorem 
 complex numbers here.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -18,10 +20,24 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointTrajectory
+from ccm_opt.verification.checked_problem import CheckedProblem
 from ccm_opt.verification.effort_share import HoldingEfforts, allowed_share
+from ccm_opt.verification.hat_means import HatMeans
 from ccm_opt.verification.link_motion import advance, axis_direction, link_headings
 from ccm_opt.verification.rounding import point_rounding
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
+
+
+class MeansOfForce(Protocol):
+    """Means of the force on a feed axis around the inner samples, and what they may be off, shape (T − 2,) [N] each."""
+
+    @property
+    def force(self) -> FloatArray:
+        """The means by differences."""
+
+    @property
+    def force_errors(self) -> FloatArray:
+        """What the true means may be off."""
 
 
 def check_sample_efforts(
@@ -42,16 +58,16 @@ def check_sample_efforts(
     means = SampleMeans(problem, trajectory)
     torques, forces = holding
     if limits.torque is not None:
-        limit = _allowed(torques[:, 1::3], limits.torque[1::3], problem)
+        limit = allowed_beside(torques[:, 1::3], limits.torque[1::3], problem)
         checks.append(_torque_check(means, limit, settings))
     if limits.feed_force is not None:
         for name, held in zip(trajectory.coordinates.base_names, forces.T, strict=True):
-            limit = _allowed(held[:, None], np.array([limits.feed_force]), problem)[:, 0]
-            checks.append(_force_check(name, means, limit, settings))
+            limit = allowed_beside(held[:, None], np.array([limits.feed_force]), problem)[:, 0]
+            checks.append(force_check(name, means, trajectory.time, limit, settings))
     return checks
 
 
-def _allowed(held: FloatArray, limit: FloatArray, problem: Problem) -> FloatArray:
+def allowed_beside(held: FloatArray, limit: FloatArray, problem: CheckedProblem) -> FloatArray:
     """The greatest effort that is allowed anywhere in the two steps beside each inner sample, shape (T − 2, N).
 
     Args:
@@ -69,18 +85,44 @@ def _torque_check(means: "SampleMeans", allowed: FloatArray, settings: Verificat
     # The bound is worth its price only where the effort by differences passes the limit.
     sample, joint = np.nonzero(efforts > limit)
     limit[sample, joint] += means.torque_errors(sample, joint)
-    k, j = np.unravel_index(np.argmax(efforts / limit), efforts.shape)
-    where = f"joint {j + 1} at t = {means.trajectory.time[k + 1]:.4f} s"
+    time = means.trajectory.time
+    return torque_check(efforts, limit, lambda k, j: f"joint {j + 1} at t = {time[k + 1]:.4f} s")
+
+
+def torque_check(efforts: FloatArray, limit: FloatArray, where: Callable[[int, int], str]) -> Check:
+    """The check of the torques that the inner samples take by themselves.
+
+    Args:
+        efforts: their absolute values, shape (T − 2, N) [N m].
+        limit: with what they may be off, of the same shape [N m].
+        where: says where an effort is, by its row and column.
+    """
+    k, j = (int(index) for index in np.unravel_index(np.argmax(efforts / limit), efforts.shape))
     worst = float(efforts[k, j])
     bound = float(limit[k, j])
-    return Check("joint torque of the samples", worst, bound, "N m", where, passed=worst <= bound)
+    return Check("joint torque of the samples", worst, bound, "N m", where(k, j), passed=worst <= bound)
 
 
-def _force_check(name: str, means: "SampleMeans", allowed: FloatArray, settings: VerificationSettings) -> Check:
+def force_check(
+    name: str,
+    means: MeansOfForce,
+    time: FloatArray,
+    allowed: FloatArray,
+    settings: VerificationSettings,
+) -> Check:
+    """The check of the force on a feed axis that the inner samples take by themselves.
+
+    Args:
+        name: of the axis.
+        means: the force by differences, and what it may be off.
+        time: of all samples, shape (T,) [s].
+        allowed: shape (T − 2,) [N].
+        settings: of the verifier.
+    """
     efforts = np.abs(means.force)
     limit = allowed * (1.0 + settings.limit_tolerance) + means.force_errors
     k = int(np.argmax(efforts / limit))
-    where = f"t = {means.trajectory.time[k + 1]:.4f} s"
+    where = f"t = {time[k + 1]:.4f} s"
     worst = float(efforts[k])
     bound = float(limit[k])
     return Check(f"{name} force of the samples", worst, bound, "N", where, passed=worst <= bound)
@@ -104,15 +146,15 @@ class SampleMeans:
         arm = self._arm
         forces = self._forces
         # Σ over the masses beyond joint i of (lever × force), the lever r − pᵢ, in two sums from the tip.
-        levers = self._mean(self._bodies)
+        levers = self._hat.mean(self._bodies)
         own = _from_tip(np.imag(np.conj(levers) * forces))[:, : arm.links]
         beyond = _from_tip(forces)[:, : arm.links]
-        moments = own - np.imag(np.conj(self._mean(self._joints[:, :-1])) * beyond)
+        moments = own - np.imag(np.conj(self._hat.mean(self._joints[:, :-1])) * beyond)
         # Links turn, rotors turn with their bends, and friction rubs.
-        spins = _from_tip(arm.inertia_transverse * self._second(self._headings))
+        spins = _from_tip(arm.inertia_transverse * self._hat.second(self._headings))
         bends = self.trajectory.bend_angles
-        geared = _of_bends(arm, arm.rotor_inertia) * self._second(bends)
-        rubbed = _of_bends(arm, arm.friction) * self._first(bends)
+        geared = _of_bends(arm, arm.rotor_inertia) * self._hat.second(bends)
+        rubbed = _of_bends(arm, arm.friction) * self._hat.first(bends)
         return np.asarray(moments + spins + geared + rubbed)
 
     @property
@@ -145,8 +187,8 @@ class SampleMeans:
         mean_rates = np.diff(self._headings[within], axis=0) / np.array([[before], [after]])
         rates = np.max(np.abs(mean_rates), axis=0) + longest * growth
         of_links = arm.link_length * (growth + rates**2)
-        at_all = _of_bodies(of_links) + (self.problem.limits.feed_acceleration or 0.0)
-        beyond = _of_bodies(np.where(np.arange(arm.links) >= i, of_links, 0.0))
+        at_all = bounds_of_bodies(of_links) + (self.problem.limits.feed_acceleration or 0.0)
+        beyond = bounds_of_bodies(np.where(np.arange(arm.links) >= i, of_links, 0.0))
 
         levers = (self._bodies[within] - self._joints[within, i : i + 1])[:, i:]
         spread = np.abs(levers - self._mean_of(levers, before, after)) ** 2
@@ -169,11 +211,13 @@ class SampleMeans:
     def _arm(self) -> Arm:
         return self.problem.arm
 
+    @property
+    def _hat(self) -> HatMeans:
+        return HatMeans(self.trajectory.time)
+
     @cached_property
     def _steps(self) -> tuple[FloatArray, FloatArray]:
-        """Steps before and after the inner samples, each of shape (T − 2,) [s]."""
-        step = np.diff(self.trajectory.time)
-        return step[:-1], step[1:]
+        return self._hat.steps
 
     @cached_property
     def _headings(self) -> FloatArray:
@@ -207,7 +251,7 @@ class SampleMeans:
     @cached_property
     def _accelerations(self) -> FloatArray:
         """Mean accelerations of the masses, shape (T − 2, links + 1), complex [m/s²]."""
-        return self._second(self._bodies)
+        return self._hat.second(self._bodies)
 
     @property
     def _forces(self) -> FloatArray:
@@ -220,26 +264,12 @@ class SampleMeans:
         before, after = self._steps
         return np.asarray(4.0 * point_rounding(self._arm, self.trajectory.positions) / (before * after))
 
-    def _mean(self, values: FloatArray) -> FloatArray:
-        before, after = (step[:, None] for step in self._steps)
-        change = after * (values[2:] - values[1:-1]) + before * (values[:-2] - values[1:-1])
-        return np.asarray(values[1:-1] + change / (3.0 * (before + after)))
-
     def _mean_of(self, three: FloatArray, before: float, after: float) -> FloatArray:
         change = after * (three[2] - three[1]) + before * (three[0] - three[1])
         return np.asarray(three[1] + change / (3.0 * (before + after)))
 
-    def _first(self, values: FloatArray) -> FloatArray:
-        before, after = self._steps
-        return np.asarray((values[2:] - values[:-2]) / (before + after)[:, None])
 
-    def _second(self, values: FloatArray) -> FloatArray:
-        before, after = (step[:, None] for step in self._steps)
-        rates = np.diff(values, axis=0)
-        return np.asarray(2.0 * (rates[1:] / after - rates[:-1] / before) / (before + after))
-
-
-def _of_bodies(of_links: FloatArray) -> FloatArray:
+def bounds_of_bodies(of_links: FloatArray) -> FloatArray:
     """Bounds on the middles of the links and the tip, from those that each link adds, shape (links + 1,)."""
     return np.append(np.cumsum(of_links) - 0.5 * of_links, np.sum(of_links))
 

@@ -47,6 +47,15 @@ def one_entry(rng: Generator) -> Callable[[FloatArray], None]:
     return change
 
 
+def one_keyframe(rng: Generator) -> Callable[[FloatArray], None]:
+    """Move one bend of a keyframe by more than a motion may pass it at."""
+
+    def change(values: FloatArray) -> None:
+        values.ravel()[int(rng.integers(values.size))] += rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 1.0)
+
+    return change
+
+
 def shifted(rng: Generator) -> Callable[[FloatArray], None]:
     """Move everything by some samples."""
     steps = int(rng.integers(1, 9))
@@ -95,7 +104,7 @@ for _group, _names in {
     "gaps": GAPS,
     "feed": OF_FEED,
 }.items():
-    for _how in (scaled, one_entry, backwards, nothing):
+    for _how in (scaled, one_keyframe if _group == "keyframes" else one_entry, backwards, nothing):
         kind(f"{_group}: {_how.__name__}")(
             lambda folder, rng, names=_names, how=_how: changed_array(folder, rng, names, how(rng))
         )
@@ -110,7 +119,7 @@ for _group, _names in {"motion": MOTION, "simulation": SIMULATED, "feed": OF_FEE
 
 @kind("any array: not finite")
 def _(folder: Folder, rng: Generator) -> bool:
-    names = [*MOTION, *SIMULATED, *CURVES, *GAPS, "time"]
+    names = [name for name in (*MOTION, *SIMULATED, *CURVES, *GAPS, "time") if name in folder.arrays]
     name = names[int(rng.integers(len(names)))]
     no_number(rng)(folder.arrays[name])
     return True
@@ -180,4 +189,17 @@ def _(folder: Folder, rng: Generator) -> bool:
     if not len(folder.arrays["stops"]):
         return False
     folder.arrays["stops"] = folder.arrays["stops"][:-1]
+    return True
+
+
+@kind("the two bends of a joint swapped")
+def _(folder: Folder, rng: Generator) -> bool:
+    names = [name for name in ("bend_angles", "keyframes") if folder.arrays[name].ndim == 3]
+    if not names:
+        return False
+    pairs = folder.arrays[names[int(rng.integers(len(names)))]]
+    joint = int(rng.integers(pairs.shape[1]))
+    if np.max(np.abs(pairs[:, joint, 0] - pairs[:, joint, 1])) < 1e-3:
+        return False
+    pairs[:, joint] = pairs[:, joint, ::-1].copy()
     return True

@@ -1,6 +1,7 @@
 """Ways to change the record and the text files of a written plan."""
 
 import re
+import struct
 from typing import Any
 
 from .plans import Folder, Generator, kind
@@ -102,4 +103,47 @@ def _(folder: Folder, rng: Generator) -> bool:
     name = sorted(folder.texts)[int(rng.integers(len(folder.texts)))]
     text = folder.texts[name]
     folder.texts[name] = text[: int(rng.uniform(0.1, 0.95) * len(text))]
+    return True
+
+
+@kind("a mesh with a vertex moved")
+def _(folder: Folder, rng: Generator) -> bool:
+    if not folder.meshes:
+        return False
+    name = sorted(folder.meshes)[int(rng.integers(len(folder.meshes)))]
+    content = folder.meshes[name]
+    if content.startswith(b"solid"):
+        text = content.decode()
+        found = list(re.finditer(r"(?<=vertex )-?\d+\.\d+", text))
+        match = found[int(rng.integers(len(found)))]
+        folder.meshes[name] = f"{text[: match.start()]}{float(match[0]) + 1.0}{text[match.end() :]}".encode()
+        return True
+    # Behind 84 bytes every triangle of a binary file has 50, first the normal, then the corners.
+    vertex = 84 + 50 * int(rng.integers((len(content) - 84) // 50)) + 12 * int(rng.integers(1, 4))
+    (x,) = struct.unpack_from("<f", content, vertex)
+    folder.meshes[name] = content[:vertex] + struct.pack("<f", x + 0.01) + content[vertex + 4 :]
+    return True
+
+
+@kind("a mesh missing")
+def _(folder: Folder, rng: Generator) -> bool:
+    if not folder.meshes:
+        return False
+    del folder.meshes[sorted(folder.meshes)[int(rng.integers(len(folder.meshes)))]]
+    return True
+
+
+@kind("a body in the record thinner, larger or elsewhere")
+def _(folder: Folder, rng: Generator) -> bool:
+    if folder.record["problem"].get("space") != 3:
+        return False
+    bodies = folder.record["problem"]["workspace"]["obstacles"]
+    body = bodies[int(rng.integers(len(bodies)))]
+    shape = next(name for name in ("capsule", "box", "mesh") if name in body)
+    if shape == "mesh":
+        body["scale"] = rng.uniform(0.5, 0.99) * body.get("scale", 1.0)
+    elif shape == "capsule":
+        body["capsule"]["radius"] *= rng.uniform(0.5, 0.99)
+    else:
+        body["box"][0][0] += rng.uniform(0.001, 0.05)
     return True

@@ -7,7 +7,10 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from ccm_opt.driver.checking_plans import check
 from ccm_opt.driver.kept_plan import described
+from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS
+from ccm_opt.driver.space_pipeline import described_in_space
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.files.export.folder import write_solution
@@ -15,15 +18,18 @@ from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.link_chain import Feed
-from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.solution import JointTrajectory
-from ccm_opt.verification import verify
+from ccm_opt.problem import TipGoal
+from ccm_opt.solution import JointPath, JointStates, JointTrajectory
+from ccm_opt.space.problem import AnyProblem, SpaceProblem, SpaceTipGoal
+from ccm_opt.space.scene.bodies import BoxBody, SphereBody
+from ccm_opt.space.scene.scene import SpaceObstacle
+from ccm_opt.space.space_solution import AnySolution
 
 from .plans import Folder, Generator, kind
 
 
 def write_anew(
-    folder: Folder, problem: Problem | None = None, trajectory: JointTrajectory | None = None, **joints: FloatArray
+    folder: Folder, problem: AnyProblem | None = None, trajectory: JointTrajectory | None = None, **joints: FloatArray
 ) -> bool:
     """Write another motion or another problem with all that follows from them made anew, so that it is true.
 
@@ -38,15 +44,23 @@ def write_anew(
     trajectory = trajectory or solution.trajectory
     states = joint_states(problem.arm, trajectory, InverseDynamics(problem.arm, problem.simulation.gravity))
     states = replace(states, **joints)
-    checks = verify(problem, trajectory, states)
-    plan = VerifiedPlan(solution.path, trajectory, states, checks, TermResults())
-    anew = described(replace(problem, source=""), plan, Stages())
+    anew = told(replace(problem, source=""), solution.path, trajectory, states)
     with tempfile.TemporaryDirectory() as working:
         written = Folder.of(write_solution(anew, Path(working)), anew)
     folder.arrays = written.arrays
     folder.record = written.record
     folder.texts = written.texts
+    folder.meshes = written.meshes
     return True
+
+
+def told(problem: AnyProblem, path: JointPath, trajectory: JointTrajectory, states: JointStates) -> AnySolution:
+    """All that is said of a motion, whether it is a plan or not."""
+    checks = check(problem, trajectory, states)
+    plan = VerifiedPlan(path, trajectory, states, checks, TermResults())
+    if isinstance(problem, SpaceProblem):
+        return described_in_space(problem, plan, Stages(), DEFAULT_SETTINGS)
+    return described(problem, plan, Stages())
 
 
 def peak(values: FloatArray) -> float:
@@ -155,6 +169,9 @@ def _(folder: Folder, rng: Generator) -> bool:
     points = folder.solution.joint_positions
     sample = int(rng.integers(len(points)))
     place = points[sample, int(rng.integers(2, points.shape[1]))]
+    if isinstance(problem, SpaceProblem):
+        bodies = (*problem.workspace.obstacles, SpaceObstacle("speck", SphereBody(place, 0.002)))
+        return write_anew(folder, replace(problem, workspace=replace(problem.workspace, obstacles=bodies)))
     speck = Obstacle("speck", shapely.Point(place), 0.002)
     workspace = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, speck))
     return write_anew(folder, replace(problem, workspace=workspace))
@@ -164,11 +181,48 @@ def _(folder: Folder, rng: Generator) -> bool:
 def _(folder: Folder, rng: Generator) -> bool:
     problem = folder.solution.problem
     goal = problem.goal
-    if not isinstance(goal, TipGoal):
+    if not isinstance(goal, TipGoal | SpaceTipGoal):
         return False
-    angle = rng.uniform(-np.pi, np.pi)
-    away = rng.uniform(1.5, 20.0) * problem.tolerances.position * np.array([np.cos(angle), np.sin(angle)])
+    way = rng.normal(size=len(goal.position))
+    away = rng.uniform(1.5, 20.0) * problem.tolerances.position * way / np.linalg.norm(way)
     return write_anew(folder, replace(problem, goal=replace(goal, position=goal.position + away)))
+
+
+@kind("another direction at the goal")
+def _(folder: Folder, rng: Generator) -> bool:
+    problem = folder.solution.problem
+    goal = problem.goal
+    if not isinstance(goal, SpaceTipGoal) or goal.direction is None:
+        return False
+    aside = np.cross(goal.direction, rng.normal(size=3))
+    angle = rng.uniform(1.5, 40.0) * problem.tolerances.heading
+    turned = goal.direction + np.tan(angle) * aside / np.linalg.norm(aside)
+    return write_anew(folder, replace(problem, goal=replace(goal, direction=turned / np.linalg.norm(turned))))
+
+
+@kind("a place on the way that is not passed")
+def _(folder: Folder, rng: Generator) -> bool:
+    problem = folder.solution.problem
+    goal = problem.goal
+    if not isinstance(problem, SpaceProblem) or not isinstance(goal, SpaceTipGoal):
+        return False
+    way = rng.normal(size=3)
+    tip = folder.solution.joint_positions[:, -1]
+    place = goal.position + rng.uniform(0.2, 0.6) * way / np.linalg.norm(way)
+    if np.min(np.linalg.norm(tip - place, axis=1)) < 1.1 * problem.arm.link_length:
+        return False
+    return write_anew(folder, replace(problem, goal=replace(goal, via=(place,))))
+
+
+@kind("a body about the arm's base")
+def _(folder: Folder, rng: Generator) -> bool:
+    problem = folder.solution.problem
+    if not isinstance(problem, SpaceProblem):
+        return False
+    half = np.full(3, rng.uniform(2.0, 3.0))  # all of the motion is inside
+    around = SpaceObstacle("around", BoxBody(problem.arm.base - half, problem.arm.base + half))
+    workspace = replace(problem.workspace, bounds=None, obstacles=(*problem.workspace.obstacles, around))
+    return write_anew(folder, replace(problem, workspace=workspace))
 
 
 @kind("a motion in less time")
@@ -221,4 +275,6 @@ def _(folder: Folder, rng: Generator) -> bool:
 @kind("an error to survive that is too large")
 def _(folder: Folder, rng: Generator) -> bool:
     del rng
+    if isinstance(folder.solution.problem, SpaceProblem):
+        return False
     return write_anew(folder, replace(folder.solution.problem, joint_error=0.3))

@@ -12,7 +12,9 @@ import ccm_opt
 from ccm_opt.files.export.folder import write_solution
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.solution import Solution
+from ccm_opt.space.space_solution import AnySolution
+
+from .plans_in_space import PLANS_IN_SPACE, write_problem
 
 Arrays = dict[str, FloatArray]
 Generator = np.random.Generator
@@ -133,16 +135,18 @@ class Folder:
         arrays: of ``solution.npz``.
         record: of ``solution.json``.
         texts: of the other files.
+        meshes: their files, by paths in the folder; in space alone.
         solution: the plan that was written.
     """
 
     arrays: Arrays
     record: dict[str, Any]
     texts: dict[str, str]
-    solution: Solution
+    meshes: dict[str, bytes]
+    solution: AnySolution
 
     @classmethod
-    def of(cls, place: Path, solution: Solution) -> "Folder":
+    def of(cls, place: Path, solution: AnySolution) -> "Folder":
         """Read a folder."""
         with np.load(place / "solution.npz", allow_pickle=False) as archive:
             arrays = {name: archive[name].copy() for name in archive.files}
@@ -152,12 +156,14 @@ class Folder:
             for path in sorted(place.iterdir())
             if path.suffix in {".csv", ".yaml", ".urdf", ".xml"}
         }
-        return cls(arrays, record, texts, solution)
+        meshes = {str(path.relative_to(place)): path.read_bytes() for path in sorted(place.rglob("*.stl"))}
+        return cls(arrays, record, texts, meshes, solution)
 
     def copy(self) -> "Folder":
         """The same to be changed."""
         arrays = {name: values.copy() for name, values in self.arrays.items()}
-        return Folder(arrays, json.loads(json.dumps(self.record)), dict(self.texts), self.solution)
+        record = json.loads(json.dumps(self.record))
+        return Folder(arrays, record, dict(self.texts), dict(self.meshes), self.solution)
 
     def write(self, place: Path) -> None:
         """Put it into a folder."""
@@ -166,6 +172,9 @@ class Folder:
         (place / "solution.json").write_text(json.dumps(self.record), encoding="utf-8")
         for name, text in self.texts.items():
             (place / name).write_text(text, encoding="utf-8")
+        for name, content in self.meshes.items():
+            (place / name).parent.mkdir(exist_ok=True)
+            (place / name).write_bytes(content)
 
 
 @dataclass(frozen=True)
@@ -195,10 +204,14 @@ def kind(name: str, *, true: bool = False) -> Callable[[Callable[[Folder, Genera
     return entered
 
 
-def write_plans(place: Path, names: Sequence[str] = tuple(PLANS)) -> dict[str, Folder]:
+def write_plans(place: Path, names: Sequence[str] = (*PLANS, *PLANS_IN_SPACE)) -> dict[str, Folder]:
     """Solve the plans that are corrupted, or some of them, and read their folders."""
     found = {}
     for name in names:
-        solution = ccm_opt.solve(parse_problem(PLANS[name], f"{name}.toml"))
+        if name in PLANS_IN_SPACE:
+            problem = ccm_opt.load_problem(write_problem(name, place / "problems"))
+        else:
+            problem = parse_problem(PLANS[name], f"{name}.toml")
+        solution = ccm_opt.solve(problem)
         found[name] = Folder.of(write_solution(solution, place), solution)
     return found

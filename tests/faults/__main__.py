@@ -48,14 +48,17 @@ def swept(bench: Bench, options: argparse.Namespace) -> int:
     """Let operations fail in turn; the number of those after which something is wrong."""
     arguments = arguments_of(options.command, bench)
     bench.restore()
-    clean = run(arguments, None, cold=options.cold)
+    kept = bench.root / "libraries"
+    kept.mkdir()
+    cold = kept if options.cold else None
+    clean = run(arguments, None, cold=cold)
     print(f"{options.command}: {len(clean.faults.kinds)} operations, {dict(Counter(clean.faults.kinds))}")
     numbers = drawn(clean.faults.kinds, None if options.every else options.count, options.seed)
     wrong = 0
     for number in numbers:
         bench.restore()
         shutil.rmtree(bench.root / "comparison", ignore_errors=True)
-        outcome = run(arguments, number, cold=options.cold)
+        outcome = run(arguments, number, cold=cold)
         defects = outcome.defects() + bench.defects()
         if options.command == "compare":
             # The same command goes on where it was stopped, with every run once.
@@ -67,6 +70,8 @@ def swept(bench: Bench, options: argparse.Namespace) -> int:
             run(bench.solve(), None)
             defects += [f"left for ever: {name}" for name in bench.leftovers() if name in left]
         wrong += bool(defects)
+        if number % 20 == 0:
+            print(f"  {number} done", flush=True)
         for defect in defects:
             words = (outcome.stderr.strip().splitlines() or [""])[-1 if outcome.code != 1 else -2]
             print(f"  {number} {outcome.faults.failed}: {defect}; exit code {outcome.code}: {words}")

@@ -22,6 +22,8 @@ from tests.faults.injection import Faults, injected
 PROBLEM = PROBLEMS / "swan-neck.toml"
 NOTE = "notes.txt"
 """A file of the user's in the output folder."""
+KEPT_COMPILER = Path(__file__).parent / "kept_compiler.sh"
+"""Makes every library once; the operations of ccm_opt are those of any compiler."""
 CODES_OF_RESULTS = frozenset({0, 2, 3, 4})
 """What a command may end with; 1 is a bug in ccm_opt."""
 
@@ -55,18 +57,20 @@ class Outcome:
         return found
 
 
-def run(arguments: Sequence[str], fail_at: int | None, *, cold: bool = False) -> Outcome:
+def run(arguments: Sequence[str], fail_at: int | None, *, cold: Path | None = None) -> Outcome:
     """Run a command of the command line in this process, one of its operations failing.
 
     Args:
         arguments: of the command line.
         fail_at: number of the operation that fails, from 1; None: none.
-        cold: whether all libraries are compiled anew.
+        cold: where it is kept what the compiler makes, if all libraries are to be made anew; None: they are not.
     """
-    if not cold:
+    if cold is None:
         return _run(arguments, fail_at)
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setenv(COMPILER_VARIABLE, find_compiler())
+        patch.setenv("KEPT_COMPILER", find_compiler())
+        patch.setenv("KEPT_LIBRARIES", str(cold))
+        patch.setenv(COMPILER_VARIABLE, str(KEPT_COMPILER))
         patch.setenv(CACHE_VARIABLE, folder)
         return _run(arguments, fail_at)
 

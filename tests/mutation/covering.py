@@ -1,5 +1,6 @@
 """Which tests run which lines, and how long each takes: found by one run of the tests under coverage."""
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from xml.etree import ElementTree as ET
 from tests.mutation.mutants import Mutant
 
 TESTS = (
+    "base_axes",
     "contradictions",
     "corruption",
     "effort_share",
@@ -63,10 +65,12 @@ class Covering:
 
 
 def covering(folder: Path) -> Covering:
-    """Run the tests under coverage, or take what an earlier run has left in the folder."""
+    """Run the tests under coverage, or take what an earlier run of the same files has left in the folder."""
     report = folder / "coverage.json"
     times = folder / "times.xml"
-    if not report.exists():
+    state = folder / "state"
+    now = _state_of_files()
+    if not state.exists() or state.read_text(encoding="ascii") != now:
         folder.mkdir(parents=True, exist_ok=True)
         settings = folder / "coveragerc"
         settings.write_text(SETTINGS.format(data=folder / "data", report=report), encoding="utf-8")
@@ -90,6 +94,7 @@ def covering(folder: Path) -> Covering:
             *files,
         ]
         subprocess.run(command, check=True)
+        state.write_text(now, encoding="ascii")
     cases = ET.parse(times).iter("testcase")  # noqa: S314 - our own file
     seconds = {
         f"{case.get('classname', '').replace('.', '/')}.py::{case.get('name')}": float(case.get("time", 0))
@@ -103,3 +108,12 @@ def covering(folder: Path) -> Covering:
             of_file[line] = [test for test in tests if test in seconds]
         lines[path] = of_file
     return Covering(lines, seconds)
+
+
+def _state_of_files() -> str:
+    """A digest of what the tests run and of the tests, since lines move and tests get other names."""
+    digest = hashlib.sha256()
+    for place in ("ccm_opt/verification", "ccm_opt/collision", "tests"):
+        for path in sorted(Path(place).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

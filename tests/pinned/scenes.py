@@ -227,6 +227,25 @@ def other_goals(scale: float) -> None:
             verify(changed, trajectory, joints)
 
 
+def unlimited(scale: float) -> None:
+    """Arms of which little is asked: no torque, force, jerk or points, no goals on the way, and links that may meet."""
+    for fed in (False, True):
+        problem, trajectory = plan_of(scale, fed=fed)
+        few = {"torque": None, "jerk": None, "feed_force": None, "feed_jerk": None, "points": ()}
+        asked = replace(
+            problem,
+            limits=replace(problem.limits, **few),  # type: ignore[arg-type]
+            arm=replace(problem.arm, self_collision=False, payload=0.0, friction=0.0, rotor_inertia=0.0),
+            stops=(),
+            planner=PlannerOptions(effort_share=1.0),
+            joint_error=0.0,
+        )
+        moving = replace(trajectory, stops=())
+        checks = verify(asked, moving, states_of(asked, moving))
+        room_over_time(asked, moving, 0.0, checks)
+        left_unchecked(asked, moving)
+
+
 def malformed(scale: float) -> None:
     """Samples that are none."""
     problem, trajectory = plan_of(scale, fed=True)
@@ -290,6 +309,10 @@ def given_up(scale: float) -> None:
     still = np.zeros_like(poses)
     trajectory = JointTrajectory(0.004 * np.arange(2), 0.02 * poses, still, still, arm.coordinates)
     survived_error(arm, room, trajectory, joint_errors(arm), replace(DEFAULT_TOLERANCE, most_cases=1, depth=1))
+    mean = np.diff(trajectory.positions, axis=0) / 0.004
+    # Either end of a cubic may lead beyond the step.
+    for first, last in ((3.5, 1.0), (1.0, 3.5)):
+        interpolation_deviation(arm, replace(trajectory, velocities=np.vstack((first * mean, last * mean))))
     problem, _ = plan_of(scale, fed=False)
     asked = replace(problem, stops=(), verification=VerificationOptions(contact_tolerance=1e-4))
     verify(asked, trajectory, states_of(asked, trajectory))
@@ -391,6 +414,7 @@ SCENES: dict[str, Scene] = {
     },
     "fed, base_forces falsified": falsified("base_forces", fed=True),
     "other goals": other_goals,
+    "unlimited": unlimited,
     "malformed": malformed,
     "drawn motions": drawn_motions,
     "given up": given_up,

@@ -80,6 +80,11 @@ class Case:
 Mutation = Callable[[], Case]
 
 
+def peak(values: FloatArray) -> float:
+    """The greatest size."""
+    return float(np.max(np.abs(values)))
+
+
 def quintic(start: FloatArray, end: FloatArray, duration: float = 2.0) -> tuple[FloatArray, ...]:
     """Time, values, rates and accelerations of a rest-to-rest motion on a straight line in joint space."""
     t = np.linspace(0.0, 1.0, round(duration / 0.004) + 1)

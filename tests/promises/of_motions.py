@@ -15,16 +15,11 @@ from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
 from tests.arms import plain_arm
 
-from .cases import FULL, LINKS, ROOM, WEIGHTLESS, Case, Mutation, fed, fixed, pausing
+from .cases import FULL, LINKS, ROOM, WEIGHTLESS, Case, Mutation, fed, fixed, pausing, peak
 
 SHARE = 0.9
 BENDING = 0.9 * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 """Bends that lead the arm nowhere near itself."""
-
-
-def peak(values: FloatArray) -> float:
-    """The greatest size."""
-    return float(np.max(np.abs(values)))
 
 
 def gap_in_time() -> Case:

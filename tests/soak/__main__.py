@@ -57,9 +57,10 @@ def plans(generator: random.Random) -> Iterator[str]:
         yield "" if end in {"safe", "no plan"} else f"{name} {seed}: {end}"
         if number % ENOUGH_TO_WARM == 0:
             rest = memory.at_rest()
-            warm = warm or rest
+            warm = warm or rest.without_caches
+            grown = rest.without_caches - warm
             print(
-                f"  after {number} plans: {rest:.0f} MB at rest, {rest - warm:+.0f} since the first {ENOUGH_TO_WARM}; "
+                f"  after {number} plans: {grown:+.1f} MB since the first {ENOUGH_TO_WARM}; {rest}; "
                 f"{memory.most():.0f} MB at most; the longest took {longest:.1f} s",
                 flush=True,
             )
@@ -118,18 +119,19 @@ def main() -> int:
     """Run the parts, and print how often each was tried and how often something was wrong."""
     parser = argparse.ArgumentParser(prog="python -m tests.soak", description=__doc__)
     parser.add_argument("--hours", type=float, default=1.0, help="in all")
+    parser.add_argument("--count", type=int, default=10**9, help="tries of each part at most")
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**6), help="of all draws")
     parser.add_argument("--parts", nargs="+", choices=[part.name for part in PARTS], help="only these")
     options = parser.parse_args()
     print(f"seed {options.seed}", flush=True)
     chosen = [part for part in PARTS if options.parts is None or part.name in options.parts]
     shares = sum(part.share for part in chosen)
-    wrong = [tried(part, 3600.0 * options.hours * part.share / shares, options.seed) for part in chosen]
+    wrong = [tried(part, 3600.0 * options.hours * part.share / shares, options.count, options.seed) for part in chosen]
     return min(sum(wrong), 1)
 
 
-def tried(part: Part, time_limit: float, seed: int) -> int:
-    """Try one part until its time is over; how often something was wrong."""
+def tried(part: Part, time_limit: float, most: int, seed: int) -> int:
+    """Try one part until its time is over, or so often; how often something was wrong."""
     begun = time.monotonic()
     count, wrong = 0, 0
     for defect in part.tries(random.Random(f"{part.name} {seed}")):  # noqa: S311 - no secret
@@ -137,7 +139,7 @@ def tried(part: Part, time_limit: float, seed: int) -> int:
         if defect:
             wrong += 1
             print(f"- {part.name}: {defect}", flush=True)
-        if time.monotonic() - begun > time_limit:
+        if count == most or time.monotonic() - begun > time_limit:
             break
     print(f"{part.name}: {count} tried, {wrong} wrong, {time.monotonic() - begun:.0f} s", flush=True)
     return wrong

@@ -4,6 +4,7 @@ import itertools
 import random
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -13,8 +14,11 @@ from pathlib import Path
 
 from tests.conftest import PROBLEMS
 
+IN_SPACE = PROBLEMS / "space" / "blade-row.toml"
 LATEST = 10.0
 """A command that goes on for so long after Ctrl-C hangs [s]; one is wanted, and machines are busy."""
+SHOWN = 8.0
+"""After so long a page that is shown without end has long been there [s]."""
 
 
 def interrupted_commands(generator: random.Random) -> Iterator[str]:
@@ -26,7 +30,8 @@ def interrupted_commands(generator: random.Random) -> Iterator[str]:
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         plan = place / "plan" / "swan-neck"
-        _ended(["solve", str(PROBLEMS / "swan-neck.toml"), "--out", str(plan.parent), "--no-pictures"])
+        for problem in (PROBLEMS / "swan-neck.toml", IN_SPACE):
+            _ended(["solve", str(problem), "--out", str(plan.parent), "--no-pictures"])
         commands = _commands(place, plan)
         lasts = [_seconds(command, place) for command in commands]
         for command, seconds in itertools.cycle(zip(commands, lasts, strict=True)):
@@ -51,11 +56,16 @@ def _commands(place: Path, plan: Path) -> list[list[str]]:
         ["describe", problem],
         ["problems"],
         ["new", str(place / "out" / "mine.toml")],
+        ["view", problem, "--no-browser", "--port", str(_free_port())],
+        ["solve", str(IN_SPACE), *out],
+        ["check", str(plan.parent / IN_SPACE.stem)],
     ]
 
 
 def _seconds(command: list[str], place: Path) -> float:
     """How long a command takes undisturbed [s]."""
+    if command[0] == "view":
+        return SHOWN
     begun = time.monotonic()
     _ended(command)
     shutil.rmtree(place / "out", ignore_errors=True)
@@ -82,6 +92,13 @@ def _interrupted(command: list[str], after: float, plan: Path) -> str:
     if not (plan / "solution.json").is_file():
         return f"{command[0]}, interrupted after {after:.2f} s: the earlier plan is gone"
     return ""
+
+
+def _free_port() -> int:
+    """A port of this machine that nobody listens at just now."""
+    with socket.socket() as asked:
+        asked.bind(("127.0.0.1", 0))
+        return int(asked.getsockname()[1])
 
 
 def _started(command: list[str]) -> subprocess.Popen[bytes]:

@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 import viser
 
-from ccm_opt.cli.view.frames import MotionFrames
-from ccm_opt.cli.view.handles import Handles
-from ccm_opt.cli.view.scene import LAYERS, Scene
+from ccm_opt.cli.view.kinds import AnyFrames, AnyLivePlan, frames_of, handles_of, scene_of
 from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
-from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
+from ccm_opt.driver.live_plan import LiveAnswer
 from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.ground.rounding import TINY
 from ccm_opt.solution import Check
@@ -52,15 +50,16 @@ class ViewerApp:
         port: of the page, on this machine alone.
         checks: of the motion to begin with; none where they are not known.
         settings: of what is shown.
+        scene: that of the plane or that of space, which have the same methods.
     """
 
-    frames: MotionFrames
-    live: LivePlan | None
+    frames: AnyFrames
+    live: AnyLivePlan | None
     port: int
     checks: tuple[Check, ...] = ()
     settings: ViewSettings = VIEW
     server: viser.ViserServer = field(init=False)
-    scene: Scene = field(init=False)
+    scene: Any = field(init=False)
     player: Player = field(init=False, default_factory=Player)
     _slider: Any = field(init=False)
     _play: Any = field(init=False)
@@ -71,13 +70,13 @@ class ViewerApp:
     def __post_init__(self) -> None:
         with redirect_stdout(io.StringIO()):  # where it would introduce itself
             self.server = viser.ViserServer(host=LOOPBACK, port=self.port, label="ccm-opt view", verbose=False)
-        self.scene = Scene(self.server, self.frames, self.settings)
+        self.scene = scene_of(self.server, self.frames, self.settings)
         self.scene.draw()
         self.server.on_client_connect(self.scene.look)
         self._status = self.server.gui.add_markdown("")
         self._build_player()
         self._build_layers()
-        self._handles = None if self.live is None else Handles(self.scene, self.live, self._planned)
+        self._handles = handles_of(self.scene, self.live, self._planned)
         self.tell(_summary(self.frames, self.checks))
 
     @property
@@ -151,7 +150,9 @@ class ViewerApp:
         gui = self.server.gui
         with gui.add_folder("Show"):
             colour = gui.add_dropdown("colour of links", ("nothing", "gap", "torque"), initial_value="nothing")
-            boxes = {layer: gui.add_checkbox(layer, initial_value=layer in self.scene.shown) for layer in LAYERS}
+            boxes = {
+                layer: gui.add_checkbox(layer, initial_value=layer in self.scene.shown) for layer in self.scene.layers
+            }
 
         colour.on_update(self._coloured)
         for layer, box in boxes.items():
@@ -166,7 +167,7 @@ class ViewerApp:
         with self._lock:
             self.scene.switch(layer, on=event.target.value)
 
-    def _planned(self, live: LivePlan, answer: LiveAnswer | str) -> None:
+    def _planned(self, live: AnyLivePlan, answer: LiveAnswer | str) -> None:
         """Show what came of a change: the new plan, or the last one and why there is none."""
         with self._lock:
             self.scene.draw_room(live.problem)
@@ -178,7 +179,7 @@ class ViewerApp:
                 return
             plan = live.plan
             share = self.player.time / max(self.frames.duration, TINY)
-            self.frames = MotionFrames(plan.problem, plan.trajectory, plan.joints, self.settings)
+            self.frames = frames_of(plan.problem, plan.trajectory, plan.joints, self.settings)
             self.scene.frames = self.frames
             self.scene.draw_motion()
             self.player.time = share * self.frames.duration
@@ -187,7 +188,7 @@ class ViewerApp:
         self.tell(f"{_summary(self.frames, plan.checks)}\n\nplanned and verified in {answer.cpu:.2f} s")
 
 
-def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
+def _summary(frames: AnyFrames, checks: tuple[Check, ...]) -> str:
     """The motion in a few words."""
     gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
     units = PageUnits.of_page(frames.problem)

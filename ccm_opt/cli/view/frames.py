@@ -46,16 +46,11 @@ class MotionFrames:
 
     def gaps(self, time: float) -> FloatArray:
         """Gap of every link beyond radius and clearance at a time, shape (links,) [m]."""
-        return _nearest_row(self._gap_times, self._gaps, time)
+        return nearest_row(self._gap_times, self._gaps, time)
 
     def torque_shares(self, time: float) -> FloatArray:
         """Largest torque at every joint as a share of its limit at a time, shape (links,); 0 without limits."""
-        limit = self.problem.limits.torque
-        if limit is None:
-            return np.zeros(self.problem.arm.links)
-        shares = np.abs(self.joints.torques) / limit
-        of_joints = shares.reshape(len(shares), self.problem.arm.links, 3).max(axis=2)
-        return _nearest_row(self.trajectory.time, of_joints, time)
+        return torque_shares_at(self.problem.limits.torque, self.trajectory.time, self.joints.torques, time)
 
     def swept(self) -> shapely.Geometry:
         """The region that the arm sweeps, as far as some of its poses show it."""
@@ -81,6 +76,21 @@ class MotionFrames:
         return np.asarray(gaps - arm.radius - workspace.clearance)
 
 
-def _nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
+def nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
     """The row that belongs to the time nearest to a given one."""
     return np.asarray(rows[int(np.argmin(np.abs(times - time)))])
+
+
+def torque_shares_at(limit: FloatArray | None, times: FloatArray, torques: FloatArray, time: float) -> FloatArray:
+    """Largest torque at every joint as a share of its limit at a time, shape (links,); 0 without limits.
+
+    Args:
+        limit: of every revolute, shape (3 links,) [N m], or None.
+        times: of the samples, shape (T,) [s].
+        torques: shape (T, 3 links) [N m].
+        time: of the motion [s].
+    """
+    links = torques.shape[1] // 3
+    if limit is None:
+        return np.zeros(links)
+    return nearest_row(times, (np.abs(torques) / limit).reshape(len(torques), links, 3).max(axis=2), time)

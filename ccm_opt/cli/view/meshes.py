@@ -63,6 +63,24 @@ def cylinder(length: float, radius: float, sides: int) -> Mesh:
     return vertices, np.vstack((walls, lids))
 
 
+def ball(radius: float) -> Mesh:
+    """A ball about the origin."""
+    from trimesh.creation import icosphere  # noqa: PLC0415 - comes with viser
+
+    made = icosphere(subdivisions=2, radius=radius)
+    return np.asarray(made.vertices, dtype=np.float64), np.asarray(made.faces, dtype=np.int64)
+
+
+def turned_to(directions: FloatArray) -> FloatArray:
+    """Quaternions (w, x, y, z) that turn world x to unit vectors by the shortest turn, shape (..., 3) to (..., 4)."""
+    x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
+    zero = np.zeros_like(x)
+    # The axis is x × d; straight back every half turn is as short, and that about z is taken.
+    back = x < -1.0 + 1e-12
+    turns = np.stack((np.where(back, 0.0, 1.0 + x), zero, np.where(back, 0.0, -z), np.where(back, 1.0, y)), axis=-1)
+    return np.asarray(turns / np.linalg.norm(turns, axis=-1, keepdims=True))
+
+
 def _solid(polygon: shapely.Polygon, near: float, far: float) -> Mesh:
     """The solid over one polygon: two lids, and a wall along every ring."""
     parts = []

@@ -7,6 +7,7 @@ from functools import partial
 
 from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
+from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
 from ccm_opt.errors import CcmError
 
 
@@ -20,7 +21,7 @@ class Replanner:
         settings: when it is quiet enough to plan anew.
     """
 
-    live: LivePlan
+    live: LivePlan | LivePlanInSpace
     told: Callable[[LiveAnswer | str], None]
     settings: ViewSettings = VIEW
     _wanted: Callable[[], LiveAnswer] | None = None

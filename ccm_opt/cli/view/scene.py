@@ -12,7 +12,7 @@ import viser
 
 from ccm_opt.cli.view import colours
 from ccm_opt.cli.view.frames import MotionFrames
-from ccm_opt.cli.view.meshes import Mesh, cylinder, extruded, in_space, turned
+from ccm_opt.cli.view.meshes import Mesh, ball, cylinder, extruded, in_space, turned
 from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
 from ccm_opt.files.report.route_layers import route_layers
 from ccm_opt.ground.arrays import FloatArray
@@ -42,6 +42,11 @@ class Scene:
     _standing: tuple[object, bool] | None = None
     _arm: Any = None
     _joints: Any = None
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of what can be switched on and off."""
+        return tuple(LAYERS)
 
     @property
     def unit(self) -> float:
@@ -94,12 +99,12 @@ class Scene:
         """Draw one obstacle, in place of an earlier one of that name."""
         shape = shapely.transform(outline, lambda places: places / self.unit)
         vertices, faces = extruded(shape, -self.depth, self.depth)
-        path = _path("/room", name)
+        path = path_of("/room", name)
         self.server.scene.add_mesh_simple(path, vertices, faces, color=colours.WALLS, opacity=0.75, side="double")
         middle = shapely.get_coordinates(shapely.point_on_surface(shape))[0]
         place = in_space(middle, -self.depth)
         visible = "names" in self.shown
-        self.server.scene.add_label(_path("/names", name), name, position=place, visible=visible)
+        self.server.scene.add_label(path_of("/names", name), name, position=place, visible=visible)
 
     def _draw_goal(self, goal: TipGoal, number: str) -> None:
         place = in_space(goal.position / self.unit)
@@ -121,10 +126,9 @@ class Scene:
         self._arm = self.server.scene.add_batched_meshes_simple(
             "/arm/links", *link, wxyzs, in_space(start[:-1]), batched_colors=plain
         )
-        ball = _ball(self.radius)
         upright = np.tile(np.array([1.0, 0.0, 0.0, 0.0]), (arm.links + 1, 1))
         self._joints = self.server.scene.add_batched_meshes_simple(
-            "/arm/joints", *ball, upright, in_space(start), batched_colors=colours.plain(arm.links + 1)
+            "/arm/joints", *ball(self.radius), upright, in_space(start), batched_colors=colours.plain(arm.links + 1)
         )
         line = in_space(start)
         self.server.scene.add_spline_catmull_rom(
@@ -199,14 +203,6 @@ def _headings(points: FloatArray) -> FloatArray:
     return np.arctan2(along[:, 1], along[:, 0])
 
 
-def _ball(radius: float) -> Mesh:
-    """A ball about the origin."""
-    from trimesh.creation import icosphere  # noqa: PLC0415 - comes with viser
-
-    ball = icosphere(subdivisions=2, radius=radius)
-    return np.asarray(ball.vertices, dtype=np.float64), np.asarray(ball.faces, dtype=np.int64)
-
-
-def _path(folder: str, name: str) -> str:
+def path_of(folder: str, name: str) -> str:
     """Where something of a name stands in the scene; a slash in it would make a branch."""
     return f"{folder}/{name.replace('/', '|')}"

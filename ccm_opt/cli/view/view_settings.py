@@ -18,6 +18,10 @@ class ViewSettings:
         thin_arm: radius at which an arm without one is drawn, as a share of its length.
         sides: of the cylinder that a link is drawn as.
         curved: segments of a quarter circle in outlines.
+        most_triangles: of all bodies in space together; of more, small ones are left out.
+        cell: width of the cells in which corners are joined first then, as a share of the scene's extent.
+        glass: opacity of bodies in space.
+        poses: on the way, in space.
         quiet: wall time without a drag after which the plan is sought anew, for a shorter way [s].
         anew: CPU time for that [s].
     """
@@ -32,6 +36,10 @@ class ViewSettings:
     thin_arm: float = 0.006
     sides: int = 20
     curved: int = 6
+    most_triangles: int = 60_000
+    cell: float = 0.004
+    glass: float = 0.35
+    poses: int = 12
     quiet: float = 1.0
     anew: float = 3.0
 

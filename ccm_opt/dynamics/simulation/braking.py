@@ -16,10 +16,10 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.dynamics.simulation.simulation_settings import DEFAULT_BRAKING, BrakingSettings
 from ccm_opt.errors import Diagnosis, RetimingError
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.arm_points import MovingPoint, point_of
 from ccm_opt.jointed.drive_limits import planned_share
+from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.jointed.point_on_arm import PointOnArm
 from ccm_opt.problem import DriveLimits, Limits
 from ccm_opt.solution import JointTrajectory
 
@@ -27,7 +27,7 @@ from ccm_opt.solution import JointTrajectory
 def braked(
     trajectory: JointTrajectory,
     time: float,
-    arm: Arm,
+    arm: DrivenArm,
     limits: Limits,
     inverse_dynamics: InverseDynamics,
     *,
@@ -87,19 +87,19 @@ class _PlannedMotion:
     """
 
     spline: CubicHermiteSpline
-    arm: Arm
+    arm: DrivenArm
     limits: DriveLimits
     dynamics: InverseDynamics
     share: float
     settings: BrakingSettings
-    points: tuple[tuple[PointOnArm, float], ...] = ()
+    points: tuple[tuple[MovingPoint, float], ...] = ()
     caution: float = 1.0
 
     @classmethod
     def from_trajectory(
         cls,
         trajectory: JointTrajectory,
-        arm: Arm,
+        arm: DrivenArm,
         limits: Limits,
         dynamics: InverseDynamics,
         share: float,
@@ -108,9 +108,7 @@ class _PlannedMotion:
         spline = CubicHermiteSpline(trajectory.time, trajectory.positions, trajectory.velocities)
         # A slower motion along the same path keeps the bounds on speeds, so only those on accelerations matter.
         points = tuple(
-            (PointOnArm.from_arc_length(arm, limit.at), limit.acceleration)
-            for limit in limits.points
-            if np.isfinite(limit.acceleration)
+            (point_of(arm, limit.at), limit.acceleration) for limit in limits.points if np.isfinite(limit.acceleration)
         )
         of_drives = limits.of_drives(arm.coordinates).rates_within(share)
         return cls(spline, arm, of_drives, dynamics, share, settings, points)

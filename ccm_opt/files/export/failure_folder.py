@@ -9,8 +9,8 @@ from ccm_opt.files.export.earlier_results import FAILED, place_beside
 from ccm_opt.files.export.folder import POSE_RECORD, RECORD, write_folder
 from ccm_opt.files.export.pose_json import pose_failure_json
 from ccm_opt.files.export.solution_json import failure_json
+from ccm_opt.files.export.space_pose_files import space_pose_failure_json
 from ccm_opt.files.export.space_scene import kept_meshes
-from ccm_opt.problem import Problem
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 
@@ -46,9 +46,9 @@ def write_failure(
 
 
 def write_pose_failure(
-    problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float]
+    problem: AnyProblem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float]
 ) -> Path:
-    """Write the folder of a problem at whose goal no pose was found: ``pose.json`` alone.
+    """Write the folder of a problem at whose goal no pose was found: ``pose.json``, in space with the meshes.
 
     Args:
         problem: what was asked.
@@ -63,8 +63,13 @@ def write_pose_failure(
     Raises:
         ProblemError: as for ``write_failure``.
     """
-    record = pose_failure_json(problem, status, diagnosis, timings)
-    return write_folder(out / problem.name, {POSE_RECORD: record.encode()}, POSE_RECORD, beside=_FAILED_PLACE)
+    if isinstance(problem, SpaceProblem):
+        record = space_pose_failure_json(problem, status, diagnosis, timings)
+        files = kept_meshes(problem)
+    else:
+        record = pose_failure_json(problem, status, diagnosis, timings)
+        files = {}
+    return write_folder(out / problem.name, {POSE_RECORD: record.encode(), **files}, POSE_RECORD, beside=_FAILED_PLACE)
 
 
 _FAILED_PLACE = partial(place_beside, ending=FAILED)

@@ -3,17 +3,16 @@
 from collections.abc import Mapping
 
 from ccm_opt.files.export.pose_json import curve_record
-from ccm_opt.solution import GoalPoseRecord
+from ccm_opt.solution import GoalPoseRecord, SpaceGoalPoseRecord
 
 
-def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
+def goal_pose_data(record: GoalPoseRecord | SpaceGoalPoseRecord) -> Mapping[str, object]:
     """The whole record; lengths [m], angles [rad]."""
     variables, rows = record.size
     return {
         "reached": record.reached,
         "reason": record.reason,
-        "headings": record.headings.tolist(),
-        "curve": curve_record(record.curve),
+        **_pose_data(record),
         "gap": record.gap,
         "wanted_gap": record.wanted_gap,
         "cost": record.cost,
@@ -22,3 +21,10 @@ def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
         "nlp": {"variables": variables, "rows": rows, "iterations": record.iterations, "status": record.status},
         "tried": record.tried,
     }
+
+
+def _pose_data(record: GoalPoseRecord | SpaceGoalPoseRecord) -> Mapping[str, object]:
+    """The pose itself; in the plane with the curve behind it."""
+    if isinstance(record, SpaceGoalPoseRecord):
+        return {"configuration": record.configuration.tolist()}
+    return {"headings": record.headings.tolist(), "curve": curve_record(record.curve)}

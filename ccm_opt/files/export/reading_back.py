@@ -20,9 +20,8 @@ from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.jointed.frames import bends_from_revolutes, joint_names
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.problem import Problem
 from ccm_opt.solution import JointStates, JointTrajectory
-from ccm_opt.space.problem import AnyProblem, in_the_plane
+from ccm_opt.space.problem import AnyProblem
 
 POSITION_TOLERANCE = 1e-9
 """Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
@@ -125,20 +124,6 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
     if not isinstance(data, Mapping):
         raise ProblemError(f"{folder / RECORD}: expected a table under 'problem', got {type(data).__name__}")
     return data
-
-
-def load_recorded_problem(folder: Path, what: str = "this") -> Problem:
-    """The problem that a folder's plan solves, which must be in the plane.
-
-    Args:
-        folder: an output folder.
-        what: what knows the plane alone, for the refusal.
-
-    Raises:
-        ProblemError: when there is no readable record, or the problem in it is not usable, or in space.
-        VerificationError: when the record says that there is no plan.
-    """
-    return in_the_plane(load_any_problem(folder), what)
 
 
 def load_any_problem(folder: Path) -> AnyProblem:

@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from ccm_opt.files.export.folder import model_texts
+from ccm_opt.files.export.mesh_agreement import mesh_defects
 from ccm_opt.files.export.trajectory_text import bending_joints, trajectory_columns
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import Check, JointStates, JointTrajectory
@@ -62,7 +63,8 @@ def checks_of_texts(folder: Path, problem: AnyProblem, trajectory: JointTrajecto
             )
             variants = (partial(readers[name], names=names, tables=tables) for names, tables in of_joints)
         else:
-            variants = (partial(_model_defects, wanted=text) for text in _descriptions(described, name))
+            meshes = partial(mesh_defects, folder, problem=problem)
+            variants = (partial(_model_defects, wanted=text, meshes=meshes) for text in _descriptions(described, name))
         found.append(_check(folder / name, variants))
     return found
 
@@ -180,8 +182,8 @@ def _differing(rows: FloatArray, columns: FloatArray, names: Sequence[str]) -> I
         yield f"{names[column]} of sample {sample + 1} is {found:.12g}, not {columns[sample, column]:.12g}"
 
 
-def _model_defects(text: str, wanted: str) -> Iterator[str]:
-    """What of a description of the arm is otherwise than the problem says."""
+def _model_defects(text: str, wanted: str, meshes: Callable[[str], Iterator[str]]) -> Iterator[str]:
+    """What of a description of the arm, and of the meshes that it names, is otherwise than the problem says."""
     if len(text) > MOST_TIMES_LONGER * len(wanted):
         yield "it is far longer than a description of the arm"
         return
@@ -195,6 +197,7 @@ def _model_defects(text: str, wanted: str) -> Iterator[str]:
         yield f"it is not readable as XML: {error}"
         return
     yield from _differing_elements(found, ET.fromstring(wanted), "")  # noqa: S314 - our own text
+    yield from meshes(wanted)
 
 
 def _differing_elements(found: ET.Element, wanted: ET.Element, path: str) -> Iterator[str]:

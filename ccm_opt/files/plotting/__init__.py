@@ -16,17 +16,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ccm_opt.files.plotting.animation import motion_gif
     from ccm_opt.files.plotting.arm_drawing import draw_body, draw_poses, draw_tip_path
     from ccm_opt.files.plotting.axis_units import label_axes
     from ccm_opt.files.plotting.drawn_plan import DrawnPlan
+    from ccm_opt.files.plotting.films import motion_gif, motion_mp4
     from ccm_opt.files.plotting.paper_figures import curves_picture, links_picture, space_picture, steps_picture
     from ccm_opt.files.plotting.pareto_picture import pareto_figure
     from ccm_opt.files.plotting.picture_settings import FilmSettings, PictureSettings
     from ccm_opt.files.plotting.plan import draw_goals, plan_figure
     from ccm_opt.files.plotting.pose_picture import pose_figure
     from ccm_opt.files.plotting.reach_picture import reach_figure
-    from ccm_opt.files.plotting.video import motion_mp4
     from ccm_opt.files.plotting.workspace_drawing import draw_workspace
 
 __all__ = [
@@ -52,17 +51,16 @@ __all__ = [
 ]
 
 _NAMES = {
-    "animation": ("motion_gif",),
     "arm_drawing": ("draw_body", "draw_poses", "draw_tip_path"),
     "axis_units": ("label_axes",),
     "drawn_plan": ("DrawnPlan",),
+    "films": ("motion_gif", "motion_mp4"),
     "paper_figures": ("curves_picture", "links_picture", "space_picture", "steps_picture"),
     "pareto_picture": ("pareto_figure",),
     "picture_settings": ("FilmSettings", "PictureSettings"),
     "plan": ("draw_goals", "plan_figure"),
     "pose_picture": ("pose_figure",),
     "reach_picture": ("reach_figure",),
-    "video": ("motion_mp4",),
     "workspace_drawing": ("draw_workspace",),
 }
 """Public names by the module that has them."""

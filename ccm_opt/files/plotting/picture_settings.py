@@ -170,49 +170,47 @@ class PaperFigureSettings:
 
 @dataclass(frozen=True)
 class SpacePictureSettings:
-    """Sizes of the pictures and of the film of a plan in space; all of them are taste.
+    """Sizes of the pictures of a plan in space; all of them are taste.
 
     Attributes:
         most_triangles: of all bodies together; of more, small ones are left out.
         least_triangles: of one body, however many there are.
         cell: width of the cells in which corners are joined first, as a share of the scene's extent.
         round_sides: of balls and bars.
+        fewest_sides: of them where there are so many bodies that each may have few triangles only.
         glass: opacity of one body.
         glass_pixels: of the longer side of a view, in which bodies are drawn.
         sharp: angle between two faces from which on their edge is drawn [rad].
         poses: between start and end.
         side: longest side of one view [inch].
+        legend_width: of the arm in the legend, at most [point].
         dots_per_inch: of PNG files.
         places: along the arm, at which the section measures.
         section_share: of the arm's length, as far as the section looks for surfaces.
-        film_side: longest side of the film [pixel].
-        film_frames: of the film, at most.
-        film_rate: frames a second.
-        colours: of the film's palette.
     """
 
     most_triangles: int = 6000
     least_triangles: int = 200
     cell: float = 0.008
-    round_sides: int = 12
+    round_sides: int = 24
+    fewest_sides: int = 12
     glass: float = 0.22
     glass_pixels: int = 700
     sharp: float = 0.6
     poses: int = 6
     side: float = 4.6
+    legend_width: float = 8.0
     dots_per_inch: int = 110
     places: int = 100
     section_share: float = 0.12
-    film_side: int = 520
-    film_frames: int = 60
-    film_rate: int = 12
-    colours: int = 128
 
 
 PICTURES = PictureSettings()
 """Used where no other settings are given."""
 FILM = FilmSettings()
 """Likewise."""
+SPACE_FILM = FilmSettings(longest_side=520, frames_a_second=12, most_frames=60, last_frame=1500, colours=128)
+"""Likewise in space, where a frame holds more, and a film therefore fewer frames."""
 PARETO_PICTURE = ParetoPictureSettings()
 """Likewise."""
 COMPARISON_PICTURES = ComparisonPictureSettings()

@@ -39,7 +39,7 @@ def simulation_png(
         figure = Figure(figsize=(9.0, 4.6), dpi=settings.dots_per_inch, layout="constrained")
         scene, errors = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
         _draw_scene(scene, problem, trajectory, simulated, settings.simulated_poses)
-        _draw_errors(errors, trajectory, joints, simulated, settings.least_error)
+        draw_errors(errors, trajectory, joints, simulated, settings.least_error)
         figure.legend(*scene.get_legend_handles_labels(), loc="outside lower left", ncols=3, frameon=False)
         return figure
 
@@ -60,14 +60,14 @@ def _draw_scene(
     points = joint_positions_3d(arm, simulated.angles, carried)[..., [0, 2]]
     end = arm.joint_positions_at(trajectory.positions[-1])
     draw_body(axes, end, arm.radius, style.START, style.START_EDGE, label="planned end", zorder=3)
-    for k, pose in enumerate(_poses_at(shares, trajectory.time[: _simulated_samples(trajectory, simulated)], points)):
+    for k, pose in enumerate(poses_at(shares, trajectory.time[: simulated_samples(trajectory, simulated)], points)):
         label = "simulated, on the way" if k == 0 else ""
         axes.plot(pose[:, 0], pose[:, 1], color=style.TIP_PATH, linewidth=1.0, label=label, zorder=4)
     draw_body(axes, points[-1], arm.radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="simulated end", zorder=5)
     axes.set(title=f"{problem.name}: {simulated.verdict.outcome}", xlabel="x [m]", ylabel="y [m]")
 
 
-def _simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
+def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
     """Number of samples that the simulation reached: those after a run was stopped show nothing of the arm."""
     verdict = simulated.verdict
     if verdict.outcome != "diverged" or verdict.time is None:
@@ -75,17 +75,17 @@ def _simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) 
     return max(int(np.searchsorted(trajectory.time, verdict.time)), 1)
 
 
-def _poses_at(shares: tuple[float, ...], time: FloatArray, points: FloatArray) -> FloatArray:
-    """The poses at given shares of the duration, shape (len(shares), links + 1, 2) [m]."""
+def poses_at(shares: tuple[float, ...], time: FloatArray, points: FloatArray) -> FloatArray:
+    """The poses at given shares of the duration, shape (len(shares), links + 1, 2 or 3) [m]."""
     samples = np.searchsorted(time, np.array(shares) * time[-1])
     return np.asarray(points[samples], dtype=np.float64)
 
 
-def _draw_errors(
+def draw_errors(
     axes: Axes, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion, least: float
 ) -> None:
     """Largest joint error over time, on a logarithmic scale, and when the arm ceased to follow."""
-    reached = slice(_simulated_samples(trajectory, simulated))
+    reached = slice(simulated_samples(trajectory, simulated))
     time = trajectory.time[reached]
     errors = np.max(np.abs(simulated.angles - joints.angles), axis=1)[reached]
     axes.semilogy(time, np.maximum(errors, least), color=style.GOAL_ARM, label="joints [rad]")

@@ -1,5 +1,7 @@
 """The picture ``plan.png`` of a plan in space: the motion from three sides, and a section along the arm at its goal."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -15,8 +17,23 @@ from ccm_opt.files.plotting.space_views import SIDES, SeenScene, Side, window_of
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import METRES
 from ccm_opt.ground.length_words import short_length
-from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.space.problem import SpaceGoal, SpaceProblem, SpaceTipGoal
 from ccm_opt.space.space_solution import SpacePlan
+
+
+@dataclass(frozen=True)
+class SheetOfSides:
+    """A figure with room for three views and a section.
+
+    Attributes:
+        figure: the whole.
+        views: axes of the views, in the order of ``SIDES``.
+        section: axes of the section.
+    """
+
+    figure: Figure
+    views: tuple[Axes, ...]
+    section: Axes
 
 
 def space_plan_picture(
@@ -31,6 +48,20 @@ def space_plan_figure(plan: SpacePlan, settings: SpacePictureSettings = SPACE_PI
     problem = plan.problem
     points = plan.joint_positions
     window = window_of(problem, points)
+    sheet = sheet_of_sides(window, settings)
+    scene = SeenScene(problem, settings)
+    for side, axes in zip(SIDES, sheet.views, strict=True):
+        _draw_view(axes, scene, side, plan, points, window)
+    draw_section(sheet.section, problem, points[-1], settings)
+    figure = sheet.figure
+    gap = "" if plan.least_gap is None else f", least gap {short_length(plan.least_gap)}"
+    figure.suptitle(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}", x=0.02, ha="left", fontsize=10)
+    legend_below_views(figure, settings)
+    return figure
+
+
+def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PICTURES) -> SheetOfSides:
+    """An empty sheet for what lies in a box, whose corners have the shape (2, 3) [m]."""
     spans = np.ptp(window, axis=0)
     scale = settings.side / float(np.max(spans))
     # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
@@ -49,17 +80,17 @@ def space_plan_figure(plan: SpacePlan, settings: SpacePictureSettings = SPACE_PI
         wspace=0.65 / np.mean(widths),
         hspace=0.72 / np.mean(heights),
     )
-    scene = SeenScene(problem, settings)
-    cells = (grid[0, 0], grid[1, 0], grid[1, 1])
-    for side, cell in zip(SIDES, cells, strict=True):
-        axes = figure.add_subplot(cell)
-        _draw_view(axes, scene, side, plan, points, window)
-    _draw_section(figure.add_subplot(grid[0, 1]), problem, points[-1], settings)
-    gap = "" if plan.least_gap is None else f", least gap {short_length(plan.least_gap)}"
-    figure.suptitle(f"{problem.name}: {plan.trajectory.duration:.2f} s{gap}", x=0.02, ha="left", fontsize=10)
+    views = tuple(figure.add_subplot(cell) for cell in (grid[0, 0], grid[1, 0], grid[1, 1]))
+    return SheetOfSides(figure, views, figure.add_subplot(grid[0, 1]))
+
+
+def legend_below_views(figure: Figure, settings: SpacePictureSettings) -> None:
+    """One legend for all views, of what is in the first of them."""
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)
-    return figure
+    legend = figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)
+    for line in legend.get_lines():
+        # A thick arm would cover its own name.
+        line.set_linewidth(min(line.get_linewidth(), settings.legend_width))
 
 
 def _draw_view(
@@ -81,7 +112,7 @@ def _draw_view(
     tips = side(points[:, -1])
     axes.plot(*tips.T, color=style.TIP_PATH, linewidth=1.1, linestyle=(0, (4, 2)), zorder=7, label="path of the tip")
     draw_goals_in_space(axes, plan, side, points)
-    _dress_view(axes, side, problem)
+    dress_view(axes, side, problem)
 
 
 def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: float, label: str) -> None:
@@ -95,10 +126,7 @@ def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: 
         opacity: of the band.
         label: in the legend.
     """
-    box = axes.get_window_extent()
-    # The axes have the aspect of their limits only inside their box.
-    pixels_a_metre = min(box.width / np.ptp(axes.get_xlim()), box.height / np.ptp(axes.get_ylim()))
-    width = max(2.0 * radius * pixels_a_metre * 72.0 / SPACE_PICTURES.dots_per_inch, 1.2)
+    width = max(2.0 * radius * points_a_metre(axes), 1.2)
     axes.plot(
         *flat.T, color=colour, linewidth=width, alpha=opacity, zorder=6, label=label,
         solid_capstyle="round", solid_joinstyle="round",
@@ -106,26 +134,51 @@ def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: 
     axes.plot(*flat.T, color=style.GOAL_ARM_EDGE, linewidth=0.5, marker="o", markersize=1.2, zorder=6.1)
 
 
+def points_a_metre(axes: Axes) -> float:
+    """How many points of line width a metre of the drawing is."""
+    box = axes.get_window_extent()
+    # The axes have the aspect of their limits only inside their box.
+    pixels_a_metre = min(box.width / np.ptp(axes.get_xlim()), box.height / np.ptp(axes.get_ylim()))
+    return float(pixels_a_metre * 72.0 / SPACE_PICTURES.dots_per_inch)
+
+
 def draw_goals_in_space(axes: Axes, plan: SpacePlan, side: Side, points: FloatArray) -> None:
     """Rings at all goals, with an arrow where a direction is asked for."""
     samples = [*plan.trajectory.stops, len(points) - 1]
+    ahead = 3.0 * plan.problem.arm.link_length
     for stop, sample in zip(plan.problem.goals, samples, strict=True):
-        goal = stop.goal
-        place = goal.position if isinstance(goal, SpaceTipGoal) else points[sample, -1]
         label = "goal" if sample == samples[-1] else ""
-        axes.plot(
-            *side(place), marker="o", markersize=8, markerfacecolor="none", markeredgewidth=1.5,
-            color=style.GOAL_MARK, linestyle="none", zorder=9, label=label,
-        )  # fmt: skip
-        if isinstance(goal, SpaceTipGoal) and goal.direction is not None:
-            ahead = side(place + 3.0 * plan.problem.arm.link_length * goal.direction)
-            arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.5, "shrinkA": 0.0, "shrinkB": 0.0}
-            axes.annotate("", xy=tuple(ahead), xytext=tuple(side(place)), arrowprops=arrow, zorder=9)
-        for passed in goal.via if isinstance(goal, SpaceTipGoal) else ():
-            axes.plot(*side(passed), marker="x", markersize=6, color=style.GOAL_MARK, linestyle="none", zorder=9)
+        draw_goal_in_space(axes, stop.goal, points[sample, -1], side, ahead, label)
 
 
-def _dress_view(axes: Axes, side: Side, problem: SpaceProblem) -> None:
+def draw_goal_in_space(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side, ahead: float, label: str) -> None:
+    """A ring at a goal, an arrow of a length [m] in its direction, and crosses at the places on the way to it.
+
+    Args:
+        axes: of the view.
+        goal: what is drawn.
+        tip: where the tip ends, for a goal of the whole arm, shape (3,) [m].
+        side: of the view.
+        ahead: length of the arrow [m].
+        label: in the legend.
+    """
+    place = goal.position if isinstance(goal, SpaceTipGoal) else tip
+    axes.plot(
+        *side(place), marker="o", markersize=8, markerfacecolor="none", markeredgewidth=1.5,
+        color=style.GOAL_MARK, linestyle="none", zorder=9, label=label,
+    )  # fmt: skip
+    if not isinstance(goal, SpaceTipGoal):
+        return
+    if goal.direction is not None:
+        end = side(place + ahead * goal.direction)
+        arrow = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.5, "shrinkA": 0.0, "shrinkB": 0.0}
+        axes.annotate("", xy=tuple(end), xytext=tuple(side(place)), arrowprops=arrow, zorder=9)
+    for passed in goal.via:
+        axes.plot(*side(passed), marker="x", markersize=6, color=style.GOAL_MARK, linestyle="none", zorder=9)
+
+
+def dress_view(axes: Axes, side: Side, problem: SpaceProblem) -> None:
+    """Name the axes of a view, in the unit of the problem's file."""
     unit = problem.length_unit
     axes.set_title(side.name, fontsize=style.FONT_SIZE, loc="left", pad=3)
     axes.set_xlabel(f"{side.labels[0]} [{unit}]", fontsize=style.FONT_SIZE)
@@ -138,7 +191,7 @@ def _dress_view(axes: Axes, side: Side, problem: SpaceProblem) -> None:
         spine.set_visible(False)
 
 
-def _draw_section(axes: Axes, problem: SpaceProblem, end: FloatArray, settings: SpacePictureSettings) -> None:
+def draw_section(axes: Axes, problem: SpaceProblem, end: FloatArray, settings: SpacePictureSettings) -> None:
     """What is above, below and beside the straightened arm at its goal."""
     arm = problem.arm
     reach = max(settings.section_share * arm.length, 4.0 * arm.radius)

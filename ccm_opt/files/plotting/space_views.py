@@ -72,7 +72,9 @@ class SeenScene:
         obstacles = self.problem.workspace.obstacles
         extent = float(np.max(np.ptp(self.problem.workspace.extent, axis=0), initial=self.problem.arm.length))
         most = max(self.settings.most_triangles // max(len(obstacles), 1), self.settings.least_triangles)
-        surfaces = [seen_triangles(obstacle.body, self.settings.round_sides) for obstacle in obstacles]
+        # A ball of n sides has about n² triangles.
+        sides = self.settings.round_sides if most >= self.settings.round_sides**2 else self.settings.fewest_sides
+        surfaces = [seen_triangles(obstacle.body, sides) for obstacle in obstacles]
         return [within(*surface, most, self.settings.cell * extent) for surface in surfaces]
 
     def draw(self, axes: Axes, side: Side) -> None:

@@ -3,11 +3,11 @@
 import shutil
 import subprocess
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from ccm_opt.errors import ProblemError
-from ccm_opt.files.plotting.animation import Film, video_settings
-from ccm_opt.files.plotting.drawn_plan import DrawnPlan
+from ccm_opt.files.plotting.film import Film
 from ccm_opt.files.plotting.picture_settings import FILM, FilmSettings
 
 _QUALITY = ("-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", "yuv420p", "-movflags", "+faststart")
@@ -18,12 +18,22 @@ def encoder() -> str | None:
     return shutil.which("ffmpeg")
 
 
-def motion_mp4(plan: DrawnPlan, settings: FilmSettings = FILM) -> bytes:
-    """The motion of a plan as a video, in real time unless it is too long for that.
+def video_settings(settings: FilmSettings = FILM) -> FilmSettings:
+    """The settings of a film with the size and the frames of a video."""
+    return replace(
+        settings,
+        longest_side=settings.video_side,
+        frames_a_second=settings.video_frames_a_second,
+        most_frames=settings.most_video_frames,
+        oversampling=2,
+    )
+
+
+def film_mp4(film: Film) -> bytes:
+    """A film as a video.
 
     Args:
-        plan: the plan.
-        settings: size and number of the frames.
+        film: with the settings of `video_settings`.
 
     Returns:
         The content of an MP4 file.
@@ -34,8 +44,8 @@ def motion_mp4(plan: DrawnPlan, settings: FilmSettings = FILM) -> bytes:
     program = encoder()
     if program is None:
         raise ProblemError("a video needs the program ffmpeg, which is not found; install it, or leave out 'mp4'")
-    rate = settings.video_frames_a_second
-    film = Film.of_plan(plan, video_settings(settings), rate, settings.most_video_frames)
+    settings = film.settings
+    rate = settings.frames_a_second
     frames = list(film.frames())
     still = frames[-1:] * round(rate * settings.last_frame / 1e3)
     width, height = frames[0].size

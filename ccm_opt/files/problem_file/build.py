@@ -152,11 +152,11 @@ def build_feed(table: FeedTable) -> Feed:
     return Feed(low, high, high if table.hole is None else table.hole)
 
 
-def link_inertia(table: ChainTable, masses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Given, or a solid cylinder's."""
+def link_inertia(table: ChainTable, masses: FloatArray, thinnest: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """Given, or a solid cylinder's of the arm's radius, or of the thinnest that may stand for it [m]."""
     if table.inertia is not None:
         return _each(table.inertia.axial, table.links), _each(table.inertia.transverse, table.links)
-    return cylinder_inertia(masses, table.radius, table.link_length)
+    return cylinder_inertia(masses, max(table.radius, thinnest), table.link_length)
 
 
 def build_limits(table: LimitsTable, links: int) -> Limits:

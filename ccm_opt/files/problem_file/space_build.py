@@ -30,6 +30,7 @@ from ccm_opt.files.problem_file.schema import (
     VerificationTable,
 )
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.link_bodies import SPACE_ROD_RADIUS
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem import Tolerances, VerificationOptions
 from ccm_opt.space.problem import SpaceGoal, SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
@@ -124,7 +125,7 @@ def build_placement(table: PlacementTable | None) -> RigidPlacement:
 def build_space_arm(table: SpaceArmTable) -> SpaceArm:
     """The arm; its links are solid cylinders unless the inertia is given."""
     masses = link_masses(table)
-    axial, transverse = link_inertia(table, masses)
+    axial, transverse = link_inertia(table, masses, SPACE_ROD_RADIUS * table.link_length)
     direction = np.array(table.base.direction)
     return SpaceArm(
         links=table.links,

@@ -80,7 +80,7 @@ def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
     yield {"kind": "words", "at": _listed(0.5 * (edge + goal)), "words": missing}
 
 
-def nearest_base(problem: Problem, place: tuple[float, float]) -> list[float]:
+def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
     """The place of the base, of all to which a feed axis can carry it, that is nearest to a point [m]."""
     arm = problem.arm
     low, high = arm.base_range
@@ -140,5 +140,5 @@ def first_look(problem: Problem, diagnosis: Diagnosis) -> FloatArray:
     return np.concatenate(found)
 
 
-def _listed(place: FloatArray | tuple[float, float]) -> list[float]:
+def _listed(place: FloatArray | tuple[float, ...]) -> list[float]:
     return [float(value) for value in place]

@@ -33,7 +33,7 @@ def goal_pose_section(solution: Solution, units: PageUnits, settings: ReportSett
         settings: of the drawing.
     """
     record = solution.path.goal_pose
-    if record is None:
+    if not isinstance(record, GoalPoseRecord):
         return None
     tables = element("div", _segments(record, units), _costs(record), _binding(solution, record, units))
     return element(

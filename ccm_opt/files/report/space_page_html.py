@@ -8,6 +8,7 @@ from ccm_opt.errors import Diagnosis
 from ccm_opt.files.report.checks_section import checks_section
 from ccm_opt.files.report.document import html_document
 from ccm_opt.files.report.failure_page import STATUS, help_section, reason_section, search_section
+from ccm_opt.files.report.findings_in_space import findings_in_space
 from ccm_opt.files.report.gap_data import gap_data
 from ccm_opt.files.report.header_section import badge, page_header, plan_badges, plan_figures
 from ccm_opt.files.report.markup import Markup, element, joined, table
@@ -83,9 +84,13 @@ def space_failure_html(
     arm = problem.arm
     start = joint_positions(arm, problem.start.configuration(arm))
     goals = np.stack([_place_of(problem, stop.goal) for stop in problem.goals])
+    places = [finding.place for finding in diagnosis.findings if finding.place is not None]
+    seen = np.concatenate((start, goals, np.array(places).reshape(-1, 3)))
     data = {
         "unit": _unit_data(units),
-        "scene": space_scene_data(problem, np.concatenate((start, goals)), goals, settings),
+        "scene": space_scene_data(problem, seen, goals, settings),
+        "blocking": [name for finding in diagnosis.findings[:1] for name in finding.obstacles],
+        "findings": findings_in_space(diagnosis),
     }
     facts = (
         reason_section(diagnosis),
@@ -94,7 +99,7 @@ def space_failure_html(
         search_section(problem, diagnosis, timings or {}),
     )
     header = page_header(problem, [badge(STATUS.get(status, status), good=False)], (), units)
-    stage = space_stage(f"The problem {problem.name}, the arm at its start", moves=False)
+    stage = space_stage(f"The problem {problem.name}, the arm at its start, and what stands in the way", moves=False)
     body = joined((header, element("main", stage, element("div", *facts, cls="facts"))))
     return html_document(f"{problem.name}: {status}", body, data, SCRIPTS)
 

@@ -35,7 +35,7 @@ def space_stage(label: str, *, moves: bool) -> Markup:
     readout = None
     if moves:
         pairs = [element("div", element("dt", words), element("dd", data_now=key)) for key, words in _READOUT]
-        readout = element("dl", *pairs, cls="readout")
+        readout = element("dl", *pairs, cls="readout places")
     hint = (
         "Drag to turn the scene; with Shift, the right button or two fingers to move it; Ctrl and the wheel, two "
         "fingers or a double click zoom."

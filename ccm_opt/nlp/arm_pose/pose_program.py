@@ -168,7 +168,8 @@ class PoseProgram:
         return lower, upper
 
 
-@lru_cache(maxsize=16)
+# Few sizes are met in one problem, and a program keeps a built solver of some megabytes alive.
+@lru_cache(maxsize=4)
 def pose_program(size: PoseSize) -> PoseProgram:
     """Symbols, rows and objective for a size; nothing is solved."""
     curve = LiftedCurve(size.segments)

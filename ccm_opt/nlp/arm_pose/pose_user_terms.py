@@ -15,7 +15,7 @@ GOAL = 1.0
 """Path parameter of the goal."""
 
 
-@lru_cache(maxsize=16)  # the regions are drawn anew several times for one question; its solver is built once
+@lru_cache(maxsize=4)  # the regions are drawn anew several times for one question; its solver is built once
 def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
     """The program with the user's hard constraints as rows, and soft ones and costs in its objective.
 

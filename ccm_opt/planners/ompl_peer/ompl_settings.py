@@ -21,6 +21,8 @@ class OmplSettings:
             Taste: as the baseline's.
         longest_turn: turn of a link by which a way is cut into legs, so that a corner that is refined is a short
             stretch of it [rad]. Taste.
+        beyond_tube: in space, how far behind a guide tube joints begin to bend, in link lengths. Taste: so that a
+            smooth path may begin to bend them a little earlier.
         smooth: how the smooth path is found. Derived: a corner of legs of the longest turn is refined until the tip
             leaves it by less than what is between the two gaps.
         draws: how poses at a goal for the tip are drawn.
@@ -33,6 +35,7 @@ class OmplSettings:
     searched_gap: float = 3e-4
     certified_gap: float = 1e-4
     longest_turn: float = 0.2
+    beyond_tube: float = 0.2
     smooth: SmoothPathSettings = field(default_factory=lambda: SmoothPathSettings(refinements=10))
     draws: ConnectSettings = field(default_factory=ConnectSettings)
 

@@ -9,6 +9,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.compiled_source import compiled_source
 from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
 from ccm_opt.space.distances.surface_boxes import NODE, SurfaceBoxes
+from ccm_opt.space.distances.surface_search import SegmentGapCall
 
 _POINTER = ctypes.c_void_p
 _LONG = ctypes.c_int64
@@ -51,7 +52,7 @@ class _PlaneStruct(ctypes.Structure):
         ("surfaces", _SurfacesStruct),
         ("count", _LONG),
         ("segments", _POINTER),
-        *((name, _DOUBLE) for name in ("reach", "behind")),
+        *((name, _DOUBLE) for name in ("reach", "behind", "slack")),
         *((name, _LONG) for name in ("most", "rows")),
         *((name, _POINTER) for name in ("segment", "face", "share", "normal", "point", "gap", "waiting")),
         *((name, _LONG) for name in ("size", "room")),
@@ -114,6 +115,13 @@ class CompiledSearch:
         self._grid = grid.grid_gaps
         arrays = (boxes.nodes, boxes.corners, boxes.rounding)
         self._surfaces = _SurfacesStruct(*(array.ctypes.data for array in arrays))
+        function = ctypes.cast(nearest.segment_gap, _POINTER).value or 0
+        self._gap_call = SegmentGapCall(function, ctypes.addressof(self._surfaces))
+
+    @property
+    def gap_call(self) -> SegmentGapCall:
+        """What other compiled code needs to take distances here; it may be used as long as the search is kept."""
+        return self._gap_call
 
     def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
         """Least gap of each segment, or the reach; not a number where the segment is none."""
@@ -133,7 +141,7 @@ class CompiledSearch:
         self._nearest(ctypes.byref(query))
         return found
 
-    def planes(self, segments: FloatArray, reach: float, most: int, behind: float) -> PlaneRows:
+    def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:
         """Half-spaces about each segment."""
         count = len(segments)
         whole = np.empty((2, count * most), dtype=np.int64)
@@ -141,7 +149,7 @@ class CompiledSearch:
         share, gap = real[:2]
         normal, point = real[2:].reshape(2, -1, 3)
         addresses = (array.ctypes.data for array in (*whole, share, normal, point, gap))
-        query = _PlaneStruct(self._surfaces, count, segments.ctypes.data, reach, behind, most, 0, *addresses)
+        query = _PlaneStruct(self._surfaces, count, segments.ctypes.data, reach, behind, slack, most, 0, *addresses)
         self._planes(ctypes.byref(query))
         rows = query.rows
         if rows < 0:
@@ -158,7 +166,7 @@ class CompiledSearch:
 
 def compiled_search(boxes: SurfaceBoxes) -> CompiledSearch | None:
     """A compiled search; None where there is no compiling."""
-    nearest = compiled_source(Path(__file__).with_name("nearest_surfaces.c"), ("nearest_surfaces",))
+    nearest = compiled_source(Path(__file__).with_name("nearest_surfaces.c"), ("nearest_surfaces", "segment_gap"))
     planes = compiled_source(Path(__file__).with_name("free_planes.c"), ("free_planes",))
     grid = compiled_source(Path(__file__).with_name("grid_gaps.c"), ("grid_gaps",))
     if nearest is None or planes is None or grid is None:

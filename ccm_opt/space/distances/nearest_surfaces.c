@@ -25,3 +25,13 @@ PUBLIC void nearest_surfaces(NearestQuery *q)
         if (found.face >= 0) witness(&q->surfaces, &segment, &found, q->point + 3 * k, q->normal + 3 * k);
     }
 }
+
+/* The same of one segment, for other libraries of the package: no number where the segment is none. */
+PUBLIC double segment_gap(const Surfaces *surfaces, const double *ends, double reach, double slack)
+{
+    Segment segment = segment_between(ends);
+    double least;
+    if (!isfinite(segment.square + dot(segment.start, segment.start))) return NAN;
+    nearest_face(surfaces, &segment, reach, slack, -1, &least);
+    return least;
+}

@@ -12,6 +12,7 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.distances.segment_triangle import nearest_pairs, outward_normals
 from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
 from ccm_opt.space.distances.surface_boxes import SurfaceBoxes
+from ccm_opt.space.distances.surface_search import SegmentGapCall
 
 _CHUNK = 200_000
 """Pairs that are looked at together, so that memory stays bounded."""
@@ -44,6 +45,11 @@ class NumpySearch:
 
     boxes: SurfaceBoxes
 
+    @property
+    def gap_call(self) -> SegmentGapCall | None:
+        """Nothing is compiled."""
+        return None
+
     def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
         """Least gap of each segment, or the reach; not a number where the segment is none."""
         del slack  # all pairs in question are looked at anyway
@@ -74,8 +80,9 @@ class NumpySearch:
         witnesses.normal[k], witnesses.point[k] = self._sides(segments, found)
         return witnesses
 
-    def planes(self, segments: FloatArray, reach: float, most: int, behind: float) -> PlaneRows:
+    def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:
         """Half-spaces about each segment."""
+        del slack  # the nearest is at hand
         found = self._near(segments, reach, nearest_only=False)
         kept: list[IntArray] = []
         for segment in range(len(segments)):

@@ -12,6 +12,7 @@ NODE = np.dtype(
         ("low", np.float32, 3),
         ("high", np.float32, 3),
         ("rounding", np.float32),
+        ("edge", np.float32),
         ("normal", np.float32, 3),
         ("beneath", np.float32),
         ("above", np.float32),
@@ -28,9 +29,9 @@ class SurfaceBoxes:
     """Boxes about boxes about triangles.
 
     Attributes:
-        nodes: box, largest rounding, and number of triangles of each node, shape (nodes,) of ``NODE``; ``first`` is the
-            first triangle of a leaf, or, of a node without any, the first of its two children, which stand side by
-            side. A leaf that only fills a pair has the number −1.
+        nodes: box, largest rounding, longest edge, and number of triangles of each node, shape (nodes,) of ``NODE``;
+            ``first`` is the first triangle of a leaf, or, of a node without any, the first of its two children, which
+            stand side by side. A leaf that only fills a pair has the number −1.
         corners: triangles in the order of the leaves, the longest edge from the first corner to the second, shape
             (m, 3, 3) [m].
         rounding: radius of what is about every triangle, in the same order, shape (m,) [m].
@@ -59,6 +60,8 @@ def boxes_by_numpy(triangles: FloatArray, rounding: FloatArray, leaf: int) -> Su
     level["low"] = -_rounded_up(-np.minimum.reduceat(corners.min(axis=1), starts))
     level["high"] = _rounded_up(np.maximum.reduceat(corners.max(axis=1), starts))
     level["rounding"] = _rounded_up(np.maximum.reduceat(rounding, starts))
+    edges = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)  # the longest of each
+    level["edge"] = _rounded_up(np.maximum.reduceat(edges, starts))
     level["first"] = starts
     level["count"] = np.diff(np.append(starts, len(order)))
     levels = [level]
@@ -73,6 +76,7 @@ def boxes_by_numpy(triangles: FloatArray, rounding: FloatArray, leaf: int) -> Su
         level["low"] = pairs["low"].min(axis=1)
         level["high"] = pairs["high"].max(axis=1)
         level["rounding"] = pairs["rounding"].max(axis=1)
+        level["edge"] = pairs["edge"].max(axis=1)
         levels.append(level)
     return SurfaceBoxes(_joined(levels[::-1]), corners, rounding, order)
 

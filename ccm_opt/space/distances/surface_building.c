@@ -33,7 +33,7 @@ typedef struct {
 } Bin;
 
 typedef struct {
-    double low[3], high[3], rounding, area[3]; /* the last is twice the sum of the areas as vectors */
+    double low[3], high[3], rounding, edge, area[3]; /* the last is twice the sum of the areas as vectors */
 } Box;
 
 static const Bin EMPTY = {{HUGE_VALF, HUGE_VALF, HUGE_VALF}, {-HUGE_VALF, -HUGE_VALF, -HUGE_VALF}, 0};
@@ -141,6 +141,7 @@ static void place(Building *b, Box *box, int64_t at)
     b->rounding[at] = b->given_rounding[number];
     b->order[at] = number;
     box->rounding = larger(box->rounding, b->rounding[at]);
+    box->edge = larger(box->edge, sqrt(longest));
     for (int k = 0; k < 9; k++) {
         box->low[k % 3] = smaller(box->low[k % 3], given[k]);
         box->high[k % 3] = larger(box->high[k % 3], given[k]);
@@ -182,7 +183,7 @@ static void slice(const Building *b, Node *node, const double *area, int64_t beg
 
 static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, int level)
 {
-    Box box = {{HUGE_VAL, HUGE_VAL, HUGE_VAL}, {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, 0.0, {0.0, 0.0, 0.0}};
+    Box box = {{HUGE_VAL, HUGE_VAL, HUGE_VAL}, {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, 0.0, 0.0, {0.0, 0.0, 0.0}};
     Node *node = b->nodes + number;
     if (end - begin <= b->leaf) {
         node->first = (int32_t)begin;
@@ -197,6 +198,7 @@ static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, i
             int64_t from = child ? begin + half : begin, to = child ? end : begin + half;
             Box below = build_node(b, node->first + child, from, to, level + 1);
             box.rounding = larger(box.rounding, below.rounding);
+            box.edge = larger(box.edge, below.edge);
             for (int d = 0; d < 3; d++) {
                 box.low[d] = smaller(box.low[d], below.low[d]);
                 box.high[d] = larger(box.high[d], below.high[d]);
@@ -209,6 +211,7 @@ static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, i
         node->high[d] = rounded_up(box.high[d]);
     }
     node->rounding = rounded_up(box.rounding);
+    node->edge = rounded_up(box.edge);
     slice(b, node, box.area, begin, end);
     return box;
 }

@@ -18,6 +18,7 @@
 typedef struct {
     float low[3], high[3];            /* rounded outwards, as is the rest */
     float rounding;                   /* the largest in it */
+    float edge;                       /* the longest of its triangles */
     float normal[3], beneath, above;  /* its triangles lie between two planes; none where the normal is zero */
     int32_t first, count;             /* of its triangles; without any, the first of its two children */
 } Node;

@@ -1,13 +1,30 @@
 """What searches the surfaces of a scene: compiled C, or numpy."""
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.distances.surface_answers import PlaneRows, Witnesses
 
 
+class SegmentGapCall(NamedTuple):
+    """What other compiled code of the package needs to take distances: valid as long as the search is kept.
+
+    Attributes:
+        function: address of ``segment_gap`` of nearest_surfaces.c.
+        surfaces: address of what it is asked of.
+    """
+
+    function: int
+    surfaces: int
+
+
 class SurfaceSearch(Protocol):
     """Searches a hierarchy of boxes; the owner in its answers is a place among the triangles of the leaves."""
+
+    @property
+    def gap_call(self) -> SegmentGapCall | None:
+        """What compiled code needs to take distances here, as long as the search is kept; None where nothing is."""
+        ...
 
     def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
         """Least gap of each segment (k, 2, 3), or less by the slack at most, cut off at the reach, shape (k,) [m]."""
@@ -17,8 +34,8 @@ class SurfaceSearch(Protocol):
         """Where each segment (k, 2, 3) is nearest to a surface."""
         ...
 
-    def planes(self, segments: FloatArray, reach: float, most: int, behind: float) -> PlaneRows:
-        """At most so many half-spaces about each segment (k, 2, 3), the nearest first."""
+    def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:
+        """At most so many half-spaces about each segment (k, 2, 3), the nearest first, or nearest but for the slack."""
         ...
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:

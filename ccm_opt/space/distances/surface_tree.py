@@ -90,8 +90,9 @@ class SurfaceTree:
     ) -> PlaneRows:
         """Half-spaces that hold a segment and are free of the surfaces near it: a convex region about each.
 
-        Surfaces are taken in the order of their distance. The plane through a surface's nearest point, at right angles
-        to the shortest way, is kept; all that lies behind a plane that is kept is dropped.
+        Surfaces are taken in the order of their distance, but for the slack of the settings. The plane through a
+        surface's nearest point, at right angles to the shortest way, is kept; all that lies behind a plane that is kept
+        is dropped.
 
         Args:
             segments: ends, shape (k, 2, 3) [m].
@@ -104,7 +105,8 @@ class SurfaceTree:
             return PlaneRows(none, np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), none)
         most = self.settings.most_planes if most is None else most
         behind = self.settings.behind * reach if behind is None else behind
-        found = self.search.planes(np.ascontiguousarray(segments, dtype=np.float64), reach, most, behind)
+        slack = self.settings.slack * reach
+        found = self.search.planes(np.ascontiguousarray(segments, dtype=np.float64), reach, most, behind, slack)
         return replace(found, owner=self.owner[found.owner])
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:

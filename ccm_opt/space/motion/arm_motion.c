@@ -1,14 +1,7 @@
 /* How far the points of an arm of universal joints move while its joints turn evenly, and how near its links are to each
    other. link_motion.py says what is computed; numpy does the same there where there is no compiling. */
 
-#include <math.h>
-#include <stdint.h>
-
-#if defined(_WIN32)
-#define PUBLIC __declspec(dllexport)
-#else
-#define PUBLIC __attribute__((visibility("default")))
-#endif
+#include "link_places.h"
 
 typedef struct {
     int64_t links;
@@ -20,23 +13,9 @@ typedef struct {
     double *bow;            /* out: bounds on the second derivatives of joints and tip, (links + 1,) */
 } MotionQuery;
 
-/* Axes of a joint: z of the link before it, and y of that after the turn about z, which is y of the link after it. */
 PUBLIC void motion_bounds(MotionQuery *q)
 {
-    double rate[3] = {0.0, 0.0, 0.0}, drift = 0.0, before = 0.0;
-    q->bow[0] = 0.0;
-    for (int64_t j = 0; j < q->links; j++) {
-        const double *frame = j ? q->rotations + 9 * (j - 1) : q->base;
-        const double *after = q->rotations + 9 * j;
-        double da = q->turns[2 * j], db = q->turns[2 * j + 1];
-        for (int d = 0; d < 3; d++) rate[d] += da * frame[3 * d + 2] + db * after[3 * d + 1];
-        drift += before * hypot(da, db) + fabs(da * db);
-        double norm = sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]);
-        double most = norm + 0.5 * drift;
-        q->speed[j] = most;
-        q->bow[j + 1] = q->bow[j] + q->length * (most * most + drift);
-        before = most;
-    }
+    bound_motion(q->links, q->length, q->base, q->rotations, q->turns, q->speed, q->bow);
 }
 
 typedef struct {
@@ -49,52 +28,6 @@ typedef struct {
     double *normal;            /* out: unit vectors from the second to the first, (capacity, 3) */
 } PairQuery;
 
-static inline double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static inline double clamp(double x) { return x < 0.0 ? 0.0 : x > 1.0 ? 1.0 : x; }
-
-/* Squared distance of the points at shares s and t of two segments p + s u and r + t w. */
-static inline double at(const double *p, const double *u, const double *r, const double *w, double s, double t)
-{
-    double sum = 0.0;
-    for (int d = 0; d < 3; d++) {
-        double x = p[d] + s * u[d] - r[d] - t * w[d];
-        sum += x * x;
-    }
-    return sum;
-}
-
-/* The nearest points of two segments: the best of the inner one, if there is one, and of the four ends. */
-static double segments(const double *p, const double *u, const double *r, const double *w, double *s, double *t)
-{
-    double from[3] = {p[0] - r[0], p[1] - r[1], p[2] - r[2]};
-    double uu = dot(u, u), uw = dot(u, w), ww = dot(w, w), pu = dot(from, u), pw = dot(from, w);
-    double best = INFINITY;
-    double shares[5][2];
-    int count = 0;
-    double det = uu * ww - uw * uw;
-    if (det > 1e-14 * uu * ww) {
-        double a = (uw * pw - ww * pu) / det, b = (uu * pw - uw * pu) / det;
-        if (a > 0.0 && a < 1.0 && b > 0.0 && b < 1.0) {
-            shares[count][0] = a;
-            shares[count++][1] = b;
-        }
-    }
-    double none = 1e-300;
-    shares[count][0] = 0.0, shares[count++][1] = clamp(pw / fmax(ww, none));
-    shares[count][0] = 1.0, shares[count++][1] = clamp((pw + uw) / fmax(ww, none));
-    shares[count][0] = clamp(-pu / fmax(uu, none)), shares[count++][1] = 0.0;
-    shares[count][0] = clamp((uw - pu) / fmax(uu, none)), shares[count++][1] = 1.0;
-    for (int k = 0; k < count; k++) {
-        double square = at(p, u, r, w, shares[k][0], shares[k][1]);
-        if (square >= best) continue;
-        best = square;
-        *s = shares[k][0];
-        *t = shares[k][1];
-    }
-    return sqrt(best);
-}
-
 PUBLIC void near_links(PairQuery *q)
 {
     q->count = 0;
@@ -102,28 +35,20 @@ PUBLIC void near_links(PairQuery *q)
         const double *p = q->points + 3 * i;
         double u[3] = {p[3] - p[0], p[4] - p[1], p[5] - p[2]}, s = 0.0, t = 0.0;
         double length = sqrt(dot(u, u));
-        for (int64_t j = i + q->first_pair; j < q->links; j++) {
-            const double *r = q->points + 3 * j;
-            /* Starts of two links farther apart than this leave the links farther apart than the reach; links are alike,
-               so the second is as long, and those that follow it start at most a link farther on. */
-            double apart[3] = {r[0] - p[0], r[1] - p[1], r[2] - p[2]};
-            double square = dot(apart, apart), most = q->reach + 2.0 * length;
-            if (square > most * most) {
-                j += (int64_t)fmax((sqrt(square) - most) / fmax(length, 1e-300) - 1.0, 0.0);
-                continue;
-            }
-            double w[3] = {r[3] - r[0], r[4] - r[1], r[5] - r[2]};
-            double distance = segments(p, u, r, w, &s, &t);
+        int64_t j = next_in_reach(q->points, q->links, i, i + q->first_pair, q->reach, length);
+        for (; j < q->links; j = next_in_reach(q->points, q->links, i, j + 1, q->reach, length)) {
+            double distance = links_apart(q->points, i, j, &s, &t);
             if (distance >= q->reach) continue;
             int64_t k = q->count++;
             if (k >= q->capacity) continue;
+            const double *r = q->points + 3 * j;
             q->first[k] = i;
             q->second[k] = j;
             q->first_at[k] = s;
             q->second_at[k] = t;
             q->distance[k] = distance;
             for (int d = 0; d < 3; d++)
-                q->normal[3 * k + d] = (p[d] + s * u[d] - r[d] - t * w[d]) / fmax(distance, 1e-12);
+                q->normal[3 * k + d] = (p[d] + s * u[d] - r[d] - t * (r[3 + d] - r[d])) / fmax(distance, 1e-12);
         }
     }
 }
@@ -143,21 +68,12 @@ PUBLIC void chain(ChainQuery *q)
 {
     int64_t p = q->unknowns, n = q->links;
     const double *feed = q->slopes + 2 * n * p;
-    for (int d = 0; d < 3; d++) {
-        q->points[d] = q->start[d] + (q->fed ? q->base[3 * d] * q->q[2 * n] : 0.0);
+    place_links(n, q->length, q->fed, q->start, q->base, q->q, q->points, q->rotations);
+    for (int d = 0; d < 3; d++)
         for (int64_t k = 0; k < p; k++) q->moving[d * p + k] = q->fed ? q->base[3 * d] * feed[k] : 0.0;
-    }
     for (int64_t j = 0; j < n; j++) {
         const double *before = j ? q->rotations + 9 * (j - 1) : q->base;
-        double *after = q->rotations + 9 * j;
-        double ca = cos(q->q[2 * j]), sa = sin(q->q[2 * j]), cb = cos(q->q[2 * j + 1]), sb = sin(q->q[2 * j + 1]);
-        for (int d = 0; d < 3; d++) {
-            double x = before[3 * d], y = before[3 * d + 1], z = before[3 * d + 2], along = ca * x + sa * y;
-            after[3 * d] = cb * along - sb * z;
-            after[3 * d + 1] = ca * y - sa * x;
-            after[3 * d + 2] = sb * along + cb * z;
-            q->points[3 * (j + 1) + d] = q->points[3 * j + d] + q->length * after[3 * d];
-        }
+        const double *after = q->rotations + 9 * j;
         const double *about_a = q->slopes + 2 * j * p, *about_b = about_a + p;
         double *turn = q->turning + 3 * j * p, *move = q->moving + 3 * (j + 1) * p;
         for (int d = 0; d < 3; d++)

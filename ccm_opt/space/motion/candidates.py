@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.motion.followable_ways import FollowableWays, WayEnd
 from ccm_opt.space.motion.grid_ways import TipGrid, shortened
 from ccm_opt.space.motion.task import SpaceTask
 
@@ -19,11 +21,13 @@ class TipWay:
         name: in words, for the record.
         corners: shape (m, 3) [m].
         margin: share of the margin that steps along it keep.
+        followed: whether all joints are drawn onto it behind the tip.
     """
 
     name: str
     corners: FloatArray
     margin: float = 1.0
+    followed: bool = False
 
 
 @dataclass
@@ -35,19 +39,37 @@ class SpaceTipWays:
         start: tip where the motion begins, shape (3,) [m].
         goal: place of the tip at the end, shape (3,) [m].
         direction: of the last link there, shape (3,), or None.
+        heading: where the last link points when the motion begins, shape (3,).
+        fed: how much farther the base can be fed [m]; None where it is fixed.
     """
 
     task: SpaceTask
     start: FloatArray
     goal: FloatArray
     direction: FloatArray | None
+    heading: FloatArray
+    fed: float | None = None
+    _followed: list[FloatArray] = field(default_factory=list)  # ways that an arm could follow, as far as was tried
     _grids: dict[tuple[int, float], TipGrid] = field(default_factory=dict)
 
-    def __iter__(self) -> Iterator[TipWay]:
+    def first(self) -> Iterator[TipWay]:
+        """The ways that are tried first: the straight one, and for a fed arm such as it can follow behind its tip."""
+        settings = self.task.settings
+        yield TipWay("straight", self._joined([self.start, *self._ends(settings.ways.approaches[0])]))
+        yield from self._behind_the_tip(settings.followable.cells[0])
+
+    def others(self) -> Iterator[TipWay]:
+        """Through finer grids, the cheapest ways whatever their bends, and others round other sides."""
         settings = self.task.settings.ways
-        yield TipWay("straight", self._joined([self.start, *self._ends(settings.approaches[0])]))
+        for cells in self.task.settings.followable.cells[1:]:
+            yield from self._behind_the_tip(cells)
         seen: list[FloatArray] = []
+        tried: set[float] = set()
         for cells in settings.cells:
+            size = self._grid(cells, settings.margins[-1]).cell
+            if size in tried:
+                continue
+            tried.add(size)
             for nearness in settings.nearness:
                 for margin in settings.margins:
                     way = self._through_grid(cells, nearness, margin, settings.approaches[0], None)
@@ -63,6 +85,46 @@ class SpaceTipWays:
             way = self._through_grid(settings.cells[0], settings.nearness[0], settings.margins[-1], approach, None)
             if way is not None:
                 yield TipWay("with another approach", way, settings.close)
+
+    def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
+        """Ways that a fed arm can follow; none for an arm whose base is fixed."""
+        settings = self.task.settings
+        if self.fed is None:
+            return
+        seen = self._followed
+        for nearness, margin in settings.followable.prices:
+            for approach in settings.followable.approaches:
+                way = self._followable(cells, nearness, margin, approach)
+                if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
+                    seen.append(way)
+                    yield TipWay("behind the tip", way, settings.ways.close, followed=True)
+                    yield TipWay("behind the tip, more freely", way, settings.ways.close)
+
+    def _followable(self, cells: int, nearness: float, margin: float, approach: float) -> FloatArray | None:
+        """A way past all places with bends that the arm can take behind its tip."""
+        task = self.task
+        settings = task.settings.followable
+        grid = self._grid(cells, margin)
+        avoided = self._followed
+        dear = _prices(grid, avoided, task.settings.ways.detour_price) if avoided else None
+        search = FollowableWays(
+            grid, grid.prices(nearness, dear), settings.radius(task.arm, task.unit), task.unit, settings, task.deadline
+        )
+        most = (self.fed or 0.0) + settings.spare_length * task.unit
+        goals = [WayEnd(place, None) for place in task.via]
+        last = self._before_goal(approach)
+        goals.append(WayEnd(last, self.direction))
+        parts = [self.start[None]]
+        heading = self.heading
+        for goal in goals:
+            part = search.between(WayEnd(parts[-1][-1], heading), goal, most)
+            if part is None:
+                return None
+            most -= float(np.sum(np.linalg.norm(np.diff(part, axis=0), axis=1)))
+            heading = part[-1] - part[-2]
+            heading /= np.linalg.norm(heading)
+            parts.append(part)
+        return self._joined([*parts, self.goal])
 
     def _detours(self, cells: int, seen: list[FloatArray]) -> Iterator[TipWay]:
         """Ways that keep away from those that have failed already."""
@@ -98,6 +160,8 @@ class SpaceTipWays:
     ) -> FloatArray | None:
         """The cheapest way through the grid past all places, its corners cut where there is room."""
         task = self.task
+        if task.deadline.passed():
+            return None
         grid = self._grid(cells, margin)
         dear = None if avoided is None else _prices(grid, avoided, task.settings.ways.detour_price)
         places = [self.start, *self._ends(approach)]
@@ -117,8 +181,24 @@ class SpaceTipWays:
             task = self.task
             kept = task.arm.radius + task.clearance + margin * task.margin
             far = task.settings.ways.far * task.unit
-            self._grids[cells, margin] = TipGrid.over(task.tree, task.box[0], task.box[1], cells, kept, far)
+            low, high = self._box
+            self._grids[cells, margin] = TipGrid.over(
+                task.tree, low, high, cells, kept, far, task.settings.ways.finest * task.unit
+            )
         return self._grids[cells, margin]
+
+    @cached_property
+    def _box(self) -> FloatArray:
+        """Where ways may lie: where the tip can be, and no farther from everything in the scene than makes sense."""
+        task = self.task
+        places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
+        found = np.vstack([np.atleast_2d(place) for place in places])
+        wide = task.settings.ways.around * task.unit
+        low = np.maximum(found.min(axis=0) - wide, task.box[0])
+        high = np.minimum(found.max(axis=0) + wide, task.box[1])
+        # The start and the goal are in it, even if they are out of reach.
+        ends = np.stack((self.start, self.goal))
+        return np.stack((np.minimum(low, ends.min(axis=0)), np.maximum(high, ends.max(axis=0))))
 
     @staticmethod
     def _joined(parts: list[FloatArray]) -> FloatArray:

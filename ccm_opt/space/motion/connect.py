@@ -11,10 +11,9 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.space.motion.pieces import edge_is_safe, in_pieces
-from ccm_opt.space.motion.space_goal import stepper_metric
 from ccm_opt.space.motion.space_motion_settings import SpaceConnectSettings
 from ccm_opt.space.motion.space_pose import SpacePose
-from ccm_opt.space.motion.space_step import SpaceStepper
+from ccm_opt.space.motion.space_step import SpaceStepper, moved_metric
 
 
 @dataclass(eq=False)
@@ -58,7 +57,7 @@ class Connect:
     _root: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        metric = stepper_metric(self.start, self.stepper.unit)
+        metric = moved_metric(self.start, self.stepper.unit)
         self._root = np.linalg.cholesky(metric + 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric)))
 
     def path(self, deadline: Deadline) -> list[SpacePose] | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
-from ccm_opt.space.motion.space_goal import SpaceTipPose, onto_goal
+from ccm_opt.space.motion.space_goal import SpaceTipPose, keeps_terms_at_goal, onto_goal, terms_to_goal
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceTask
@@ -26,12 +26,12 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
     for _ in range(settings.draws):
         if task.deadline.passed():
             return
-        pose = _brought_onto_goal(stepper, task.goal, stepper.pose(_drawn(stepper, rng)), task)
+        pose = _brought_onto_goal(stepper, task.goal, stepper.pose(drawn_unknowns(stepper, rng)), task)
         if pose is not None:
             yield pose
 
 
-def _drawn(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
+def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
     """Unknowns of a curve with smooth random curvature, and a random feed."""
     curve = stepper.curve
     arm = curve.arm
@@ -56,7 +56,7 @@ def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePos
     """The pose brought onto the goal, off the walls and within limits; None where that fails."""
     settings = task.settings.goal_poses
     for k in range(settings.steps):
-        pose = stepper.step(pose, [goal.term(pose, stepper.unit, 1.0 + k)], certified=False)
+        pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + k), certified=False)
         distance, turn = goal.errors(pose)
         if distance < 0.1 * stepper.unit and turn < 0.05:
             break
@@ -66,4 +66,6 @@ def _brought_onto_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePos
 
 def _free(stepper: SpaceStepper, pose: SpacePose) -> bool:
     """Whether a pose touches nothing and keeps the limits."""
-    return stepper.within_limits(pose.q) and stepper.certificate.safe(pose.q, pose.q)
+    if not stepper.within_limits(pose.q) or not keeps_terms_at_goal(stepper, pose):
+        return False
+    return stepper.certificate.safe(pose.q, pose.q)

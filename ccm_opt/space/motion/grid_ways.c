@@ -14,6 +14,7 @@
 typedef struct {
     int64_t nx, ny, nz, start, goal;
     const float *price;    /* of a way through a cell as a multiple of its length; not positive where it is blocked */
+    const float *room;     /* distance of the middle of each cell from the surfaces, in cells */
     double least;          /* the lowest price of any cell, which makes the estimate of what is left a lower bound */
     int64_t *before;       /* out: the cell before each on its cheapest way, −1 where none is known, (cells,) */
     float *cost;           /* working memory, (cells,) */
@@ -89,6 +90,8 @@ PUBLIC void cheapest_way(WayQuery *q)
                     int64_t next = (i * q->ny + j) * q->nz + k;
                     if (q->price[next] <= 0.0f || signbit(q->cost[next])) continue;
                     float length = sqrtf((float)(dx * dx + dy * dy + dz * dz));
+                    /* Balls about both middles that do not meet may have a thin wall between them. */
+                    if (q->room[cell] + q->room[next] < length) continue;
                     float trial = cost + 0.5f * length * (q->price[cell] + q->price[next]);
                     if (!(trial < q->cost[next])) continue;
                     if (heap.count >= q->capacity) {

@@ -23,7 +23,7 @@ class _WayStruct(ctypes.Structure):
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("nx", "ny", "nz", "start", "goal")),
-        ("price", ctypes.c_void_p),
+        *((name, ctypes.c_void_p) for name in ("price", "room")),
         ("least", ctypes.c_double),
         *((name, ctypes.c_void_p) for name in ("before", "cost", "heap", "key")),
         *((name, ctypes.c_int64) for name in ("capacity", "found")),
@@ -40,16 +40,25 @@ class TipGrid:
         gaps: distance of each cell's centre from the surfaces beyond what the arm needs, at most ``far``, negative
             where there is no room, shape (nx, ny, nz) [m].
         far: distance from which on walls do not matter [m].
+        kept: distance that the tip needs from surfaces, at which gaps begin [m].
     """
 
     low: FloatArray
     cell: float
     gaps: FloatArray
     far: float
+    kept: float
 
     @classmethod
     def over(
-        cls, tree: SurfaceTree, low: FloatArray, high: FloatArray, cells: int, kept: float, far: float
+        cls,
+        tree: SurfaceTree,
+        low: FloatArray,
+        high: FloatArray,
+        cells: int,
+        kept: float,
+        far: float,
+        finest: float = 0.0,
     ) -> "TipGrid":
         """The grid over a box.
 
@@ -60,13 +69,14 @@ class TipGrid:
             cells: about how many.
             kept: distance that the tip needs from surfaces [m].
             far: distance beyond that from which on walls do not matter [m].
+            finest: size that cells have at least [m].
         """
         size = np.maximum(high - low, 1e-9)
-        cell = float((np.prod(size) / cells) ** (1.0 / 3.0))
+        cell = max(float((np.prod(size) / cells) ** (1.0 / 3.0)), finest)
         counts = np.maximum(np.ceil(size / cell).astype(np.intp), 1)
         first = low + 0.5 * cell
         gaps = tree.grid(first, cell, (int(counts[0]), int(counts[1]), int(counts[2])), kept + far) - kept
-        return cls(first, cell, gaps, far)
+        return cls(first, cell, gaps, far, kept)
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
         """The cell of a place; the nearest one where it lies outside."""
@@ -97,6 +107,33 @@ class TipGrid:
         """Whether there is any way from one cell to another."""
         return bool(self._labels[first] == self._labels[last] and self._labels[first] > 0)
 
+    def prices(self, nearness: float, dear: FloatArray | None = None) -> npt.NDArray[np.float32]:
+        """What a way through each cell costs, as a multiple of its length; −1 where there is no room.
+
+        Args:
+            nearness: what a way along a wall costs more than one far away, as a multiple.
+            dear: further prices of the cells, of the shape of ``gaps``; none when None.
+        """
+        near = 1.0 - np.clip(self.gaps / self.far, 0.0, 1.0)
+        price = (1.0 + nearness * near**2).astype(np.float32)
+        if dear is not None:
+            price += dear.astype(np.float32)
+        price[self.gaps <= 0.0] = -1.0
+        return price
+
+    def costs_to(self, goal: FloatArray, price: npt.NDArray[np.float32]) -> FloatArray | None:
+        """Cost of the cheapest way from every cell to a place, inf where there is none, of the shape of ``gaps`` [m].
+
+        Args:
+            goal: the place, shape (3,) [m]; None is the answer where there is no room near it.
+            price: of the cells, as ``prices`` makes them.
+        """
+        last = self.free_near(goal)
+        if last is None:
+            return None
+        _, cost = self._settled(price, last, None)
+        return np.asarray(self.cell * cost, dtype=np.float64)
+
     def cheapest_way(
         self, start: FloatArray, goal: FloatArray, nearness: float, dear: FloatArray | None = None
     ) -> FloatArray | None:
@@ -112,62 +149,77 @@ class TipGrid:
         last = self.free_near(goal)
         if first is None or last is None or not self.connected(first, last):
             return None
-        near = 1.0 - np.clip(self.gaps / self.far, 0.0, 1.0)
-        price = (1.0 + nearness * near**2).astype(np.float32)
-        if dear is not None:
-            price += dear.astype(np.float32)
-        price[self.gaps <= 0.0] = -1.0
-        cells = self._search(price, first, last)
-        if cells is None:
+        before, _ = self._settled(self.prices(nearness, dear), first, last)
+        shape = self.gaps.shape
+        start_cell, goal_cell = (int(np.ravel_multi_index(cell, shape)) for cell in (first, last))
+        if before[goal_cell] < 0:
             return None
+        way = [goal_cell]
+        while way[-1] != start_cell:
+            way.append(int(before[way[-1]]))
+        cells = np.stack(np.unravel_index(way[::-1], shape), axis=1).astype(float)
         return np.concatenate((start[None], self.low + self.cell * cells, goal[None]))
 
-    def _search(
-        self, price: npt.NDArray[np.float32], first: tuple[int, int, int], last: tuple[int, int, int]
-    ) -> FloatArray | None:
-        """Cells of the cheapest way, shape (m, 3)."""
+    def _settled(
+        self, price: npt.NDArray[np.float32], first: tuple[int, int, int], last: tuple[int, int, int] | None
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+        """The cell before each on its cheapest way from the first, −1 where none is known, and what the way costs.
+
+        Args:
+            price: of the cells.
+            first: where all ways begin.
+            last: the search ends here; None for all cells.
+
+        Returns:
+            Flat cells, shape (cells,), and costs in cells, shape of the grid, inf where none is known.
+        """
         library = compiled_source(Path(__file__).with_name("grid_ways.c"), SYMBOLS)
         shape = price.shape
-        start, goal = (int(np.ravel_multi_index(cell, shape)) for cell in (first, last))
+        start = int(np.ravel_multi_index(first, shape))
+        goal = -1 if last is None else int(np.ravel_multi_index(last, shape))
         price = np.ascontiguousarray(price)
+        room = np.ascontiguousarray((self.gaps + self.kept) / self.cell, dtype=np.float32)
         before = np.full(price.size, -1, dtype=np.int64)
+        cost = np.full(price.size, np.inf, dtype=np.float32)
         if library is None:
-            _interpreted_search(price, start, goal, before)
-        else:
-            cost = np.empty(price.size, dtype=np.float32)
-            capacity = 16 * price.size
-            heap = np.empty(capacity, dtype=np.int64)
-            key = np.empty(capacity, dtype=np.float32)
-            nx, ny, nz = shape
-            query = _WayStruct(nx=nx, ny=ny, nz=nz, start=start, goal=goal, capacity=capacity)
-            query.least = float(np.min(price[price > 0.0]))
-            query.price = price.ctypes.data
-            query.before = before.ctypes.data
-            query.cost = cost.ctypes.data
-            query.heap = heap.ctypes.data
-            query.key = key.ctypes.data
-            library.cheapest_way(pointer_to(query))
-            if query.found != 1:
-                return None
-        if before[goal] < 0:
-            return None
-        way = [goal]
-        while way[-1] != start:
-            way.append(int(before[way[-1]]))
-        return np.stack(np.unravel_index(way[::-1], shape), axis=1).astype(float)
+            _interpreted_search(price, room, start, goal, before, cost)
+            return before, cost.reshape(shape)
+        capacity = 16 * price.size
+        heap = np.empty(capacity, dtype=np.int64)
+        key = np.empty(capacity, dtype=np.float32)
+        nx, ny, nz = shape
+        query = _WayStruct(nx=nx, ny=ny, nz=nz, start=start, goal=goal, capacity=capacity)
+        query.least = 0.0 if last is None else float(np.min(price[price > 0.0]))
+        query.price = price.ctypes.data
+        query.room = room.ctypes.data
+        query.before = before.ctypes.data
+        query.cost = cost.ctypes.data
+        query.heap = heap.ctypes.data
+        query.key = key.ctypes.data
+        library.cheapest_way(pointer_to(query))
+        # Settled cells have the negative of their cost.
+        return before, np.abs(cost).reshape(shape)
 
 
-def _interpreted_search(price: npt.NDArray[np.float32], start: int, goal: int, before: npt.NDArray[np.int64]) -> None:
-    """The same search in Python, some two hundred times slower; fills in the cell before each."""
+def _interpreted_search(
+    price: npt.NDArray[np.float32],
+    room: npt.NDArray[np.float32],
+    start: int,
+    goal: int,
+    before: npt.NDArray[np.int64],
+    cost: npt.NDArray[np.float32],
+) -> None:
+    """The same search in Python, some two hundred times slower; fills in the cell before each, and its cost."""
     shape = price.shape
     flat = price.ravel()
-    least = float(np.min(flat[flat > 0.0]))
-    target = np.array(np.unravel_index(goal, shape))
+    gaps = room.ravel()
+    least = 0.0 if goal < 0 else float(np.min(flat[flat > 0.0]))
+    target = np.array(np.unravel_index(max(goal, 0), shape))
     steps = [np.array(step) for step in product((-1, 0, 1), repeat=3) if any(step)]
-    cost = {start: 0.0}
     settled: set[int] = set()
     heap = [(0.0, start)]
     before[start] = start
+    cost[start] = 0.0
     while heap:
         _, cell = heapq.heappop(heap)
         if cell in settled:
@@ -183,8 +235,12 @@ def _interpreted_search(price: npt.NDArray[np.float32], start: int, goal: int, b
             number = int(np.ravel_multi_index(tuple(other), shape))
             if flat[number] <= 0.0 or number in settled:
                 continue
-            trial = cost[cell] + 0.5 * float(np.linalg.norm(step)) * float(flat[cell] + flat[number])
-            if trial < cost.get(number, np.inf):
+            length = float(np.linalg.norm(step))
+            # Balls about both middles that do not meet may have a thin wall between them.
+            if float(gaps[cell] + gaps[number]) < length:
+                continue
+            trial = float(cost[cell]) + 0.5 * length * float(flat[cell] + flat[number])
+            if trial < cost[number]:
                 cost[number] = trial
                 before[number] = cell
                 heapq.heappush(heap, (trial + least * float(np.linalg.norm(other - target)), number))

@@ -8,6 +8,7 @@ pair, so that few of them are looked at again.
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -16,8 +17,17 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.distances.segment_pairs import segment_distances
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.chain import Chains
+from ccm_opt.space.motion.interval_proof import IntervalProof, interval_proof
 from ccm_opt.space.motion.space_link_motion import LinkMotion
 from ccm_opt.space.motion.space_motion_settings import SpaceCertificateSettings
+
+
+class EdgeCondition(Protocol):
+    """Something beside contact that a motion has to keep."""
+
+    def holds_between(self, before: FloatArray, after: FloatArray) -> bool:
+        """Whether it is kept on an edge that is linear between two configurations, each of shape (c,)."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +79,7 @@ class SpaceCertificate:
         gap: from every wall that has to be left beyond the arm's radius [m].
         pair_gap: between links beyond two radii [m].
         settings: how often intervals are halved.
+        beside: what else every edge has to keep, at samples; None for nothing.
     """
 
     arm: SpaceArm
@@ -76,6 +87,7 @@ class SpaceCertificate:
     gap: float = 0.0
     pair_gap: float = 0.0
     settings: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
+    beside: EdgeCondition | None = None
 
     @cached_property
     def motion(self) -> LinkMotion:
@@ -83,12 +95,20 @@ class SpaceCertificate:
         return LinkMotion(self.arm)
 
     @cached_property
+    def _compiled(self) -> IntervalProof | None:
+        return interval_proof(self.arm, self.tree, self.gap, self.pair_gap, self.settings.slack)
+
+    @cached_property
     def _chains(self) -> Chains:
         return Chains(self.arm)
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
         """Whether the motion between two configurations, each of shape (c,), is proved to touch nothing."""
+        if self.beside is not None and not self.beside.holds_between(before, after):
+            return False
         depth = self.settings.depth if depth is None else depth
+        if self._compiled is not None:
+            return self._compiled.safe(before, after, depth)
         whole = self._interval(self._pose(before), self._pose(after))
         pairs = self._near_pairs(whole)
         return self._walls_clear(whole, self._looked_at, depth) and self._pairs_clear(whole, *pairs, depth)

@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.space.motion.space_goal import SpaceTipPose, polished
+from ccm_opt.space.motion.space_goal import SpaceTipPose, keeps_terms_at_goal, polished, terms_to_goal
 from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
 from ccm_opt.space.motion.space_step import SpaceStepper
 
@@ -73,13 +73,13 @@ def settle(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, deadline:
             return [*poses, final]
         before = pose
         # The weight grows from step to step: standing still would otherwise hold the arm a little short of the goal.
-        pose = stepper.step(pose, [goal.term(pose, stepper.unit, 1.0 + settings.settle_growth * k)])
+        pose = stepper.step(pose, terms_to_goal(stepper, goal, pose, 1.0 + settings.settle_growth * k))
         if pose is not before:
             poses.append(pose)
         moved = float(np.max(np.linalg.norm(pose.chain.points - before.chain.points, axis=1)))
         if deadline.passed() or (k > 10 and moved < 1e-4 * stepper.unit):
             break
-    if goal.met(pose):
+    if goal.met(pose) and keeps_terms_at_goal(stepper, pose):
         return poses
     distance, turn = goal.errors(pose)
     raise SpaceStalled(f"settling ended {1e3 * distance:.2f} mm and {np.rad2deg(turn):.1f}° off the goal", poses)

@@ -53,6 +53,8 @@ class SpaceFailure:
         remaining = 0.0 if target is None else float(np.linalg.norm(pose.tip - target))
         owner = int(near.owner[k])
         gap = float(near.gap[k]) - task.arm.radius
+        named = "" if task.user is None else task.user.placed_at_goal().describe(pose.q)
+        message = f"{message}; {named}" if named else message
         return cls(candidate, message, remaining, k + 1 if owner >= 0 else 0, owner, gap, near.point[k], pose.q)
 
 
@@ -70,6 +72,7 @@ def nothing_found(task: SpaceTask, failures: Sequence[SpaceFailure]) -> MotionNo
             f"no motion found in {len(tried)} candidates; the best ({best.candidate}) ended with the tip "
             f"{short_length(best.remaining)} from the goal: {best.message}{_tightest(task, best)}"
         )
+        reason += _constraints_elsewhere(task, tried)
     else:
         reason = "no motion found: there is no way through free space that the arm is thin enough for"
     figures = {
@@ -79,11 +82,20 @@ def nothing_found(task: SpaceTask, failures: Sequence[SpaceFailure]) -> MotionNo
     if task.deadline.passed():
         reason = f"{task.deadline.what_passed()}: {reason}"
         return TimeLimitReached(Diagnosis(reason, "motion", ("raise planner.time_limit",), figures))
-    advice = ["use a smaller arm.radius"] if task.arm.radius > 0.0 else []
+    advice = [] if task.user is None else ["relax the constraints, or make them soft"]
+    advice += ["use a smaller arm.radius"] if task.arm.radius > 0.0 else []
     if task.clearance > 0.0:
         advice.append("use a smaller workspace.clearance")
     advice += ["raise arm.joint_limit_deg", "use a longer arm", "add goal.via places on the way"]
     return MotionNotFound(Diagnosis(reason, "motion", tuple(advice), figures))
+
+
+def _constraints_elsewhere(task: SpaceTask, tried: Sequence[SpaceFailure]) -> str:
+    """Which of the user's constraints stood in the way of other candidates than the best, in words."""
+    names = () if task.user is None else task.user.names
+    counts = {name: sum(f"constraint '{name}'" in each.message for each in tried[1:]) for name in names}
+    told = [name for name in names if counts[name] and f"'{name}'" not in tried[0].message]
+    return "".join(f"; constraint '{name}' stood in the way of {counts[name]} of the others" for name in told)
 
 
 def _tightest(task: SpaceTask, failure: SpaceFailure) -> str:

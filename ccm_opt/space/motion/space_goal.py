@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
-from ccm_opt.space.motion.space_step import SpaceStepper
+from ccm_opt.space.motion.space_step import SpaceStepper, least_change
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,22 @@ def polished(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose) -> Spac
     if distance > settings.polish * unit or turn > settings.polish_turn:
         return None
     now = onto_goal(stepper, goal, pose)
-    if now is None or not stepper.within_limits(now.q):
+    if now is None or not stepper.within_limits(now.q) or not keeps_terms_at_goal(stepper, now):
         return None
     return now if stepper.certificate.safe(pose.q, now.q, stepper.settings.certificate.depth) else None
+
+
+def keeps_terms_at_goal(stepper: SpaceStepper, pose: SpacePose) -> bool:
+    """Whether a pose at the goal keeps the user's constraints there."""
+    return stepper.user is None or stepper.user.placed_at_goal().miss(pose.q) <= 0.0
+
+
+def terms_to_goal(stepper: SpaceStepper, goal: SpaceTipPose, pose: SpacePose, weight: float) -> list[SpaceTerm]:
+    """What draws a pose onto the goal, and into what the user asks for there."""
+    drawn = goal.term(pose, stepper.unit, weight)
+    if stepper.user is None:
+        return [drawn]
+    return [drawn, stepper.user.placed_at_goal().mending(pose, stepper.settings.step.turn)]
 
 
 def onto_goal(
@@ -90,24 +103,18 @@ def onto_goal(
     settings = stepper.settings.guide
     for _ in range(settings.polish_steps):
         rows, missing = goal.rows(pose, stepper.unit)
+        if stepper.user is not None:
+            of_user, by_user = stepper.user.placed_at_goal().missed(pose)
+            rows = np.vstack((rows, of_user))
+            missing = np.append(missing, by_user)
         if np.max(np.abs(missing)) < settings.exact:
             return pose
-        spread = np.linalg.solve(stepper_metric(pose, stepper.unit), rows.T)
-        change = spread @ np.linalg.lstsq(rows @ spread, missing, rcond=1e-12)[0]
+        change = least_change(pose, rows, missing, stepper.unit)
         if np.isfinite(largest_turn):
             size = float(np.max(np.linalg.norm(pose.chain.turning @ change, axis=1)))
             change = change * min(1.0, largest_turn / max(size, 1e-12))
         pose = stepper.pose(pose.v + change)
     return None
-
-
-def stepper_metric(pose: SpacePose, unit: float) -> FloatArray:
-    """How much the unknowns move and turn the links, squared, shape (p, p)."""
-    p = len(pose.v)
-    turning = pose.chain.turning.reshape(-1, p)
-    moving = pose.chain.moving.reshape(-1, p) / unit
-    metric = turning.T @ turning + 0.01 * moving.T @ moving
-    return np.asarray(metric + 1e-9 * np.trace(metric) * np.eye(p))
 
 
 def _across(direction: FloatArray) -> FloatArray:

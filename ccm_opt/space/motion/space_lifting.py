@@ -28,7 +28,8 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     """
     settings = task.settings.lifting
     arm = task.arm
-    if task.goal is None or arm.links <= settings.most_links:
+    # The user's terms are written in the bends of the arm's own joints.
+    if task.goal is None or task.user is not None or arm.links <= settings.most_links:
         return None
     curve, start = CurveMap.through(arm, task.start)
     if float(np.max(np.abs(curve.offset), initial=0.0)) > settings.offset:
@@ -68,18 +69,18 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
 def coarse_arm(arm: SpaceArm, settings: LiftingSettings) -> SpaceArm:
     """The arm with nominal links, which bend as much over the same length as far as they may.
 
-    What it weighs does not matter to the search.
+    What it weighs does not matter to the search, so that its mass is spread evenly.
     """
     links = NOMINAL_LINKS
-    none = np.zeros(links)
+    share = arm.links / links
     return replace(
         arm,
         links=links,
         link_length=arm.length / links,
         joint_limit=min(arm.joint_limit * arm.links / links, settings.most_bend),
-        masses=none,
-        inertia_axial=none,
-        inertia_transverse=none,
+        masses=np.full(links, share * float(np.mean(arm.masses))),
+        inertia_axial=np.full(links, share * float(np.mean(arm.inertia_axial))),
+        inertia_transverse=np.full(links, share * float(np.mean(arm.inertia_transverse))),
         rotor_inertia=0.0,
         friction=0.0,
     )

@@ -2,6 +2,10 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from ccm_opt.jointed.space_arm import SpaceArm
+
 
 @dataclass(frozen=True)
 class SpaceCertificateSettings:
@@ -11,11 +15,14 @@ class SpaceCertificateSettings:
         depth: how often an interval may be halved; taste: at twelve a step has been cut into four thousand.
         step_depth: the same for a step of the search, of which a shorter one is tried instead; measured in clutter.
         spare: gap that is proved beyond contact, for the path between its samples [u].
+        slack: share of a link's motion by which distances may be told too small at first; walks along finely meshed
+            walls are shorter so, and where it does not prove enough they are made again without.
     """
 
     depth: int = 12
     step_depth: int = 5
     spare: float = 0.002
+    slack: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,8 @@ class SpaceGuideSettings:
 
     Attributes:
         leash: how far the target may be ahead of the tip [u].
+        track_leash: the same where all joints are drawn onto the track of the tip [u].
+        onto_track: weight on their distance from it.
         advance: how far it moves on at a time [u].
         patience: steps without progress before a guide is given up.
         approach: length of the straight end of a path along the wanted direction [u].
@@ -82,6 +91,8 @@ class SpaceGuideSettings:
     """
 
     leash: float = 1.5
+    track_leash: float = 1.0
+    onto_track: float = 0.1
     advance: float = 0.4
     patience: int = 60
     approach: float = 3.0
@@ -100,6 +111,7 @@ class WaySettings:
 
     Attributes:
         cells: of the grids that they are looked for in, the coarse one first.
+        finest: size that their cells have at least [u].
         nearness: what a way along a wall costs more than one far away, as a multiple; tried in turn.
         margins: shares of the margin with which the grid is free; tried in turn until there is a way.
         close: share of the margin that steps keep where the whole of it has failed.
@@ -108,9 +120,11 @@ class WaySettings:
         far: distance from which on walls do not make a way dearer [u].
         detour_price: what a way costs more near one that has failed, as a multiple.
         detours: ways that keep away from those before, at most.
+        around: how far beyond everything in the scene ways may go [u]; there is nothing to go round farther out.
     """
 
-    cells: tuple[int, ...] = (200_000, 1_500_000)
+    cells: tuple[int, ...] = (200_000, 1_500_000, 8_000_000)
+    finest: float = 0.12
     nearness: tuple[float, ...] = (3.0, 20.0)
     margins: tuple[float, ...] = (1.0, 0.0)
     close: float = 0.4
@@ -119,6 +133,53 @@ class WaySettings:
     far: float = 2.0
     detour_price: float = 4.0
     detours: int = 3
+    around: float = 4.0
+
+
+@dataclass(frozen=True)
+class FollowableWaySettings:
+    """Of ways that an arm can follow behind its tip, with bends no sharper than it takes.
+
+    Attributes:
+        tightest: radius of the tightest bend [u]; the least where knots of the curve still show a right angle.
+        limit_share: of the tightest bend that the joint limits allow, the multiple that is counted on.
+        step: length of the arcs of which a way is made [u].
+        bends: of the arcs, as shares of the tightest one; straight ones come first.
+        azimuths: towards which arcs bend.
+        bend_price: what the tightest bend costs more than a straight way, as a multiple.
+        place_bin: states in one bin count as one: size of its places [u].
+        direction_bins: half the number of bins along each side of the six faces of directions.
+        landing: from how near two arcs to the goal are tried [u].
+        longest_landing: these two may be longer than the straight line by this multiple.
+        most_states: that are looked at.
+        spare_length: by how much a way may be longer than what an arm can be fed [u].
+        cells: of the grids that they are looked for in, in turn.
+        approaches: lengths of the straight end along the wanted direction, tried in turn [u].
+        prices: tried in turn: what a way along a wall costs more than one far away, as a multiple, and the share of the
+            margin with which the grid is free.
+    """
+
+    tightest: float = 1.5
+    limit_share: float = 1.15
+    step: float = 1.0
+    bends: tuple[float, ...] = (0.5, 1.0)
+    azimuths: int = 8
+    bend_price: float = 1.0
+    place_bin: float = 0.5
+    direction_bins: int = 2
+    landing: float = 6.0
+    longest_landing: float = 1.6
+    most_states: int = 20_000
+    spare_length: float = 2.0
+    cells: tuple[int, ...] = (200_000, 1_500_000)
+    approaches: tuple[float, ...] = (1.0, 0.0)
+    prices: tuple[tuple[float, float], ...] = ((3.0, 1.0), (1.0, 0.0))
+
+    def radius(self, arm: SpaceArm, unit: float) -> float:
+        """Radius of the tightest bend that is counted on for an arm, by the length u of its nominal links [m]."""
+        # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
+        half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
+        return max(self.tightest * unit, self.limit_share * 0.5 * arm.link_length / float(np.sin(half)))
 
 
 @dataclass(frozen=True)
@@ -159,12 +220,17 @@ class SpaceSmoothPathSettings:
 
     Attributes:
         samples: of a span between which the path is proved as if it were linear.
+        feed: of the base over a span, at most; less than half of what joints stay straight beyond the guide tube,
+            so that none is bent on a span on which the tube holds it [u].
+        user_samples: of a span at which users' constraints are looked at, which are not proved between; taste.
         refinements: how often legs of the control polygon are halved.
         most_control: control points beyond which none are added.
         limit_slack: by how much rounding may carry coordinates beyond their limits [rad, m].
     """
 
     samples: int = 4
+    user_samples: int = 32
+    feed: float = 0.12
     refinements: int = 16
     most_control: int = 400
     limit_slack: float = 1e-8
@@ -177,10 +243,14 @@ class SpaceObjectiveSettings:
     Attributes:
         unevenness: of ``∫|q''|²``; its root is the share of the motion over which corners are rounded.
         shape: of the curve's curvature and of its differences, as bends of a nominal link.
+        following: of changes of the curve on which a fed arm lies, as bends of a nominal link; an arm whose curve does
+            not change follows its tip. Measured on the disturbed jobs: a hundredth of their duration for half of the
+            worst deviation.
         ridge: on all unknowns, so that the metric is definite.
     """
 
     unevenness: float = 4e-3
+    following: float = 25.0
     shape: float = 1e-3
     ridge: float = 1e-7
 
@@ -199,10 +269,12 @@ class SpaceOptimisationSettings:
         margin: gap that rows ask for beyond contact [u].
         active: rows nearer to their bound than this enter the program [u].
         most_travel: of the way of a joint over an interval that rows reach for [u].
+        between: shares of an interval at which links that lack room have rows too.
         planes: most half-spaces about a link.
+        behind: by how much surfaces may stand out from one of them without getting one of their own [u].
         groups: arms with more links than this have rows for groups of neighbouring joints.
         pair_share: of what links between two leave at full stretch that these are asked to keep apart.
-        price: first price of one nominal link of slack.
+        price: first price of one nominal link of slack, and what it lacks in room counts in a motion's merit.
         price_rise: its rise where the certificate fails.
         lack: share of the wanted gap that an interval may lack without its slack becoming dearer.
         lack_rise: rise of the price where it lacks more.
@@ -230,18 +302,20 @@ class SpaceOptimisationSettings:
     """
 
     intervals: int = 20
-    many: float = 1.5
-    leg_depth: int = 3
+    many: float = 1.2
+    leg_depth: int = 4
     first_stride: int = 8
     rounds: int = 10
-    first_rounds: int = 3
+    first_rounds: int = 2
     margin: float = 0.02
     active: float = 0.5
     most_travel: float = 0.75
+    between: tuple[float, ...] = (0.25, 0.75)
     planes: int = 6
+    behind: float = 0.06
     groups: int = 24
     pair_share: float = 0.25
-    price: float = 30.0
+    price: float = 100.0
     price_rise: float = 4.0
     lack: float = 0.03
     lack_rise: float = 2.0
@@ -281,6 +355,25 @@ class EndingSettings:
 
 
 @dataclass(frozen=True)
+class ScheduleSettings:
+    """Of how fast the path parameter grows along a motion under constraints that depend on it.
+
+    Attributes:
+        places: of the motion that are looked at; taste.
+        steps: of the path parameter; taste.
+        price: of a constraint that is missed by a turn of the whole arm of 1 rad, against uneven growth; taste.
+        even: least growth of the one where the other grows alone, as a share; taste.
+        lead: of the path parameter, by which planning keeps a constraint before and behind its interval; taste.
+    """
+
+    places: int = 101
+    steps: int = 61
+    price: float = 1e4
+    even: float = 0.02
+    lead: float = 0.04
+
+
+@dataclass(frozen=True)
 class LiftingSettings:
     """Of arms of many links, whose motions are found for nominal ones.
 
@@ -312,10 +405,12 @@ class SpaceMotionSettings:
         step: of single steps.
         guide: of what leads the tip.
         ways: that the tip may take.
+        followable: ways for arms that follow their tip.
         goal_poses: by drawn curves.
         connect: the last resort.
         lifting: of arms of many links.
         ending: of the pose in which a motion ends.
+        schedule: of the path parameter along a motion.
         objective: of the optimisation.
         optimisation: of a found motion.
         smooth_path: through joint space.
@@ -325,10 +420,12 @@ class SpaceMotionSettings:
     step: SpaceStepSettings = field(default_factory=SpaceStepSettings)
     guide: SpaceGuideSettings = field(default_factory=SpaceGuideSettings)
     ways: WaySettings = field(default_factory=WaySettings)
+    followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
     goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
     lifting: LiftingSettings = field(default_factory=LiftingSettings)
     ending: EndingSettings = field(default_factory=EndingSettings)
+    schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
     objective: SpaceObjectiveSettings = field(default_factory=SpaceObjectiveSettings)
     optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
     smooth_path: SpaceSmoothPathSettings = field(default_factory=SpaceSmoothPathSettings)

@@ -1,6 +1,6 @@
 """Finds a motion: one tactic after the other, the cheap ones first; every step of each is certified as it is taken."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -12,15 +12,18 @@ from ccm_opt.space.motion.candidates import SpaceTipWays, TipWay
 from ccm_opt.space.motion.connect import Connect
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.goal_poses import goal_poses
+from ccm_opt.space.motion.pieces import edge_is_safe, pieces
 from ccm_opt.space.motion.pose_led import PoseLed
-from ccm_opt.space.motion.space_continuation import SpaceStalled, follow, settle
+from ccm_opt.space.motion.space_continuation import SpaceGuide, SpaceStalled, follow, settle
 from ccm_opt.space.motion.space_failures import SpaceFailure, nothing_found
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.space_tip_led import SpaceTipLed
 from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
+from ccm_opt.space.motion.space_track_led import SpaceTrackLed
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
+from ccm_opt.space.motion.withdrawal import withdrawn
 
 
 def find_motion(task: SpaceTask) -> SpaceMotion:
@@ -28,6 +31,7 @@ def find_motion(task: SpaceTask) -> SpaceMotion:
 
     Raises:
         MotionNotFound: no tactic reached the goal; with how far the best came, and what was in its way.
+        UnreachableGoal: it is proved that none could.
         TimeLimitReached: the deadline passed first.
     """
     return _Search(task).run()
@@ -47,31 +51,69 @@ class _Search:
 
     def run(self) -> SpaceMotion:
         """The first motion that a tactic finds; see ``find_motion``."""
-        tactics = (self._by_ways, self._to_poses, self._by_connecting)
+        back = (self._by_withdrawing, self._by_other_ways)
+        tactics = (self._by_first_ways, *back, self._to_poses, self._by_connecting)
         for tactic in tactics:
             motion = tactic()
             if motion is not None:
                 return motion
             if self.task.deadline.passed():
                 break
+            if tactic == self._by_withdrawing and self.task.refuse is not None:
+                self.task.refuse()
         raise nothing_found(self.task, self._failures)
 
     # ------------------------------------------------------------ led by the tip
-    def _by_ways(self) -> SpaceMotion | None:
-        """Along ways of the tip."""
+    def _by_first_ways(self) -> SpaceMotion | None:
+        """Along the ways of the tip that are tried first."""
+        curve, start, end = self._spaces()
+        return self._by_ways(self._ways(curve, start, end).first(), curve, start, end)
+
+    def _by_other_ways(self) -> SpaceMotion | None:
+        """Along all other ways of the tip."""
+        curve, start, end = self._spaces()
+        return self._by_ways(self._ways(curve, start, end).others(), curve, start, end)
+
+    def _by_withdrawing(self) -> SpaceMotion | None:
+        """Back along the arm's own shape into its guide tube, and in anew."""
         task = self.task
         curve, start, end = self._spaces()
+        if not task.arm.base_axes or task.start[-1] - task.arm.base_range[0] < task.unit:
+            return None
+        poses = withdrawn(task.stepper(curve, 0.0), start, task.deadline)
+        if len(poses) < 2:
+            return None
+        found = self._by_ways(self._ways(curve, poses[-1].v, end).first(), curve, poses[-1].v, end)
+        if found is None:
+            return None
+        unknowns = np.vstack(([pose.v for pose in poses[:-1]], found.unknowns))
+        configurations = np.vstack(([pose.q for pose in poses[:-1]], found.configurations))
+        return SpaceMotion(curve, unknowns, configurations, f"back, then {found.candidate}")
+
+    def _ways(self, curve: CurveMap, start: FloatArray, end: SpacePose | None) -> SpaceTipWays:
+        """Makes ways of the tip from some unknowns."""
+        task = self.task
         stepper = task.stepper(curve)
-        goal = task.goal if task.goal is not None else self._tip_of(stepper, end)
-        ways = SpaceTipWays(task, stepper.pose(start).tip, goal.position, goal.direction)
+        goal = self._goal(stepper, end)
+        pose = stepper.pose(start)
+        fed = task.arm.base_range[1] - float(pose.q[-1]) if task.arm.base_axes else None
+        return SpaceTipWays(task, pose.tip, goal.position, goal.direction, pose.tip_direction, fed)
+
+    def _by_ways(
+        self, ways: Iterator[TipWay], curve: CurveMap, start: FloatArray, end: SpacePose | None
+    ) -> SpaceMotion | None:
+        """Along one way after the other."""
+        task = self.task
+        goal = self._goal(task.stepper(curve), end)
         for way in ways:
-            close = task.stepper(curve, way.margin)
-            found = self._attempt(way.name, close, start, self._along(way, goal, end))
-            if found is not None:
+            found = self._attempt(way.name, task.stepper(curve, way.margin), start, self._along(way, goal, end))
+            if found is not None or task.deadline.passed():
                 return found
-            if task.deadline.passed():
-                return None
         return None
+
+    def _goal(self, stepper: SpaceStepper, end: SpacePose | None) -> SpaceTipPose:
+        """Where the tip has to be: the goal, or where it is in the pose that is asked."""
+        return self.task.goal if self.task.goal is not None else self._tip_of(stepper, end)
 
     def _along(
         self, way: TipWay, goal: SpaceTipPose, end: SpacePose | None
@@ -82,7 +124,9 @@ class _Search:
         def lead(stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
             settings = task.settings
             track = SpaceTipTrack.along(pose.chain.points, way.corners)
-            guide = SpaceTipLed(track, task.unit, settings.step.follow, settings.guide)
+            guide: SpaceGuide = SpaceTipLed(track, task.unit, settings.step.follow, settings.guide)
+            if way.followed:
+                guide = SpaceTrackLed(track, track.end, task.unit, settings.guide)
             poses = follow(stepper, guide, pose, task.deadline)
             if end is None:
                 return [*poses, *settle(stepper, goal, poses[-1], task.deadline)[1:]]
@@ -112,10 +156,14 @@ class _Search:
         """
         task = self.task
         guide = PoseLed(pose.v, end.v, self.task.settings.guide.pose_step, task.settings.guide)
-        poses = follow(stepper, guide, pose, task.deadline)
-        if not task.certificate.safe(poses[-1].q, end.q):
+        try:
+            poses = follow(stepper, guide, pose, task.deadline)
+        except SpaceStalled as stalled:
+            # Unknowns that hardly turn a joint may be the last that differ.
+            poses = stalled.poses
+        if not edge_is_safe(stepper, poses[-1].v, end.v):
             raise SpaceStalled(guide.describe(poses[-1]), poses)
-        return [*poses, end]
+        return [*poses, *(stepper.pose(v) for v in pieces(stepper, poses[-1].v, end.v)[1:])]
 
     # ------------------------------------------------------------ drawn
     def _by_connecting(self) -> SpaceMotion | None:

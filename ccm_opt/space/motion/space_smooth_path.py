@@ -1,64 +1,179 @@
 """A C² path through joint space: a clamped cubic B-spline with the keyframes as control points, certified."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.space.motion.task import SpaceTask
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.onto_terms import moved_onto_terms
+from ccm_opt.space.motion.space_path_on_equations import path_on_equations
+from ccm_opt.space.motion.space_step import SpaceStepper
+from ccm_opt.space.motion.space_user_limit import SpaceUserLimit
+from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 
 DEGREE = 3
 
 
-def certified_spline(task: SpaceTask, keyframes: FloatArray) -> BSpline | None:
-    """A spline near certified keyframes, itself certified at samples and linear between them; None where none is.
+def certified_path(task: SpaceTask, motion: SpaceMotion) -> BSpline | None:
+    """A spline near a certified motion, itself certified at samples and linear between them; None where none is.
 
-    A cubic B-spline leaves its control polygon by at most a sixth of the second difference: halving the legs of the
-    polygon where a span fails draws the spline onto the polygon, which is certified.
+    It is a spline in the unknowns, in which a fed arm follows its own shape. With the keyframes as control points it
+    cuts their corners by a sixth of the second differences. That makes motions of fixed arms quicker. A fed one, which
+    moves far from keyframe to keyframe in narrow places, would lose room, and so it is drawn half-way onto the
+    keyframes, and leaves neither them nor the legs between them by more than a twelfth. Where that is refused, it is
+    drawn onto the legs, and where that does not help either, the configurations that were certified are the control
+    points.
 
     Args:
         task: with the certificate.
-        keyframes: configurations, shape (K, c) [rad, m].
+        motion: certified.
+    """
+    if task.user is not None and task.user.shapes_path and not task.arm.base_axes:
+        on_equations = path_on_equations(task, motion)
+        if on_equations is not None:
+            return on_equations
+    path = partial(_through_curve, task, motion.curve)
+    if task.arm.base_axes and len(motion.unknowns) > DEGREE and motion.u is None:
+        control = _halfway_onto(motion.unknowns)
+        nearest = path(control, np.linspace(0.0, 1.0, len(control) - DEGREE + 1))
+        if _within_limits(task, nearest) and len(_failing_places(task, nearest)) == 0:
+            return nearest
+    near = _drawn_near(task, motion.unknowns, motion.u, path, motion.curve)
+    if near is not None or not task.arm.base_axes or motion.u is not None:
+        return near
+    return certified_spline(task, motion.configurations)
+
+
+def certified_spline(task: SpaceTask, keyframes: FloatArray) -> BSpline | None:
+    """The same near certified configurations that no curve shows, which are its control points.
+
+    Args:
+        task: with the certificate.
+        keyframes: shape (K, c) [rad, m].
+    """
+    return _drawn_near(task, keyframes, None, clamped_spline)
+
+
+def _drawn_near(
+    task: SpaceTask,
+    keyframes: FloatArray,
+    u: FloatArray | None,
+    path: Callable[[FloatArray, FloatArray], BSpline],
+    curve: CurveMap | None = None,
+) -> BSpline | None:
+    """The spline of control points, drawn onto their polygon until it is certified.
+
+    A cubic B-spline leaves its control polygon by at most a sixth of the second difference: halving the legs of the
+    polygon where a span fails draws the spline onto the polygon.
+
+    Args:
+        task: with the certificate.
+        keyframes: shape (K, p).
+        u: path parameters near which the path has to pass them, shape (K,); even ones when None.
+        path: from control points and knots to a path through joint space.
+        curve: whose unknowns the keyframes are; None where they are configurations.
     """
     settings = task.settings.smooth_path
-    control = keyframes
+    even = np.linspace(0.0, 1.0, len(keyframes))
+    # The last column is the path parameter, which is halved with the rest.
+    control = np.column_stack((keyframes, even if u is None else u))
     while len(control) < DEGREE + 1:
         control = _halved(control, np.arange(len(control) - 1))
-    # A spline lies in the hull of its control points, and so do the limits of coordinates.
-    slack = settings.limit_slack
-    if np.any(control < task.arm.lower_limits - slack) or np.any(control > task.arm.upper_limits + slack):
-        return None
     for _ in range(settings.refinements):
-        spline = clamped_spline(control)
-        failing = _failing_spans(task, spline)
+        ends = _span_ends(control, even=u is None)
+        spline = path(control[:, :-1], ends)
+        failing = np.unique(np.searchsorted(ends, _failing_places(task, spline), side="right") - 1)
         if len(failing) == 0:
-            return spline
+            return spline if _within_limits(task, spline) else None
         if len(control) > settings.most_control or task.deadline.passed():
             return None
         # A span k is shaped by the control points k to k + 3.
         legs = np.unique(np.clip(np.add.outer(failing, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
         control = _halved(control, legs)
+        if task.user is not None and curve is not None:
+            # A leg may break a gap that both its ends keep. What was inserted after others is as many places behind.
+            _mend(task.stepper(curve, 0.0), task.user, control, legs + 1 + np.arange(len(legs)))
     return None
 
 
-def clamped_spline(control: FloatArray) -> BSpline:
-    """The clamped uniform cubic B-spline over [0, 1] with given control points, shape (m ≥ 4, c)."""
+def _span_ends(control: FloatArray, *, even: bool) -> FloatArray:
+    """Where the spans of a path begin and end, shape (spans + 1,), for control points with their path parameters."""
     spans = len(control) - DEGREE
-    knots = np.concatenate((np.zeros(DEGREE), np.linspace(0.0, 1.0, spans + 1), np.ones(DEGREE)))
-    return BSpline(knots, control, DEGREE)
+    if even:
+        return np.linspace(0.0, 1.0, spans + 1)
+    # A control point counts most at the middle one of the three knots behind its first.
+    return np.concatenate(([0.0], control[2:-2, -1], [1.0]))
 
 
-def _failing_spans(task: SpaceTask, spline: BSpline) -> IntArray:
-    """Spans on which the path, linear between samples, is not proved to be safe, or bends a joint that is held."""
+def _mend(stepper: SpaceStepper, user: SpaceUserLimit, control: FloatArray, chosen: IntArray) -> None:
+    """Move some control points, unknowns with their path parameters, to where they keep the user's constraints."""
+    for k in chosen:
+        moved = moved_onto_terms(stepper, user.placed(float(control[k, -1])), stepper.pose(control[k, :-1]))
+        if moved is not None:
+            control[k, :-1] = moved.v
+
+
+def _halfway_onto(keyframes: FloatArray) -> FloatArray:
+    """Control points whose spline lies half as far from keyframes, shape (K, p), as it would with these themselves."""
+    control = keyframes.copy()
+    control[1:-1] -= np.diff(keyframes, 2, axis=0) / 12.0
+    return control
+
+
+def _through_curve(task: SpaceTask, curve: CurveMap, control: FloatArray, ends: FloatArray) -> BSpline:
+    """The path along a spline in the unknowns of a curve, shape (m, p), whose spans have given ends.
+
+    Configurations of an arm whose base is fixed are linear in the unknowns. Those of a fed arm are taken at Greville's
+    places of knots so near each other that a joint which bends on one span is outside the guide tube on all that its
+    control points shape.
+    """
+    unknowns = clamped_spline(control, ends)
+    if not task.arm.base_axes:
+        return BSpline(unknowns.t, np.stack([curve.configuration(v) for v in control]), DEGREE)
+    fed = np.asarray(unknowns(ends))[:, curve.feed_column] * curve.scale[curve.feed_column]
+    most = task.settings.smooth_path.feed * task.unit
+    parts = np.maximum(np.ceil(np.abs(np.diff(fed)) / most), 1.0).astype(np.intp)
+    inner = np.concatenate([np.linspace(ends[k], ends[k + 1], part + 1)[1:] for k, part in enumerate(parts)])
+    knots = np.concatenate((np.zeros(DEGREE + 1), inner, np.ones(DEGREE)))
+    places = np.mean([knots[1 + k : len(knots) - DEGREE + k] for k in range(DEGREE)], axis=0)
+    return BSpline(knots, np.stack([curve.configuration(v) for v in np.asarray(unknowns(places))]), DEGREE)
+
+
+def _within_limits(task: SpaceTask, spline: BSpline) -> bool:
+    """Whether a path keeps the limits of coordinates: it lies in the hull of its control points."""
+    slack = task.settings.smooth_path.limit_slack
+    control = np.asarray(spline.c)
+    return bool(np.all(control >= task.arm.lower_limits - slack) and np.all(control <= task.arm.upper_limits + slack))
+
+
+def clamped_spline(control: FloatArray, ends: FloatArray) -> BSpline:
+    """The clamped cubic B-spline with given control points, shape (m ≥ 4, c), whose spans have given ends."""
+    return BSpline(np.concatenate((np.zeros(DEGREE), ends, np.ones(DEGREE))), control, DEGREE)
+
+
+def _failing_places(task: SpaceTask, spline: BSpline) -> FloatArray:
+    """Middles of spans on which the path, linear between samples, is not proved safe, or bends a joint that is held."""
+    knots = spline.t[DEGREE:-DEGREE]
     samples = task.settings.smooth_path.samples
-    spans = len(spline.c) - DEGREE
-    q = np.asarray(spline(np.linspace(0.0, 1.0, samples * spans + 1)))
+    share = np.arange(samples) / samples
+    places = np.append((knots[:-1, None] + share * np.diff(knots)[:, None]).ravel(), 1.0)
+    q = np.asarray(spline(places))
+    middles = 0.5 * (knots[:-1] + knots[1:])
     if task.arm.base_axes:
         # Cheap to see, and asked first.
         bent = _bent_inside(task.arm, spline, q, samples)
         if len(bent) > 0:
-            return bent
-    return np.unique(task.certificate.failures(q) // samples).astype(np.intp)
+            return middles[bent]
+    failing = middles[np.unique(task.certificate.failures(q) // samples)]
+    if task.user is None:
+        return failing
+    user_samples = task.settings.smooth_path.user_samples
+    finer = (knots[:-1, None] + np.arange(user_samples) / user_samples * np.diff(knots)[:, None]).ravel()
+    return np.concatenate((failing, finer[task.user.missed_on_path(np.asarray(spline(finer)), finer)]))
 
 
 def _bent_inside(arm: SpaceArm, spline: BSpline, q: FloatArray, samples: int) -> IntArray:

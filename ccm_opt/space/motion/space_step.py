@@ -14,8 +14,11 @@ from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap, feed_to_next
 from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
+from ccm_opt.space.motion.space_user_limit import SpaceUserLimit
 
 _FAR = 1e30
+EQUAL = 5
+"""DAQP's number for an equation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +31,7 @@ class SpaceStepper:
         certificate: of steps.
         margin: gap that steps keep beyond contact [m].
         settings: numbers of the search.
+        user: the user's constraints; None where there are none.
     """
 
     curve: CurveMap
@@ -35,6 +39,7 @@ class SpaceStepper:
     certificate: SpaceCertificate
     margin: float
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+    user: SpaceUserLimit | None = None
 
     @property
     def unit(self) -> float:
@@ -79,11 +84,20 @@ class SpaceStepper:
         settings = self.settings.step
         clear, pulls = self._clearance_rows(pose)
         bends, low, high = self._limit_rows(pose)
-        matrix = np.ascontiguousarray(np.vstack((clear.rows, bends)))
+        rows = [clear.rows, bends]
         lower = np.concatenate((clear.target, low))
         upper = np.concatenate((np.full(len(clear.target), _FAR), high))
+        if self.user is not None:
+            own = self.user.linearised(pose, settings.turn)
+            rows.append(own.rows)
+            lower = np.append(lower, own.lower)
+            upper = np.append(upper, own.upper)
+            pulls = [*pulls, own.pull]
+        matrix = np.ascontiguousarray(np.vstack(rows))
         hessian, gradient = normal_equations([*terms, *self._still_terms(pose), *pulls], settings.ridge)
         sense = np.zeros(len(upper), dtype=np.intc)
+        if self.user is not None:
+            sense[len(clear.target) + len(low) :] = EQUAL * (own.lower == own.upper)
         delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense)
         if delta is None:
             return pose
@@ -109,10 +123,29 @@ class SpaceStepper:
         """The pose after as much of a step as is certified."""
         settings = self.settings
         for k in range(settings.step.backtracks + 1):
-            trial = self.pose(pose.v + delta * 0.5**k)
-            if self.within_limits(trial.q) and self.certificate.safe(pose.q, trial.q, settings.certificate.step_depth):
+            trial = self.onto_equations(self.pose(pose.v + delta * 0.5**k))
+            if not self.within_limits(trial.q) or (self.user is not None and not self.user.keeps(pose.q, trial.q)):
+                continue
+            if self.certificate.safe(pose.q, trial.q, settings.certificate.step_depth):
                 return trial
         return pose
+
+    def onto_equations(self, pose: SpacePose) -> SpacePose:
+        """The pose moved onto the user's equations by Newton's method of least change; as it is where that fails."""
+        user = self.user
+        if user is None or not user.rows.equal.any():
+            return pose
+        start = pose
+        for _ in range(user.settings.newton_steps):
+            now = user.values(pose.q)
+            if float(np.max(np.abs(now.equations), initial=0.0)) <= user.settings.met:
+                return pose
+            rows = now.equation_slopes @ pose.slopes
+            scale = user.turns(now.equation_slopes)
+            pose = self.pose(pose.v + least_change(pose, rows / scale[:, None], -now.equations / scale, self.unit))
+            if not float(np.max(np.abs(pose.q - start.q))) <= user.settings.keyframe_turn:
+                return start
+        return start
 
     def within_limits(self, q: FloatArray) -> bool:
         """Whether a configuration keeps the limits of its coordinates."""
@@ -182,6 +215,29 @@ class SpaceStepper:
     def _curvature_differences(self) -> FloatArray:
         """Their differences from knot to knot, shape (2 knots − 2, p)."""
         return self.unit * self.curve.curvature_differences
+
+
+def least_change(pose: SpacePose, rows: FloatArray, change: FloatArray, unit: float) -> FloatArray:
+    """The change of the unknowns that moves the links least and changes rows by given amounts, shape (p,).
+
+    Args:
+        pose: where it is taken.
+        rows: shape (k, p).
+        change: of them, shape (k,).
+        unit: length of a nominal link [m].
+    """
+    spread = np.linalg.solve(moved_metric(pose, unit), rows.T)
+    # Least squares, because rows may say the same thing twice.
+    return np.asarray(spread @ np.linalg.lstsq(rows @ spread, change, rcond=1e-12)[0])
+
+
+def moved_metric(pose: SpacePose, unit: float) -> FloatArray:
+    """How much the unknowns move and turn the links, squared, shape (p, p)."""
+    p = len(pose.v)
+    turning = pose.chain.turning.reshape(-1, p)
+    moving = pose.chain.moving.reshape(-1, p) / unit
+    metric = turning.T @ turning + 0.01 * moving.T @ moving
+    return np.asarray(metric + 1e-9 * np.trace(metric) * np.eye(p))
 
 
 def normal_equations(terms: Sequence[SpaceTerm], ridge: float) -> tuple[FloatArray, FloatArray]:

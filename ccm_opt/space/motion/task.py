@@ -1,6 +1,7 @@
 """What the search for a motion is asked, and what it finds."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +16,7 @@ from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper
+from ccm_opt.space.motion.space_user_limit import SpaceUserLimit
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +33,14 @@ class SpaceTask:
         clearance: gap that the user asks for beyond the arm's radius [m].
         wanted_gap: room beyond that which motions keep where there is so much [m].
         box: where the tip may go, lower and upper corner, shape (2, 3) [m].
+        scene: extent of all surfaces, lower and upper corner, shape (2, 3) [m]; empty where there are none.
         names: of the owners of surfaces.
         slowness: how dear a unit of each coordinate is, by the speed that it allows, shape (c,); of bends about 1.
         deadline: when to stop.
         seed: of draws.
+        refuse: raises where it is proved that there is no motion; it is asked when no way of the tip led to the goal.
         settings: numbers of the search.
+        user: the user's constraints and costs; None where there are none.
     """
 
     arm: SpaceArm
@@ -47,22 +52,30 @@ class SpaceTask:
     clearance: float
     wanted_gap: float
     box: FloatArray
+    scene: FloatArray
     names: tuple[str, ...]
     slowness: FloatArray
     deadline: Deadline
     seed: int = 0
+    refuse: Callable[[], None] | None = None
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+    user: SpaceUserLimit | None = None
 
     @property
     def unit(self) -> float:
         """u, length of a nominal link [m]."""
         return self.arm.length / NOMINAL_LINKS
 
+    def deadline_within(self, seconds: float) -> "SpaceTask":
+        """The same task with a deadline after so much CPU time from now on, or its own if that is earlier."""
+        return replace(self, deadline=self.deadline.within(seconds))
+
     @cached_property
     def certificate(self) -> SpaceCertificate:
         """Of the motion; it spares a little gap for what the path between samples may use."""
         spare = self.settings.certificate.spare * self.unit
-        return SpaceCertificate(self.arm, self.tree, self.clearance + spare, spare, self.settings.certificate)
+        gap = self.clearance + spare
+        return SpaceCertificate(self.arm, self.tree, gap, spare, self.settings.certificate, self.user)
 
     @cached_property
     def margin(self) -> float:
@@ -71,7 +84,7 @@ class SpaceTask:
 
     def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:
         """Takes steps in the unknowns of a curve, with a share of the margin."""
-        return SpaceStepper(curve, self.tree, self.certificate, share * self.margin, self.settings)
+        return SpaceStepper(curve, self.tree, self.certificate, share * self.margin, self.settings, self.user)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +96,14 @@ class SpaceMotion:
         unknowns: at the keyframes, shape (K, p).
         configurations: the same as configurations, shape (K, c) [rad, m].
         candidate: name of the tactic that found it.
+        u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None where any will do.
     """
 
     curve: CurveMap
     unknowns: FloatArray
     configurations: FloatArray
     candidate: str
+    u: FloatArray | None = None
 
     @classmethod
     def of(cls, curve: CurveMap, poses: list[SpacePose], candidate: str) -> "SpaceMotion":

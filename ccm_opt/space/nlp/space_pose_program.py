@@ -198,7 +198,8 @@ class SpacePoseProgram:
         return lower, upper
 
 
-@lru_cache(maxsize=16)
+# Few sizes are met in one problem, and a program keeps a built solver of some megabytes alive.
+@lru_cache(maxsize=4)
 def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
     """Symbols, rows and objective for a size; nothing is solved."""
     curve = BishopShooting(size.segments, size.links)

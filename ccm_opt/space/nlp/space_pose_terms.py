@@ -15,7 +15,7 @@ _GOAL = 1.0
 """Path parameter of the goal."""
 
 
-@lru_cache(maxsize=16)  # the regions are drawn anew several times for one question; its solver is built once
+@lru_cache(maxsize=4)  # the regions are drawn anew several times for one question; its solver is built once
 def with_terms_in_space(program: SpacePoseProgram, terms: UserTerms) -> SpacePoseProgram:
     """The program with the user's hard constraints as rows, and soft ones and costs in its objective.
 

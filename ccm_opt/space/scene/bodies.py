@@ -177,7 +177,7 @@ class MeshBody:
         file: path of the mesh's file as the problem file gives it.
         digest: SHA-256 of that file, in hexadecimal digits.
         closed: whether it has an inside: every edge is one of an even number of triangles.
-        rounding: by which it is grown for what simplifying it has moved at most [m].
+        rounding: by which it is grown for what simplifying it put it off at most [m].
         scale: metres in the mesh's unit.
         placement: where it stands in the room, and how it is turned; the vertices are there already.
         simplified_by: error that simplifying it was allowed [m]; 0 where it was not simplified.

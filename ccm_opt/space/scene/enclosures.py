@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.scene.insides import depth_inside, encloses
 from ccm_opt.space.scene.scene import SpaceWorkspace
 
@@ -62,3 +62,8 @@ def _outside_room(workspace: SpaceWorkspace, places: FloatArray) -> Iterator[Enc
     beyond = np.maximum(np.maximum(workspace.bounds[0] - places, places - workspace.bounds[1]), 0.0)
     for number in np.flatnonzero(np.any(beyond > 0.0, axis=1)):
         yield Enclosure("", int(number), places[number], float(np.linalg.norm(beyond[number])))
+
+
+def enclosed(workspace: SpaceWorkspace, places: FloatArray) -> IntArray:
+    """Numbers of the places that are inside of closed bodies or outside of the room, increasing, of places (k, 3)."""
+    return np.unique([found.number for found in _enclosures(workspace, places)]).astype(np.intp)

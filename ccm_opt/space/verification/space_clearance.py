@@ -29,7 +29,7 @@ def check_surfaces(
         return Check("wall clearance", np.inf, workspace.clearance, "m", why, passed=True)
     surfaces = CheckedSurfaces.of(workspace.soup)
     least = least_allowed_gap(workspace.clearance, motion.arm.radius, settings)
-    verdict = _SurfaceProof(motion, surfaces, exposed).prove(least, settings, proof)
+    verdict = SurfaceProof(motion, surfaces, exposed).prove(least, settings, proof)
     near = verdict.nearest
     wall = workspace.soup.names[surfaces.owner[near.other - surfaces.offsets[-2]]]
     where = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
@@ -43,8 +43,8 @@ def exposed_shares(arm: SpaceArm) -> FloatArray:
     return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
 
 
-class _SurfaceProof:
-    """Measures links against boxes of surfaces.
+class SurfaceProof:
+    """Proves that links keep a gap to the surfaces of a scene, by measuring them against boxes of these.
 
     Args:
         motion: of the arm.
@@ -53,15 +53,15 @@ class _SurfaceProof:
     """
 
     def __init__(self, motion: SpaceChainMotion, surfaces: CheckedSurfaces, exposed: FloatArray) -> None:
-        self._motion = motion
-        self._surfaces = surfaces
+        self.motion = motion
+        self.surfaces = surfaces
         self._exposed = exposed
         size = max(float(np.max(np.abs(surfaces.triangles))), float(np.max(np.abs(motion.points))))
         self._lost = motion.rounding + distance_rounding(size)
 
     def prove(self, least: float, settings: VerificationSettings, proof: SpaceProofSettings) -> Verdict:
         """Prove that all links keep a gap."""
-        samples = len(self._motion.time)
+        samples = len(self.motion.time)
         few = np.unique(np.linspace(0, samples - 1, proof.probes).astype(int)).astype(np.float64)
         # At a few moments the nearest surface is looked for alone, to know how far the search must look.
         moments = self._of_all_links(TimeStretches(few, few), least, settings, None)
@@ -77,26 +77,29 @@ class _SurfaceProof:
         stretch = np.repeat(np.arange(len(stretches)), len(links))
         link = np.tile(links, len(stretches))
         pairs = StretchPairs(stretch, link, np.zeros(len(link), dtype=np.intp))
-        return prove_stretches(self._motion, stretches, pairs, self._measure, least, settings, self._opened, nearest)
+        return prove_stretches(self.motion, stretches, pairs, self.measure, least, settings, self._opened, nearest)
 
-    def _measure(self, stretches: TimeStretches, poses: FloatArray, pairs: StretchPairs, cutoff: float) -> Measured:
-        travels = self._motion.travels(stretches)
+    def measure(
+        self, stretches: TimeStretches, poses: FloatArray, pairs: StretchPairs, cutoff: FloatArray | float
+    ) -> Measured:
+        """What is known of the gaps of pairs; beyond the cutoff, one number or of shape (P,) [m], not exactly."""
+        travels = self.motion.travels(stretches)
         k, link = pairs.stretch, pairs.link
         travel = np.maximum(travels[k, link], travels[k, link + 1])
         end = poses[k, link + 1]
         start = poses[k, link] + self._exposed[link, None] * (end - poses[k, link])
-        low, high = self._surfaces.bounds(pairs.other, start, end)
-        thick = self._motion.arm.radius + self._surfaces.rounding[pairs.other]
+        low, high = self.surfaces.bounds(pairs.other, start, end)
+        thick = self.motion.arm.radius + self.surfaces.rounding[pairs.other]
         # Triangles whose boxes are far enough need not be measured.
-        exact = self._surfaces.is_triangle(pairs.other) & (low - thick - self._lost - travel < cutoff)
-        triangles = self._surfaces.triangles[pairs.other[exact] - self._surfaces.offsets[-2]]
+        exact = self.surfaces.is_triangle(pairs.other) & (low - thick - self._lost - travel < cutoff)
+        triangles = self.surfaces.triangles[pairs.other[exact] - self.surfaces.offsets[-2]]
         low[exact], high[exact] = separations(start[exact], end[exact], triangles)
         # A box may hold triangles of less rounding than the largest, which are farther.
-        most = high - np.where(exact, thick, self._motion.arm.radius)
+        most = high - np.where(exact, thick, self.motion.arm.radius)
         return Measured(low - thick - self._lost, most, travel, exact)
 
     def _opened(self, pairs: StretchPairs, travel: FloatArray) -> tuple[StretchPairs, BoolArray]:
-        surfaces = self._surfaces
+        surfaces = self.surfaces
         boxes = ~surfaces.is_triangle(pairs.other)
         size = surfaces.size(pairs.other)
         boxes &= (size > travel) | (size == 0.0)

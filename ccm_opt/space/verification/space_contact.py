@@ -56,13 +56,13 @@ def _prove(
     def measure(some: TimeStretches, poses: FloatArray, which: StretchPairs, _cutoff: float) -> Measured:
         k, i, j = which.stretch, which.link, which.other
         distance = axis_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - thickness
-        travel = _relative_travels(motion, some, which)
+        travel = relative_travels(motion, some, which)
         return Measured(distance - lost, distance, travel, np.ones(len(which), dtype=bool))
 
     return prove_stretches(motion, stretches, pairs, measure, least, settings)
 
 
-def _relative_travels(motion: SpaceChainMotion, stretches: TimeStretches, pairs: StretchPairs) -> FloatArray:
+def relative_travels(motion: SpaceChainMotion, stretches: TimeStretches, pairs: StretchPairs) -> FloatArray:
     """How much nearer two links may come than they are at the middle, shape (P,) [m]."""
     travels = motion.travels(stretches)
     k, i, j = pairs.stretch, pairs.link, pairs.other

@@ -79,8 +79,8 @@ def efforts_in_space(
     for revolute, axes in enumerate((frames.first_axes, frames.second_axes, frames.along)):
         torques[:, :, revolute] = np.sum(moments * axes, axis=2)
     bends = slice(0, 2 * arm.links)
-    geared = _of_bends(arm, arm.rotor_inertia) * accelerations[:, bends]
-    rubbed = _of_bends(arm, arm.friction) * velocities[:, bends]
+    geared = of_bends(arm, arm.rotor_inertia) * accelerations[:, bends]
+    rubbed = of_bends(arm, arm.friction) * velocities[:, bends]
     torques[:, :, :2] += (geared + rubbed).reshape(-1, arm.links, 2)
     force = (np.sum(needed, axis=1) + at_tip[:, 0]) @ arm.direction
     return torques.reshape(len(positions), -1), np.asarray(force)
@@ -96,7 +96,7 @@ def _momentum_change(arm: SpaceArm, frames: LinkFrames, rates: LinkRates) -> Flo
     return np.asarray(across * rates.growth + along * (gain * frames.along + spin * np.cross(rates.rate, frames.along)))
 
 
-def _of_bends(arm: SpaceArm, drives: FloatArray | float) -> FloatArray:
+def of_bends(arm: SpaceArm, drives: FloatArray | float) -> FloatArray:
     """A property of the drives for the bends alone, shape (2 * links,)."""
     of_balls = np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * arm.links,)).reshape(-1, 3)
     return of_balls[:, :2].ravel()

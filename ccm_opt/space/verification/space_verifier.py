@@ -15,12 +15,16 @@ from ccm_opt.space.verification.space_contact import check_contact
 from ccm_opt.space.verification.space_ends import check_space_ends
 from ccm_opt.space.verification.space_newton_euler import efforts_in_space
 from ccm_opt.space.verification.space_points import check_space_points
+from ccm_opt.space.verification.space_sample_efforts import check_space_sample_efforts
+from ccm_opt.space.verification.survived_in_space import survived_error_in_space
 from ccm_opt.verification.base_axes import check_base_axes
 from ccm_opt.verification.consistency import check_consistency
 from ccm_opt.verification.effort_share import HoldingEfforts, check_shares
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.limits import check_limits
 from ccm_opt.verification.pauses import check_pauses
+from ccm_opt.verification.tolerance.error_model import joint_errors
+from ccm_opt.verification.tolerance.joint_error_check import check_of
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.verifier import check_names
 
@@ -71,8 +75,13 @@ def verify_in_space(
     checks += check_base_axes(problem, trajectory, joints, needed, settings)
     holding = _holding(problem, trajectory)
     checks += check_shares(problem, trajectory, joints, checks, holding, settings)
+    checks += check_space_sample_efforts(problem, motion, trajectory, holding, settings)
     checks += check_space_ends(problem, motion, trajectory, settings)
     checks += check_pauses(problem, trajectory, settings)
+    # Of a motion that is none anyway it would say nothing, and take long to do so.
+    if problem.joint_error > 0.0 and all(check.passed for check in checks):
+        survived = survived_error_in_space(problem, trajectory, joint_errors(problem.arm))
+        checks.append(check_of(problem.joint_error, survived))
     return tuple(checks)
 
 

@@ -14,13 +14,12 @@ def check_joint_error(
     problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> Check:
     """Check that no error of the joints up to the one asked for brings the arm into contact; ``worst`` in [rad]."""
-    return check_of(
-        problem, survived_error(problem.arm, problem.workspace, trajectory, joint_errors(problem.arm), settings)
-    )
+    survived = survived_error(problem.arm, problem.workspace, trajectory, joint_errors(problem.arm), settings)
+    return check_of(problem.joint_error, survived)
 
 
-def check_of(problem: Problem, survived: SurvivedError) -> Check:
-    """The check of an error that is known already."""
+def check_of(asked: float, survived: SurvivedError) -> Check:
+    """The check of an error that is known already, against the one asked for [rad]."""
     # What lies beyond is not looked at, so a problem that asks for more is refused.
-    passed = survived.size >= problem.joint_error
-    return Check(NAME, survived.size, problem.joint_error, "rad", survived.where, passed=passed)
+    passed = survived.size >= asked
+    return Check(NAME, survived.size, asked, "rad", survived.where, passed=passed)

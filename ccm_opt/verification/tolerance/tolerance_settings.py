@@ -38,6 +38,9 @@ class ToleranceSettings:
         thin_share: radius that an arm of no width has in that picture, as a share of its length. Taste.
         room_shares: of what errors of the joints move the links by at most, that planning leaves room for, in the order
             of trying; after the last none. Taste: the levers of a bent arm are a half to a fifth of its lengths.
+        gap_rounds: times that a motion in space is planned anew with a larger wanted gap. Taste.
+        gap_growth: least and most that it grows at a time. Taste.
+        gap_beyond: beyond what the error in proportion asks for. Taste.
         refinements: shares tried between one that found too little and one that found nothing. Taste.
         time_share: share of the time left that a search with such room may take. Taste.
         least_time: that a search is given in any case [s]. Taste.
@@ -46,6 +49,8 @@ class ToleranceSettings:
         doublings: of a load until it is not survived. Taste.
         load_steps: most bisections after that. Taste.
         load_precision: share of a load that its bisection leaves open. Taste.
+        proved_shares: shares of the least error that was met in space which are proved, in the order of trying. Taste:
+            the first is the precision; the others are for motions that stay so long so near that it cannot be had.
         small_load: share of a load that is not survived, tried while no load is known that is. Taste.
     """
 
@@ -70,6 +75,9 @@ class ToleranceSettings:
     tube_poses: int = 160
     thin_share: float = 1e-3
     room_shares: tuple[float, ...] = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)
+    gap_rounds: int = 4
+    gap_growth: tuple[float, float] = (1.2, 4.0)
+    gap_beyond: float = 1.1
     refinements: int = 3
     time_share: float = 0.4
     least_time: float = 1.0
@@ -77,6 +85,7 @@ class ToleranceSettings:
     doublings: int = 6
     load_steps: int = 12
     load_precision: float = 0.05
+    proved_shares: tuple[float, ...] = (0.998, 0.98, 0.9, 0.5)
     small_load: float = 0.1
 
 

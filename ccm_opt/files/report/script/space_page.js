@@ -8,6 +8,7 @@ const SPACE_LAYERS = [
   { name: "end", words: "end", look: "end", on: true },
   { name: "tip", words: "path of the tip", look: "tip", on: true },
   { name: "goals", words: "goals", look: "goal", on: true },
+  { name: "findings", words: "what stands in the way", look: "least", on: true },
   { name: "simulated", words: "simulated arm", look: "simulated", on: false },
 ];
 
@@ -38,6 +39,14 @@ function goalRods(goal, arm, reach) {
   return rods;
 }
 
+// What passes a gap inside of what would have to, the way that leads through it, or else just the place.
+function findingRods({ place, needed, room, way }, arm, reach) {
+  const size = 1.3 * (arm.radius || 0.01 * reach);
+  const rods = way.slice(1).map((point, k) => [way[k], point, -1.4, -1.4, "bad", 1]);
+  if (needed === null) return [...rods, [place, place, size, size, "bad", 0.6]];
+  return [...rods, [place, place, room, room, "amber", 1], [place, place, needed, needed, "bad", 0.35]];
+}
+
 function boxRods([low, high]) {
   const corner = k => [0, 1, 2].map(axis => (k & (1 << axis) ? high : low)[axis]);
   const rods = [];
@@ -51,7 +60,8 @@ function fillView(view, data, motion) {
   const arm = data.scene.arm;
   for (const body of data.scene.bodies) {
     const faces = new Uint32Array(bytes(body.faces));
-    view.addSurface("bodies", bodyCorners(body), faces, new Uint32Array(bytes(body.edges)), "edge");
+    const colour = data.blocking?.includes(body.name) ? "bad" : "edge";
+    view.addSurface("bodies", bodyCorners(body), faces, new Uint32Array(bytes(body.edges)), colour);
   }
   if (data.scene.room) view.setRods("room", boxRods(data.scene.room));
   if (motion) {
@@ -62,6 +72,7 @@ function fillView(view, data, motion) {
   } else {
     view.setRods("start", armRods(arm, data.scene.start, "arm", 1));
   }
+  if (data.findings) view.setRods("findings", data.findings.flatMap(finding => findingRods(finding, arm, arm.links * arm.link)));
   view.setRods("goals", data.scene.goals.flatMap(goal => goalRods(goal, arm, arm.links * arm.link)));
 }
 

@@ -32,7 +32,9 @@ class SpaceMotionCost:
         first = k * float(np.sum(np.diff(scaled, axis=0) ** 2))
         second = self.settings.unevenness * k**3 * float(np.sum(np.diff(scaled, 2, axis=0) ** 2))
         shape = float(np.einsum("kp,pq,kq->", sweep.unknowns, self._shape(sweep), sweep.unknowns))
-        return 0.5 * (first + second + shape)
+        changes = np.diff(sweep.unknowns, axis=0)
+        following = k * float(np.einsum("kp,pq,kq->", changes, self._following(sweep), changes))
+        return 0.5 * (first + second + shape + following)
 
     def model(self, sweep: SpaceSweep) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
         """The Gauss–Newton model about a motion.
@@ -46,11 +48,23 @@ class SpaceMotionCost:
         slopes = sweep.slopes * self.slowness[:, None]
         coupling = _coupling(k, self.settings.unevenness)
         shape = self._shape(sweep)
+        following = self._following(sweep)
+        first = _coupling(k, 0.0)
         gradient = np.einsum("kcp,kc->kp", slopes, coupling @ scaled) + sweep.unknowns @ shape
+        gradient += first @ sweep.unknowns @ following
         row, column = np.nonzero(np.abs(np.subtract.outer(np.arange(k + 1), np.arange(k + 1))) <= 2)
         blocks = coupling[row, column][:, None, None] * (slopes[row].transpose(0, 2, 1) @ slopes[column])
         blocks[row == column] += shape
+        blocks += first[row, column][:, None, None] * following
         return gradient, blocks, row, column
+
+    def _following(self, sweep: SpaceSweep) -> FloatArray:
+        """Metric of how much a curve that lies still in space while the arm is fed along it changes, shape (p, p)."""
+        curve = sweep.curve
+        if not curve.arm.base_axes:
+            return np.zeros((curve.dimension, curve.dimension))
+        rows = sweep.stepper.unit * curve.curvature_rows
+        return np.asarray(self.settings.following * rows.T @ rows)
 
     def _shape(self, sweep: SpaceSweep) -> FloatArray:
         """Metric of the curve's bending and of its unevenness, shape (p, p)."""

@@ -11,6 +11,7 @@ from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.motion.optimisation.cost import SpaceMotionCost
 from ccm_opt.space.motion.optimisation.rows import SpaceRows
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
+from ccm_opt.space.motion.optimisation.user_keyframes import CostWithTerms, UserKeyframeRows
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
 
@@ -44,15 +45,17 @@ class SpaceKeyframeProgram:
         damping: weight on the squared turns of the links.
         goal: where the tip has to stay; None where the last keyframe is fixed.
         settings: of the optimisation.
+        of_user: rows of the user on keyframes; None where there are none.
     """
 
     sweep: SpaceSweep
-    cost: SpaceMotionCost
+    cost: SpaceMotionCost | CostWithTerms
     rows: SpaceRows
     prices: FloatArray
     damping: float
     goal: SpaceTipPose | None
     settings: SpaceOptimisationSettings
+    of_user: UserKeyframeRows | None = None
 
     def solve(self) -> SpaceQuadraticStep | None:
         """The step, or None where the solver finds none."""
@@ -64,6 +67,13 @@ class SpaceKeyframeProgram:
         linear = np.column_stack((gradient[1:], self.prices)).ravel()
         equal = self._end_rows()
         matrix, lower, upper = self._inequalities()
+        if self.of_user is not None:
+            own = self._user_rows(self.of_user)
+            equal = sp.vstack((equal, own[: self.of_user.equal])).tocsc()
+            matrix = sp.vstack((matrix, own[self.of_user.equal :])).tocsc()
+            least_gain = self.of_user.lower[self.of_user.equal :]
+            lower = np.concatenate((lower, least_gain))
+            upper = np.concatenate((upper, np.full(len(least_gain), _FAR)))
         least = np.full((count, p + 1), -_FAR)
         least[:, p] = 0.0
         solver = piqp.SparseSolver()
@@ -125,6 +135,14 @@ class SpaceKeyframeProgram:
         whole[:, size - p - 1 : size - 1] = rows
         return sp.csc_matrix(whole)
 
+    def _user_rows(self, of_user: UserKeyframeRows) -> Any:
+        """Matrix of the user's rows."""
+        count, p = self.sweep.intervals, self.sweep.unknowns.shape[1]
+        m = len(of_user.keyframe)
+        places = ((of_user.keyframe - 1) * (p + 1))[:, None] + np.arange(p)
+        lines = np.repeat(np.arange(m), p)
+        return sp.csr_matrix((of_user.rows.ravel(), (lines, places.ravel())), shape=(m, count * (p + 1)))
+
     def _inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
         """Matrix and bounds of the rows over intervals, and of the limits of coordinates that are near them."""
         sweep = self.sweep
@@ -132,18 +150,19 @@ class SpaceKeyframeProgram:
         count = sweep.intervals
         p = sweep.unknowns.shape[1]
         width = p + 1
-        keyframe = self.rows.interval + self.rows.side
-        # At the start, which is given, there is nothing to change.
-        kept = np.flatnonzero(keyframe > 0)
-        rows = self.rows.take(kept)
-        keyframe = keyframe[kept]
-        slopes = rows.slopes(sweep) / unit
+        rows = self.rows.take(self.rows.free)
         upper = -rows.values(sweep) / unit
-        m = len(kept)
-        data = np.concatenate((slopes.ravel(), -np.ones(m)))
-        line = np.concatenate((np.repeat(np.arange(m), p), np.arange(m)))
-        places = ((keyframe - 1) * width)[:, None] + np.arange(p)
-        place = np.concatenate((places.ravel(), rows.interval * width + p))
+        m = len(rows)
+        data = [-np.ones(m)]
+        line = [np.arange(m)]
+        place = [rows.interval * width + p]
+        for side in (0, 1):
+            # At the start, which is given, there is nothing to change.
+            moved = np.flatnonzero((rows.weight(side) > 0.0) & (rows.interval + side > 0))
+            places = ((rows.interval[moved] + side - 1) * width)[:, None] + np.arange(p)
+            data.append((rows.take(moved).slopes(sweep, side) / unit).ravel())
+            line.append(np.repeat(moved, p))
+            place.append(places.ravel())
 
         arm = sweep.curve.arm
         room_up = arm.upper_limits - sweep.configurations
@@ -160,8 +179,8 @@ class SpaceKeyframeProgram:
         knot_rows, knot_low, knot_high = self._knot_rows()
         matrix = sp.csc_matrix(
             (
-                np.concatenate((data, limit_rows.ravel())),
-                (np.concatenate((line, limit_lines)), np.concatenate((place, limit_places))),
+                np.concatenate((*data, limit_rows.ravel())),
+                (np.concatenate((*line, limit_lines)), np.concatenate((*place, limit_places))),
             ),
             shape=(m + len(at), count * width),
         )

@@ -1,10 +1,12 @@
 """Rows over whole intervals of a motion: what keeps links off walls and off each other.
 
-A row has the form need − n·(P_a − P_b) ≤ 0 with points at one end of an interval. Of a wall P_b stands still, and the
-plane through it bounds a half-space free of walls about where the link is halfway; of a pair of links both points move.
-What a point is nearer halfway than the mean of the ends is asked for beside.
+A row has the form need − n·(P_a − P_b) ≤ 0 with points at one time of an interval: at an end of it, or in between,
+where a point is the mean of where it is at the ends, weighed by the time, and off that by a given distance. Of a wall
+P_b stands still, and the plane through it bounds a half-space free of walls about where the link is at some time; of a
+pair of links both points move. What a point is nearer halfway than the mean of the ends is asked for beside.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -20,7 +22,7 @@ class SpaceRows:
 
     Attributes:
         interval: k.
-        side: 0 at the start of the interval, 1 at its end.
+        share: of the interval that has passed: 0 at its start, 1 at its end.
         plus: number a of the point counted positively.
         minus: number b of the point counted negatively; −1 where nothing moves.
         normal: n, shape (m, 3).
@@ -28,7 +30,7 @@ class SpaceRows:
     """
 
     interval: IntArray
-    side: IntArray
+    share: FloatArray
     plus: IntArray
     minus: IntArray
     normal: FloatArray
@@ -41,21 +43,34 @@ class SpaceRows:
         """Some of the rows."""
         return SpaceRows(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
+    @property
+    def free(self) -> IntArray:
+        """Rows that can be changed at all: not those at the given start."""
+        return np.flatnonzero(self.interval + self.share > 0.0)
+
     def values(self, sweep: SpaceSweep) -> FloatArray:
         """Values of every row, shape (m,) [m]."""
-        keyframe = self.interval + self.side
-        apart = sweep.points[keyframe, self.plus] - np.where(
-            (self.minus >= 0)[:, None], sweep.points[keyframe, self.minus], 0.0
-        )
-        return np.asarray(self.need - np.einsum("md,md->m", self.normal, apart))
+        places = (1.0 - self.share) * self._apart(sweep, 0) + self.share * self._apart(sweep, 1)
+        return np.asarray(self.need - places)
 
-    def slopes(self, sweep: SpaceSweep) -> FloatArray:
-        """Derivatives by the unknowns of the row's own keyframe, shape (m, p)."""
-        keyframe = self.interval + self.side
+    def slopes(self, sweep: SpaceSweep, side: int) -> FloatArray:
+        """Derivatives by the unknowns of the keyframe at the start (0) or end (1) of the interval, shape (m, p)."""
+        keyframe = self.interval + side
         slopes = -np.einsum("md,mdp->mp", self.normal, sweep.moving[keyframe, self.plus])
         both = np.flatnonzero(self.minus >= 0)
         slopes[both] += np.einsum("md,mdp->mp", self.normal[both], sweep.moving[keyframe[both], self.minus[both]])
-        return np.asarray(slopes)
+        return np.asarray(slopes * self.weight(side)[:, None])
+
+    def weight(self, side: int) -> FloatArray:
+        """How much the keyframe at the start (0) or end (1) of the interval counts, shape (m,)."""
+        return self.share if side else 1.0 - self.share
+
+    def _apart(self, sweep: SpaceSweep, side: int) -> FloatArray:
+        """n·(P_a − P_b) at the start (0) or end (1) of the interval, shape (m,) [m]."""
+        points = sweep.points[self.interval + side]
+        rows = np.arange(len(self))
+        apart = points[rows, self.plus] - np.where((self.minus >= 0)[:, None], points[rows, self.minus], 0.0)
+        return np.asarray(np.einsum("md,md->m", self.normal, apart))
 
 
 def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: SpaceOptimisationSettings) -> SpaceRows:
@@ -70,34 +85,58 @@ def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, settings: Space
     parts = [_wall_rows(sweep, wanted + margin, settings)]
     if sweep.curve.arm.self_collision:
         parts.append(_pair_rows(sweep, wanted + margin, settings))
-    return SpaceRows(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(SpaceRows)))
+    return _joined(parts)
 
 
 def _wall_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettings) -> SpaceRows:
-    """Rows of half-spaces about the links halfway through every interval, and about the links at every keyframe.
+    """Rows of half-spaces about the links halfway through every interval, at every keyframe, and at times in between.
 
     A link that passes an edge within an interval lies on both sides of some plane about its middle. Such a plane says
-    nothing of the way past the edge, and is left to the planes at the keyframes.
+    nothing of the way past the edge, and is left to the planes at the keyframes and in between.
     """
     chords = np.linalg.norm(np.diff(sweep.points, axis=0), axis=2)
     travel = min(0.5 * float(np.max(chords, initial=0.0)), settings.most_travel * sweep.stepper.unit)
     kept = sweep.stepper.kept + room
     reach = kept + settings.active * sweep.stepper.unit
-    about_middles = _half_spaces(sweep, sweep.middle_points, reach + travel, settings)
-    about_keyframes = _half_spaces(sweep, sweep.points[1:], reach, settings)
-    interval, link, normal, foot = about_middles
+    interval, link, normal, foot = _half_spaces(sweep, sweep.middle_points, reach + travel, settings)
     parts = []
     for side in (0, 1):
         for end in (0, 1):
             beyond = np.einsum("md,md->m", normal, sweep.points[interval + side, link + end]) - foot
             fits = np.flatnonzero(beyond > 0.0)
             bow = _lost(normal, sweep.halfway_off[interval, link + end])
-            rows = _of_points(interval, side, link + end, normal, foot + kept + bow)
+            rows = _of_points(interval, float(side), link + end, normal, foot + kept + bow)
             parts.append(rows.take(np.intersect1d(fits, _free_points(sweep, link + end))))
-    interval, link, normal, foot = about_keyframes
+    parts.append(_rows_at(sweep, 1.0, reach, kept, settings))
+    # In between only what lacks room is asked for.
+    parts.extend(_rows_at(sweep, share, kept + 0.1 * sweep.stepper.unit, kept, settings) for share in settings.between)
+    return _joined(parts)
+
+
+def _rows_at(
+    sweep: SpaceSweep, share: float, reach: float, kept: float, settings: SpaceOptimisationSettings
+) -> SpaceRows:
+    """Rows of half-spaces about the links at one time of every interval.
+
+    Args:
+        sweep: the motion.
+        share: of the interval that has passed.
+        reach: surfaces farther away are left out [m].
+        kept: distance that the links' axes shall keep [m].
+        settings: of the optimisation.
+    """
+    points = sweep.points_at(share)
+    off = points - ((1.0 - share) * sweep.points[:-1] + share * sweep.points[1:])
+    interval, link, normal, foot = _half_spaces(sweep, points, reach, settings)
+    parts = []
     for end in (0, 1):
-        rows = _of_points(interval, 1, link + end, normal, foot + kept)
+        beside = np.einsum("md,md->m", normal, off[interval, link + end])
+        rows = _of_points(interval, share, link + end, normal, foot + kept - beside)
         parts.append(rows.take(_free_points(sweep, link + end)))
+    return _joined(parts)
+
+
+def _joined(parts: Sequence[SpaceRows]) -> SpaceRows:
     return SpaceRows(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(SpaceRows)))
 
 
@@ -120,14 +159,34 @@ def _half_spaces(
     beyond = arm.links - first
     looked_at = points[:, first:]
     segments = np.stack((looked_at[:, :-1], looked_at[:, 1:]), axis=2).reshape(-1, 2, 3)
-    planes = sweep.stepper.tree.planes(segments, reach, settings.planes)
+    planes = sweep.stepper.tree.planes(segments, reach, settings.planes, settings.behind * sweep.stepper.unit)
     foot = np.einsum("md,md->m", planes.normal, planes.point)
     return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
 
 
-def _of_points(interval: IntArray, side: int, point: IntArray, normal: FloatArray, need: FloatArray) -> SpaceRows:
+def room_lacking(sweep: SpaceSweep, wanted: float, settings: SpaceOptimisationSettings) -> FloatArray:
+    """By how much the least gap from surfaces lacks the wanted one in every interval, at least 0, shape (K,) [m].
+
+    Args:
+        sweep: the motion.
+        wanted: room beyond contact that is asked for [m].
+        settings: whose times in between are looked at.
+    """
+    arm = sweep.curve.arm
+    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
+    kept = sweep.stepper.kept + wanted
+    lacking = np.zeros(sweep.intervals)
+    for share in (*settings.between, 0.5, 1.0):
+        points = sweep.middle_points if share == 0.5 else sweep.points_at(share)
+        segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2)
+        distances = sweep.stepper.tree.distances(segments.reshape(-1, 2, 3), kept)
+        lacking = np.maximum(lacking, kept - np.min(distances.reshape(sweep.intervals, -1), axis=1, initial=kept))
+    return lacking
+
+
+def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray) -> SpaceRows:
     """Rows of points that have to keep off planes."""
-    return SpaceRows(interval, np.full(len(point), side), point, np.full(len(point), -1), normal, need)
+    return SpaceRows(interval, np.full(len(point), share), point, np.full(len(point), -1), normal, need)
 
 
 def _free_points(sweep: SpaceSweep, point: IntArray) -> IntArray:
@@ -153,15 +212,15 @@ def _pair_rows(sweep: SpaceSweep, room: float, settings: SpaceOptimisationSettin
         columns.append((np.full(len(near.first), k), near.first, near.second, near.normal, kept + np.max(bows, axis=0)))
     if not columns:
         none = np.zeros(0, dtype=np.intp)
-        return SpaceRows(none, none, none, none, np.zeros((0, 3)), np.zeros(0))
+        return SpaceRows(none, np.zeros(0), none, none, np.zeros((0, 3)), np.zeros(0))
     interval, first, second, normal, need = (np.concatenate(parts) for parts in zip(*columns, strict=True))
     parts = [
-        SpaceRows(interval, np.full(len(first), side), first + s, second + t, normal, need)
+        SpaceRows(interval, np.full(len(first), float(side)), first + s, second + t, normal, need)
         for side in (0, 1)
         for s in (0, 1)
         for t in (0, 1)
     ]
-    return SpaceRows(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(SpaceRows)))
+    return _joined(parts)
 
 
 def _lost(normal: FloatArray, off: FloatArray) -> FloatArray:
@@ -188,8 +247,8 @@ def tightest(rows: SpaceRows, values: FloatArray, group: int) -> IntArray:
     lines = np.arange(len(rows))
     sign = rows.normal[lines, largest] > 0.0
     others = [rows.normal[lines, (largest + step) % 3] > 0.0 for step in (1, 2)]
-    keys = (rows.interval, rows.side, rows.plus // group, (rows.minus + 1) // group, largest, sign, *others)
+    keys = (rows.interval, rows.share, rows.plus // group, (rows.minus + 1) // group, largest, sign, *others)
     order = np.lexsort((-values, *keys))
-    changes = [np.diff(key[order].astype(np.intp)) != 0 for key in keys]
+    changes = [np.diff(key[order].astype(float)) != 0.0 for key in keys]
     first = np.concatenate(([True], np.any(changes, axis=0)))[: len(order)]
     return np.asarray(order[first])

@@ -2,10 +2,14 @@
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
 from ccm_opt.space.motion.optimisation.space_sequential_convex import SequentialConvex
+from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
+from ccm_opt.space.motion.optimisation.user_keyframes import UserKeyframes
 from ccm_opt.space.motion.pieces import failing_edges, in_pieces
+from ccm_opt.space.motion.space_goal import onto_goal
+from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 
 
@@ -17,17 +21,24 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         task: what it is for.
     """
     settings = task.settings.optimisation
-    if len(motion.unknowns) < 3 or task.deadline.passed():
+    # The straight way between two keyframes is the best there is, unless the user wants something else of it.
+    if task.deadline.passed() or (len(motion.unknowns) < 3 and task.user is None):
         return motion
     stepper = task.stepper(motion.curve, 0.0)
-    programme = SequentialConvex(task, stepper, task.goal is None)
+    end_fixed = _is_end_fixed(task, stepper, motion.unknowns[-1])
     left = settings.rounds
     unknowns = motion.unknowns
+    u = _parameters(motion)
     while left > 0 and not task.deadline.passed():
-        keyframes = thinned(task, motion, unknowns)
+        keyframes, u = thinned(task, motion, unknowns, u)
+        terms = None if task.user is None else UserKeyframes(task.user, u)
+        if terms is not None:
+            keyframes = terms.restored(stepper, keyframes)
+            if not terms.holds(SpaceSweep(stepper, keyframes)) or len(failing_edges(stepper, keyframes)) > 0:
+                return motion
         many = len(keyframes) - 1 > settings.many * settings.intervals
         taken = min(left, settings.first_rounds) if many else left
-        better = programme.optimised(keyframes, taken)
+        better = SequentialConvex(task, stepper, end_fixed, terms).optimised(keyframes, taken)
         left -= taken
         stuck = np.array_equal(better, keyframes)
         unknowns = better
@@ -41,14 +52,50 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         unknowns,
         np.stack([motion.curve.configuration(v) for v in in_pieces(stepper, unknowns)]),
         motion.candidate,
+        None if motion.u is None else u,
     )
 
 
-def thinned(task: SpaceTask, motion: SpaceMotion, unknowns: FloatArray) -> FloatArray:
-    """Few keyframes of a motion, every edge between them certified, shape (K + 1, p)."""
+def _is_end_fixed(task: SpaceTask, stepper: SpaceStepper, end: FloatArray) -> bool:
+    """Whether a motion has to end in a given pose: where no tip counts, or limits keep it a little off its goal."""
+    if task.goal is None:
+        return True
+    exact = onto_goal(stepper, task.goal, stepper.pose(end))
+    return exact is None or not stepper.within_limits(exact.q)
+
+
+def _parameters(motion: SpaceMotion) -> FloatArray:
+    """Path parameters of the keyframes of a motion, even ones where it does not know its own, shape (K,)."""
+    return np.linspace(0.0, 1.0, len(motion.unknowns)) if motion.u is None else motion.u
+
+
+def thinned(task: SpaceTask, motion: SpaceMotion, unknowns: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Few keyframes of a motion, every edge between them certified, and their path parameters.
+
+    Args:
+        task: what the motion is for.
+        motion: whose keyframes they are.
+        unknowns: of all keyframes, shape (k, p).
+        u: path parameters of the same, shape (k,).
+
+    Returns:
+        Of shapes (K + 1, p) and (K + 1,); where the motion does not know its path parameters they are even.
+    """
     settings = task.settings.optimisation
     stepper = task.stepper(motion.curve, 0.0)
-    few = decimated(unknowns, lambda v: failing_edges(stepper, v, settings.leg_depth), settings.first_stride)
-    configurations = np.stack([motion.curve.configuration(v) for v in few])
+    p = unknowns.shape[1]
+    labelled = np.column_stack((unknowns, u))
+
+    def failing(some: FloatArray) -> IntArray:
+        return failing_edges(stepper, some[:, :p], settings.leg_depth)
+
+    few = decimated(labelled, failing, settings.first_stride)
+    configurations = np.stack([motion.curve.configuration(v) for v in few[:, :p]])
     sizes = np.linalg.norm(np.diff(configurations * task.slowness, axis=0), axis=1)
-    return subdivided(few, sizes, settings.intervals)
+    whole = subdivided(few, sizes, settings.intervals)
+    if len(failing_edges(stepper, whole[:, :p])) > 0:
+        # The bends of a fed arm are not linear along an edge: what lies in between is beyond a limit, and the motion's
+        # own keyframes are not.
+        whole = decimated(labelled, failing, max(1, len(unknowns) // settings.intervals))
+    own = np.linspace(0.0, 1.0, len(whole)) if motion.u is None else whole[:, p]
+    return np.ascontiguousarray(whole[:, :p]), own

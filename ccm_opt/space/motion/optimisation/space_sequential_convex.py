@@ -11,8 +11,9 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.motion.optimisation.cost import SpaceMotionCost
 from ccm_opt.space.motion.optimisation.program import SpaceKeyframeProgram, SpaceQuadraticStep
-from ccm_opt.space.motion.optimisation.rows import SpaceRows, motion_rows, tightest
+from ccm_opt.space.motion.optimisation.rows import SpaceRows, motion_rows, room_lacking, tightest
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
+from ccm_opt.space.motion.optimisation.user_keyframes import CostWithTerms, UserKeyframes
 from ccm_opt.space.motion.pieces import failing_edges
 from ccm_opt.space.motion.space_goal import onto_goal
 from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
@@ -26,15 +27,17 @@ class _Iterate:
 
     Attributes:
         sweep: the motion, certified.
+        rows: what it has to keep, drawn about it.
+        merit: its cost and what it lacks at the first price.
         damping: of the next step.
         prices: of slack in each interval, shape (K,).
-        gained: by which the last step lowered the cost, as a share.
     """
 
     sweep: SpaceSweep
+    rows: SpaceRows
+    merit: float
     damping: float
     prices: FloatArray
-    gained: float = 1.0
 
 
 @dataclass(eq=False)
@@ -45,16 +48,19 @@ class SequentialConvex:
         task: what the motion is for.
         stepper: of its unknowns.
         end_fixed: whether the last keyframe has to stay.
+        terms: the user's, over the keyframes; None where there are none.
     """
 
     task: SpaceTask
     stepper: SpaceStepper
     end_fixed: bool
-    _cost: SpaceMotionCost = field(init=False)
+    terms: UserKeyframes | None = None
+    _cost: SpaceMotionCost | CostWithTerms = field(init=False)
 
     def __post_init__(self) -> None:
         settings = self.task.settings
-        self._cost = SpaceMotionCost(self.task.slowness, settings.objective)
+        plain = SpaceMotionCost(self.task.slowness, settings.objective)
+        self._cost = plain if self.terms is None else CostWithTerms(plain, self.terms)
 
     @property
     def _settings(self) -> SpaceOptimisationSettings:
@@ -69,37 +75,54 @@ class SequentialConvex:
         """
         settings = self._settings
         sweep = SpaceSweep(self.stepper, unknowns)
-        iterate = _Iterate(sweep, settings.first_damping, np.full(sweep.intervals, settings.price))
+        iterate = self._iterate(sweep, settings.first_damping, np.full(sweep.intervals, settings.price))
+        best = iterate
         idle = 0
         for _ in range(rounds):
             following = self._round(iterate)
             if following is None:
                 break
-            iterate = following
-            idle = idle + 1 if iterate.gained < settings.worth else 0
+            idle = idle + 1 if following.merit > (1.0 - settings.worth) * best.merit else 0
+            if following.merit < best.merit:
+                best = following
+                iterate = following
+            else:
+                # The rows did not foresee what came of the step: a shorter one.
+                damping = settings.refused_growth * max(following.damping, settings.raised_damping)
+                iterate = replace(best, damping=damping, prices=following.prices)
             if idle >= settings.patience or self.task.deadline.passed():
                 break
-        return iterate.sweep.unknowns
+        return best.sweep.unknowns
+
+    def _iterate(self, sweep: SpaceSweep, damping: float, prices: FloatArray) -> _Iterate:
+        """A motion with its rows: what its steps did not foresee counts in its merit."""
+        settings = self._settings
+        rows = motion_rows(sweep, self.task.wanted_gap, settings.margin * self.task.unit, settings)
+        lack = room_lacking(sweep, self.task.wanted_gap, settings) / self.task.unit
+        merit = self._cost.value(sweep) + settings.price * float(np.sum(lack))
+        return _Iterate(sweep, rows, merit, damping, prices)
 
     def _round(self, iterate: _Iterate) -> _Iterate | None:
         """One accepted step, or None when none is."""
         settings = self._settings
         task = self.task
         sweep = iterate.sweep
-        margin = settings.margin * task.unit
-        rows = motion_rows(sweep, task.wanted_gap, margin, settings)
+        rows = iterate.rows
         values = rows.values(sweep)
         near = np.flatnonzero(values > -settings.active * task.unit)
         group = max(1, -(-task.arm.links // settings.groups))
         active = rows.take(near).take(tightest(rows.take(near), values[near], group))
+        goal = None if self.end_fixed else task.goal
+        of_user = None if self.terms is None else self.terms.rows(sweep)
         for _ in range(settings.tries):
-            goal = None if self.end_fixed else task.goal
-            program = SpaceKeyframeProgram(sweep, self._cost, active, iterate.prices, iterate.damping, goal, settings)
+            program = SpaceKeyframeProgram(
+                sweep, self._cost, active, iterate.prices, iterate.damping, goal, settings, of_user
+            )
             step = program.solve()
             following = None
             failing = np.zeros(0, dtype=np.intp)
             if step is not None:
-                following, failing = self._part_taken(iterate, rows, step)
+                following, failing = self._part_taken(iterate, step)
             if following is not None:
                 return following
             if task.deadline.passed():
@@ -110,12 +133,11 @@ class SequentialConvex:
             iterate = replace(iterate, damping=damping, prices=prices)
         return None
 
-    def _part_taken(
-        self, iterate: _Iterate, rows: SpaceRows, step: SpaceQuadraticStep
-    ) -> tuple[_Iterate | None, IntArray]:
+    def _part_taken(self, iterate: _Iterate, step: SpaceQuadraticStep) -> tuple[_Iterate | None, IntArray]:
         """The longest part of a step that gains what was foreseen and is certified, and where longer ones failed."""
         settings = self._settings
         start = iterate.sweep
+        rows = iterate.rows
         failed = np.zeros(0, dtype=np.intp)
         cost = self._cost.value(start)
         worst = self._worst(rows, start)
@@ -125,7 +147,11 @@ class SequentialConvex:
             unknowns = self._ended(start.unknowns + share * step.change)
             if unknowns is None:
                 continue
+            if self.terms is not None:
+                unknowns = self.terms.restored(self.stepper, unknowns)
             sweep = SpaceSweep(self.stepper, unknowns)
+            if self.terms is not None and not self.terms.holds(sweep):
+                continue
             after = self._cost.value(sweep)
             worst_after = self._worst(rows, sweep)
             gain = (before - after - float(iterate.prices @ worst_after)) / max(share * foreseen, 1e-12)
@@ -138,8 +164,7 @@ class SequentialConvex:
                 prices[failed] *= settings.price_rise
                 lacking = worst_after * self.task.unit > settings.lack * self.task.wanted_gap
                 prices[lacking] = np.minimum(settings.lack_rise * prices[lacking], settings.highest_price)
-                gained = (before - after - float(iterate.prices @ worst_after)) / max(before, 1e-12)
-                return _Iterate(sweep, self._damped(iterate.damping, share, gain), prices, gained), failed
+                return self._iterate(sweep, self._damped(iterate.damping, share, gain), prices), failed
             failed = failing
         return None, failed
 
@@ -147,7 +172,7 @@ class SequentialConvex:
         """By how much the worst row of every interval is not kept, at least 0, in nominal links, shape (K,)."""
         worst = np.zeros(sweep.intervals)
         # Rows at the given start can never be mended.
-        free = np.flatnonzero(rows.interval + rows.side > 0)
+        free = rows.free
         np.maximum.at(worst, rows.interval[free], rows.values(sweep)[free] / self.task.unit)
         return worst
 

@@ -71,5 +71,11 @@ class SpaceSweep:
     @cached_property
     def middle_points(self) -> FloatArray:
         """Joints and tip halfway through the intervals, shape (K, links + 1, 3) [m]."""
-        halfway = 0.5 * (self.unknowns[:-1] + self.unknowns[1:])
-        return np.stack([self.stepper.chains.places(self.curve.configuration(v))[0] for v in halfway])
+        return self.points_at(0.5)
+
+    def points_at(self, share: float) -> FloatArray:
+        """Joints and tip when a share of each interval has passed, shape (K, links + 1, 3) [m]."""
+        if share == 1.0:
+            return self.points[1:]
+        between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
+        return np.stack([self.stepper.chains.places(self.curve.configuration(v))[0] for v in between])

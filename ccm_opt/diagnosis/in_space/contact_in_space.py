@@ -1,0 +1,162 @@
+"""Whether the arm touches something where it starts or is asked to end: which link, which obstacle, by how much."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
+from ccm_opt.diagnosis.in_space.keyed_space_poses import (
+    SpaceTipPlace,
+    WholeSpacePose,
+    space_tip_places,
+    whole_space_poses,
+)
+from ccm_opt.diagnosis.in_space.obstacle_gaps import ObstacleGap, ObstacleGaps
+from ccm_opt.diagnosis.words import point
+from ccm_opt.errors import Finding
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_words import place as at
+from ccm_opt.ground.length_words import short_length
+from ccm_opt.ground.rounding import ROUNDING
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.distances.segment_pairs import segment_distances
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.scene.enclosures import deepest_enclosure
+
+
+def contact_at_space_poses(problem: SpaceProblem) -> Iterator[Finding]:
+    """Every obstacle that the arm touches in a pose of the problem, deepest first, and where it touches itself."""
+    gaps = ObstacleGaps(problem.workspace)
+    for pose in whole_space_poses(problem):
+        yield from sorted(_walls_touched(problem, gaps, pose), key=lambda finding: -(finding.measured or 0.0))
+        yield from _self_touched(problem.arm, pose)
+
+
+def contact_at_space_tips(problem: SpaceProblem) -> Iterator[Finding]:
+    """Every obstacle that the tip touches at a goal of its own; deepest first."""
+    gaps = ObstacleGaps(problem.workspace)
+    for place in space_tip_places(problem):
+        yield from sorted(_tip_blocked(problem, gaps, place), key=lambda finding: -(finding.measured or 0.0))
+
+
+def overlap_missed(arm: SpaceArm) -> float:
+    """Overlap that counts as touching in a proof [m]: what touches is not hit, and rounding is not contact."""
+    return DEFAULT_DIAGNOSIS.passages.touching * arm.length
+
+
+def _touching(gaps: ObstacleGaps, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
+    """The obstacles that are nearer to some segment than is needed."""
+    # One look at all surfaces at once: mostly there is nothing near, and no obstacle is looked at by itself.
+    nearest = gaps.whole.distances(segments, need)
+    if float(nearest.min()) >= need - ROUNDING and deepest_enclosure(gaps.workspace, segments[:, 1]) is None:
+        return
+    for found in gaps.of(segments, need):
+        if float(found.gaps.min()) < need - ROUNDING:
+            yield found
+
+
+def _walls_touched(problem: SpaceProblem, gaps: ObstacleGaps, pose: WholeSpacePose) -> Iterator[Finding]:
+    """Every obstacle that a pose touches, at the link that is deepest in it."""
+    arm = problem.arm
+    first, segments = exposed_links(arm, joint_positions(arm, pose.q))
+    if not len(segments):
+        return
+    need = arm.radius + problem.workspace.clearance
+    for found in _touching(gaps, segments, need):
+        k = int(np.argmin(found.gaps))
+        touch = _touch(problem, pose.name, pose.key, f"link {first + k + 1}", found, k, 0.0)
+        lacking = need - found.gaps - found.error - pose.link_play(arm)[first:]
+        yield replace(touch, proved=bool(np.max(lacking) > overlap_missed(arm)))
+
+
+def exposed_links(arm: SpaceArm, points: FloatArray) -> tuple[int, FloatArray]:
+    """Index of the first link beyond the mount, and the axes of the links from there, shape (k, 2, 3) [m]."""
+    first, share = arm.mount_end
+    if share > 1.0 - 1e-9:  # the whole arm is mount
+        return arm.links, np.zeros((0, 2, 3))
+    segments = np.stack((points[first:-1], points[first + 1 :]), axis=1)
+    segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
+    return first, segments
+
+
+def _tip_blocked(problem: SpaceProblem, gaps: ObstacleGaps, place: SpaceTipPlace) -> Iterator[Finding]:
+    """Obstacles that leave the tip, or with a direction the last link, no room within the tolerances."""
+    arm = problem.arm
+    tolerances = place.tolerances
+    if arm.mount_length >= arm.length:
+        return
+    tip = place.goal.position
+    play = tolerances.position
+    what = "the tip"
+    back = np.zeros(3)
+    if place.goal.direction is not None:
+        visible = min(arm.link_length, arm.length - arm.mount_length)
+        back = visible * place.goal.direction / np.linalg.norm(place.goal.direction)
+        what = f"link {arm.links}"
+        # The last link may be shifted by one tolerance and turned about the tip by the other.
+        play += visible * tolerances.heading
+    body = np.stack((tip - back, tip))[None]
+    need = arm.radius + problem.workspace.clearance
+    for found in _touching(gaps, body, need):
+        if found.gaps[0] + found.error + play - need < -overlap_missed(arm):
+            yield _touch(problem, place.name, place.key, what, found, 0, play)
+
+
+def _touch(problem: SpaceProblem, name: str, key: str, what: str, found: ObstacleGap, k: int, play: float) -> Finding:
+    """One contact: the gap from axis to obstacle, the arm's radius and the clearance asked for."""
+    radius = problem.arm.radius
+    clearance = problem.workspace.clearance
+    gap = float(found.gaps[k])
+    place = found.places[k]
+    free = radius - gap
+    if found.outside and gap < 0.0:
+        how = f"{what} is {short_length(-gap)} outside the '{found.name}' at {at(place)}"
+    elif gap < 0.0:
+        how = f"{what} is {short_length(-gap)} deep inside '{found.name}' at {at(place)}"
+    elif free > 0.0:
+        how = f"{what} overlaps '{found.name}' by {short_length(free)} at {at(place)}"
+    else:
+        near = short_length(-free)
+        how = f"{what} comes within {near} of '{found.name}' at {at(place)}, the clearance is {short_length(clearance)}"
+    bounds = {}
+    if (thinnest := gap + play - clearance) > 0.0:
+        bounds["arm.radius"] = thinnest
+    if (nearest := gap + play - radius) >= 0.0 and clearance > 0.0:
+        bounds["workspace.clearance"] = nearest
+    return Finding(
+        "contact",
+        f"{key}: the {name} is in contact: {how}",
+        key=key,
+        place=point(place),
+        measured=radius + clearance - gap,
+        allowed=play,
+        obstacles=(found.name,),
+        bounds=bounds,
+    )
+
+
+def _self_touched(arm: SpaceArm, pose: WholeSpacePose) -> Iterator[Finding]:
+    """The two distant links that overlap most."""
+    i, j = arm.self_pairs
+    if len(i) == 0:
+        return
+    points = joint_positions(arm, pose.q)
+    _, _, distances, _ = segment_distances(points[i], points[i + 1], points[j], points[j + 1])
+    k = int(np.argmin(distances))
+    overlap = 2.0 * arm.radius - float(distances[k])
+    if overlap <= ROUNDING:
+        return
+    play = pose.link_play(arm)
+    yield Finding(
+        "contact",
+        f"{pose.key}: the {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by "
+        f"{short_length(overlap)}",
+        proved=bool(overlap > play[i[k]] + play[j[k]] + overlap_missed(arm)),
+        key=pose.key,
+        place=point(points[i[k]]),
+        measured=overlap,
+        allowed=0.0,
+        bounds={"arm.radius": 0.5 * float(distances[k])} if distances[k] > 0.0 else {},
+    )

@@ -1,0 +1,173 @@
+"""A plan in space that follows its goal while it is dragged: a motion is found, timed and verified at every place."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from ccm_opt.driver.file_words import in_words_of_its_file
+from ccm_opt.driver.live_plan import LiveAnswer
+from ccm_opt.driver.live_settings import LIVE_IN_SPACE, LiveInSpaceSettings
+from ccm_opt.driver.space_planning_run import timed_in_space
+from ccm_opt.driver.verified_plan import failed_checks
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError
+from ccm_opt.ground.arguments import finite_array
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.expected import expect, refusal
+from ccm_opt.ground.threads import on_one_thread
+from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.planner import SpacePlanner, joint_path, refuse_ends, space_task
+from ccm_opt.space.pose_beginnings import any_motion
+from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.space.verification import verify_in_space
+
+
+@dataclass(frozen=True)
+class LiveMotion:
+    """A verified motion in space.
+
+    Attributes:
+        problem: what it solves.
+        trajectory: in time.
+        joints: the same for the drives.
+        checks: of the verifier; all hold.
+    """
+
+    problem: SpaceProblem
+    trajectory: JointTrajectory
+    joints: JointStates
+    checks: tuple[Check, ...]
+
+
+@dataclass
+class LivePlanInSpace:
+    """A verified plan of a problem in space whose goal is dragged.
+
+    Every change is answered by the first motion that is found to the new goal, timed and verified like any other, which
+    takes about a second; ``plan_anew`` plans with the NLP and the optimisation. Where there is none, the last one
+    stays, and the answer says why.
+
+    Attributes:
+        problem: as it is now.
+        live: how long changes may take.
+        plan: the last verified motion.
+        current: whether it is one for ``problem``.
+        reason: why it is not; empty when it is.
+
+    Raises:
+        ProblemError: the problem cannot be planned live: it has goals on the way.
+        NoPlanFound: there is no plan to begin with.
+        VerificationError: the verifier refuses it.
+    """
+
+    problem: SpaceProblem
+    live: LiveInSpaceSettings = LIVE_IN_SPACE
+    plan: LiveMotion = field(init=False, repr=False)
+    current: bool = field(init=False, default=True)
+    reason: str = field(init=False, default="")
+
+    def __post_init__(self) -> None:
+        expect(self.problem, SpaceProblem, "a SpaceProblem", "ccm_opt.load_problem reads one")
+        if not self.suits(self.problem):
+            raise ProblemError(f"'{self.problem.name}' cannot be planned live: it has goals on the way")
+        self._dynamics = InverseDynamics(self.problem.arm, self.problem.simulation.gravity)
+        self._tree = SurfaceTree.of(self.problem.workspace.soup)
+        self.plan = self._verified(self.problem, SpacePlanner().plan(self.problem))
+
+    @staticmethod
+    def suits(problem: SpaceProblem) -> bool:
+        """Whether a problem can be planned live."""
+        return not problem.stops and problem.joint_error == 0.0
+
+    def move_goal(
+        self, position: Sequence[float] | FloatArray | None = None, direction: FloatArray | None = None
+    ) -> LiveAnswer:
+        """Move the goal of the tip, and plan again.
+
+        Args:
+            position: of the tip, shape (3,) [m]; where it was when None.
+            direction: of the last link, of any length but zero; as it was when None.
+
+        Returns:
+            Whether there is a plan to there, and else why not.
+
+        Raises:
+            ProblemError: the goal is one for the whole arm, or what is asked for is no place or direction.
+        """
+        goal = self.problem.goal
+        if not isinstance(goal, SpaceTipGoal):
+            raise ProblemError("a goal for the whole arm cannot be moved; only one for the tip can")
+        place = goal.position if position is None else _vector(position, "a place (x, y, z) in metres")
+        towards = goal.direction if direction is None else _unit(_vector(direction, "a direction (x, y, z)"))
+        begin = time.process_time()
+        self.problem = replace(self.problem, goal=replace(goal, position=place, direction=towards), source="")
+        self._attempt(self.problem)
+        return LiveAnswer(self.current, self.reason, time.process_time() - begin)
+
+    def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
+        """Plan the problem as it is thoroughly; the shorter of two plans is kept.
+
+        Args:
+            time_limit: CPU time for it [s]; that of the problem when None.
+
+        Returns:
+            Whether there is a plan, and else why not.
+        """
+        begin = time.process_time()
+        options = self.problem.planner
+        limited = replace(options, time_limit=options.time_limit if time_limit is None else time_limit)
+        followed, plan = self.current, self.plan
+        self._attempt(replace(self.problem, planner=limited), thorough=True)
+        if followed and not (self.current and self.plan.trajectory.duration < plan.trajectory.duration):
+            self.current, self.reason, self.plan = True, "", plan
+        return LiveAnswer(self.current, self.reason, time.process_time() - begin)
+
+    @on_one_thread
+    @in_words_of_its_file
+    def _attempt(self, problem: SpaceProblem, *, thorough: bool = False) -> None:
+        """Plan a problem, or note why there is no plan."""
+        try:
+            path = SpacePlanner().plan(problem) if thorough else self._found(problem)
+            self.plan = self._verified(problem, path)
+            self.current, self.reason = True, ""
+        except NoPlanFound as failure:
+            self.current, self.reason = False, failure.diagnosis.reason
+        except VerificationError as failure:
+            self.current, self.reason = False, "the verifier refuses the plan: " + "; ".join(failure.failures)
+
+    def _found(self, problem: SpaceProblem) -> JointPath:
+        """The first motion that is found."""
+        task = space_task(problem, self._tree, Deadline.after(self.live.patience), SpaceMotionSettings())
+        refuse_ends(problem, task)
+        return joint_path(task, any_motion(task))
+
+    def _verified(self, problem: SpaceProblem, path: JointPath) -> LiveMotion:
+        """The motion along a path, in time.
+
+        Raises:
+            NoPlanFound: it cannot be timed.
+            VerificationError: the verifier refuses it.
+        """
+        trajectory = timed_in_space(problem, path, self._dynamics)
+        joints = joint_states(problem.arm, trajectory, self._dynamics)
+        checks = verify_in_space(problem, trajectory, joints)
+        if failures := failed_checks(checks):
+            raise VerificationError(failures)
+        return LiveMotion(problem, trajectory, joints, checks)
+
+
+def _vector(value: Sequence[float] | FloatArray, what: str) -> FloatArray:
+    vector = finite_array(value)
+    if vector is None or vector.shape != (3,):
+        raise ProblemError(refusal(value, what))
+    return vector
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    length = float((vector @ vector) ** 0.5)
+    if length == 0.0:
+        raise ProblemError("a direction must not be zero")
+    return vector / length

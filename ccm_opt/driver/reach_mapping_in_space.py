@@ -1,0 +1,146 @@
+"""Where the tip of an arm in space can be: a map over a grid of places, with or without directions."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ccm_opt.driver.file_words import in_words_of_its_file
+from ccm_opt.errors import NoPlanFound, ProblemError
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.length_words import file_length
+from ccm_opt.ground.rounding import ROUNDING
+from ccm_opt.ground.stages import Stages
+from ccm_opt.ground.threads import on_one_thread
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.task import SpaceTask
+from ccm_opt.space.planner import contact_words, reach_box, space_task
+from ccm_opt.space.pose_beginnings import any_motion
+from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.space.scene.enclosures import enclosed
+from ccm_opt.space.space_reach_map import SpaceReachMap, even_directions
+from ccm_opt.space.space_reach_settings import DEFAULT_SPACE_REACH, SpaceReachSettings
+from ccm_opt.space.tip_flood import TipFlood
+
+
+@on_one_thread
+@in_words_of_its_file
+def reach_map_in_space(
+    problem: SpaceProblem,
+    *,
+    step: float | None = None,
+    directions: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    settings: SpaceReachSettings = DEFAULT_SPACE_REACH,
+) -> SpaceReachMap:
+    """Map where the tip can be in space, by poses led on from cell to cell; see ``reach_map``.
+
+    The question is static: a pose that keeps the joint limits and touches nothing, wherever the base is on its feed
+    axis. Poses begin at the problem's start, at those of a
+    motion to its last goal where one is soon found, and at drawn ones.
+
+    Args:
+        problem: arm, scene and start.
+        step: width of a cell [m]; a share of the arm's length when None.
+        directions: how many, evenly over the sphere, are tried in each cell.
+        progress: called with the numbers of cells reached and of cells that may be.
+        settings: numbers.
+
+    Raises:
+        ProblemError: the grid makes no sense, or the start touches something.
+    """
+    stages = Stages()
+    width = settings.step * problem.arm.length if step is None else step
+    count = settings.directions if directions is None else directions
+    axes = _axes(problem, width, settings)
+    tree = SurfaceTree.of(problem.workspace.soup)
+    task = _task(problem, tree)
+    contact = contact_words(problem, task, task.start)
+    if contact:
+        raise ProblemError(f"the start is in contact: {contact}")
+    with stages("proofs"):
+        closed = _out_of_reach(problem, tree, axes)
+    with stages("motion"):
+        along = _unknowns_of_motion(problem, task, settings)
+    flood = TipFlood(task, axes, width, closed, even_directions(count), settings, along)
+    with stages("cells"):
+        flood.fill(progress)
+    reachable = np.zeros(closed.shape, dtype=bool)
+    gap = np.full(closed.shape, np.nan)
+    seen = settings.seen * problem.arm.length
+    with stages("room"):
+        for cell in flood.poses:
+            reachable[cell] = True
+            gap[cell] = flood.gap(cell, tree, seen)
+    timings = dict(stages.timings)
+    return SpaceReachMap(problem, width, *axes, flood.directions, reachable, flood.taken, gap, closed, seen, timings)
+
+
+def _task(problem: SpaceProblem, tree: SurfaceTree) -> SpaceTask:
+    """What steps are asked: the arm with a goal for the tip, the problem's own or where the tip is at the start."""
+    arm = problem.arm
+    tip = joint_positions(arm, problem.start.configuration(arm))[-1]
+    goal = problem.goal if isinstance(problem.goal, SpaceTipGoal) else SpaceTipGoal(tip)
+    return space_task(replace(problem, goal=goal, stops=()), tree, Deadline.never(), SpaceMotionSettings())
+
+
+def _unknowns_of_motion(problem: SpaceProblem, task: SpaceTask, settings: SpaceReachSettings) -> FloatArray:
+    """Keyframes of a motion to the problem's goal, whose tip shows the way through ducts and holes; none without."""
+    none = np.zeros((0, CurveMap.through(task.arm, task.start)[0].dimension))
+    if not isinstance(problem.goal, SpaceTipGoal):
+        return none
+    try:
+        return any_motion(task.deadline_within(settings.motion_time)).unknowns
+    except NoPlanFound:
+        return none
+
+
+def _axes(
+    problem: SpaceProblem, width: float, settings: SpaceReachSettings
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Middles of the cells over the part of the room that the arm's length spans.
+
+    Raises:
+        ProblemError: the grid makes no sense.
+    """
+    length = problem.arm.length
+    if not 0.0 < width <= 2.0 * length:
+        raise ProblemError(f"--step must be above 0 and at most twice the arm's length, got {file_length(width)}")
+    low, high = reach_box(problem.arm, problem.workspace.bounds)
+    if np.any(high <= low):
+        raise ProblemError("no place of the room is within the arm's length of its base")
+    counts = [max(1, int(np.ceil(span / width - ROUNDING))) for span in high - low]
+    cells = int(np.prod(counts))
+    if cells > settings.most_cells:
+        raise ProblemError(f"--step {file_length(width)} makes {cells} cells; at most {settings.most_cells} are mapped")
+    middle = 0.5 * (low + high)
+    x, y, z = (m + width * (np.arange(n) - 0.5 * (n - 1)) for m, n in zip(middle, counts, strict=True))
+    return x, y, z
+
+
+def _out_of_reach(problem: SpaceProblem, tree: SurfaceTree, axes: Sequence[FloatArray]) -> BoolArray:
+    """Cells to whose middles the tip cannot come: too far away, in a body, outside of the room, or too near to one."""
+    arm = problem.arm
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    flat = places.reshape(-1, 3)
+    low, high = arm.base_range
+    along = np.clip((flat - arm.base) @ arm.direction, low, high) if arm.base_axes else np.zeros(len(flat))
+    away = np.linalg.norm(flat - arm.base - along[:, None] * arm.direction, axis=1)
+    closed = away > arm.length
+    kept = arm.radius + problem.workspace.clearance
+    if kept > 0.0 and len(problem.workspace.soup):
+        # Where the mount reaches to the tip, the tip may touch what it stands on.
+        points = np.repeat(flat[:, None], 2, axis=1)
+        closed |= (tree.distances(points, 2.0 * kept) < kept) & (arm.mount_length < arm.length)
+    for some in _parts(np.flatnonzero(~closed)):
+        closed[some[enclosed(problem.workspace, flat[some])]] = True
+    return np.asarray(closed.reshape(places.shape[:-1]))
+
+
+def _parts(numbers: IntArray) -> Iterator[IntArray]:
+    """Numbers a thousand at a time, so that intermediate arrays stay small."""
+    yield from np.array_split(numbers, max(len(numbers) // 1000, 1))

@@ -1,0 +1,111 @@
+"""The folder of a pose in space: ``pose.json`` and ``pose.npz`` as in the plane, and the meshes of the scene."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.errors import Diagnosis
+from ccm_opt.files.export.arrays_npz import arrays_npz
+from ccm_opt.files.export.folder import POSE_ARRAYS, POSE_RECORD, write_folder
+from ccm_opt.files.export.pose_json import SCHEMA
+from ccm_opt.files.export.space_record import mesh_data, space_recorded_data
+from ccm_opt.files.export.space_scene import kept_meshes
+from ccm_opt.files.export.strict_json import strict_text
+from ccm_opt.space.curve.space_configuration import SpaceConfiguration
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.space_static_pose import SpaceStaticPose
+
+
+def write_space_pose(found: SpaceStaticPose, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
+    """Write the folder of a pose in space.
+
+    Args:
+        found: the pose.
+        out: the directory that holds the folder; it is made when it is not there.
+        pictures: content of pictures by file name.
+
+    Returns:
+        The folder, ``out / <problem's name>``.
+
+    Raises:
+        ProblemError: when the folder cannot be written, or another folder is in its place.
+    """
+    files = {POSE_RECORD: space_pose_json(found).encode(), POSE_ARRAYS: arrays_npz(space_pose_arrays(found))}
+    files |= kept_meshes(found.problem)
+    return write_folder(out / found.problem.name, {**files, **(pictures or {})}, POSE_RECORD)
+
+
+def space_pose_json(found: SpaceStaticPose) -> str:
+    """The record of a pose in space, with the keys of one in the plane where they mean something.
+
+    Args:
+        found: the pose.
+
+    Returns:
+        JSON text; numbers that are not finite stand as null.
+    """
+    pose = found.pose
+    variables, rows = pose.size
+    record = pose_record_of(found.problem, "solved")
+    record |= {
+        "joints_deg": np.rad2deg(found.bends).tolist(),
+        "feed": found.feed,
+        "joint_positions": found.joint_positions.tolist(),
+        "goal": asdict(found.goal_errors),
+        "curve": space_curve_record(pose.curve),
+        "gap": pose.gap,
+        "wanted_gap": found.wanted_gap,
+        "nearest": found.nearest,
+        "cost": pose.cost,
+        "costs": dict(pose.costs),
+        "multipliers": dict(pose.multipliers),
+        "residuals": dict(found.residuals),
+        "nlp": {"variables": variables, "rows": rows, "iterations": pose.iterations, "status": pose.status},
+        "tries": [asdict(outcome) for outcome in found.outcomes],
+        "meshes": mesh_data(found.problem),
+        "timings": dict(found.timings),
+    }
+    return strict_text(record)
+
+
+def space_pose_failure_json(
+    problem: SpaceProblem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]
+) -> str:
+    """The record of a problem in space at whose goal no pose was found; arguments as for ``pose_failure_json``."""
+    return strict_text(pose_record_of(problem, status) | {"timings": dict(timings), "diagnosis": asdict(diagnosis)})
+
+
+def pose_record_of(problem: SpaceProblem, status: str) -> dict[str, object]:
+    """What every record of a pose in space begins with."""
+    return {"schema": SCHEMA, "status": status, "problem": space_recorded_data(problem)}
+
+
+def space_curve_record(curve: SpaceConfiguration) -> dict[str, object]:
+    """A curve in space with the length, knots and both curvatures of every segment."""
+    return {
+        "base": curve.base.tolist(),
+        "base_frame": curve.base_frame.tolist(),
+        "segments": [
+            {"length": segment.length, "knots": list(segment.knots), "curvature": segment.curvature.tolist()}
+            for segment in curve.segments
+        ],
+    }
+
+
+def space_pose_arrays(found: SpaceStaticPose) -> dict[str, npt.NDArray[np.generic]]:
+    """The arrays of a pose in space under the names of the file format; angles [rad], lengths [m]."""
+    curve = found.pose.curve
+    arrays: dict[str, npt.NDArray[np.generic]] = {
+        "bend_angles": found.bends,
+        "joint_positions": found.joint_positions,
+        "segment_lengths": np.array([segment.length for segment in curve.segments]),
+        "segment_curvatures": np.array([segment.curvature for segment in curve.segments]),
+        "segment_knots": np.array([segment.knots for segment in curve.segments]),
+        "base_frame": curve.base_frame,
+    }
+    if found.problem.arm.base_axes:
+        arrays["base_feed"] = np.array(found.feed)
+    return arrays

@@ -1,0 +1,127 @@
+"""The picture ``reach.png`` in space: slices through the map along its three sides, and all reached places, slanted."""
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+
+from ccm_opt.files.plotting import style
+from ccm_opt.files.plotting.figure_files import figure_png
+from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePictureSettings
+from ccm_opt.files.plotting.space_plan import dress_view, sheet_of_sides
+from ccm_opt.files.plotting.space_views import SIDES, SLANTED, SeenScene, Side
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.length_units import METRES
+from ccm_opt.ground.length_words import short_length, words_in
+from ccm_opt.space.problem import SpaceTipGoal
+from ccm_opt.space.space_reach_map import SpaceReachMap
+
+_ACROSS = (2, 1, 0)
+"""Which axis each of the three sides looks along."""
+
+
+def space_reach_png(found: SpaceReachMap, settings: SpacePictureSettings = SPACE_PICTURES) -> bytes:
+    """The picture of a map in space.
+
+    Args:
+        found: the map.
+        settings: sizes.
+
+    Returns:
+        The content of a PNG file.
+    """
+    return figure_png(lambda: space_reach_figure(found, settings))
+
+
+def space_reach_figure(found: SpaceReachMap, settings: SpacePictureSettings = SPACE_PICTURES) -> Figure:
+    """The same picture as a matplotlib figure, made without pyplot."""
+    problem = found.problem
+    axes_of_cells = (found.x, found.y, found.z)
+    half = 0.5 * found.step
+    window = np.array([[middles[0] - half, middles[-1] + half] for middles in axes_of_cells]).T
+    place = _sliced_at(found)
+    sheet = sheet_of_sides(window, settings)
+    scene = SeenScene(problem, settings)
+    colours = _colours(found)
+    for side, across, axes in zip(SIDES, _ACROSS, sheet.views, strict=True):
+        low, high = side(window)
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+        number = int(np.argmin(np.abs(axes_of_cells[across] - place[across])))
+        slice_ = np.take(colours, number, axis=across).swapaxes(0, 1)
+        extent = (low[0], high[0], low[1], high[1])
+        axes.imshow(slice_, origin="lower", extent=extent, interpolation="nearest", aspect="auto", zorder=0.4)
+        scene.draw(axes, side)
+        scene.draw_room(axes, side)
+        axes.set_aspect("equal", adjustable="box", anchor="NW")
+        axes.plot(
+            *side(problem.arm.base), marker="s", markersize=5, color=style.BOUNDARY, linestyle="none", zorder=8,
+            label="base",
+        )  # fmt: skip
+        dress_view(axes, side, problem)
+        at = axes_of_cells[across][number] / METRES[problem.length_unit]
+        axes.set_title(f"{side.name}: slice at {'xyz'[across]} = {at:.3g}", fontsize=style.FONT_SIZE, loc="left", pad=3)
+    _draw_cloud(sheet.section, found, scene, window)
+    for colour, label in ((style.NOT_FOUND, "no pose found, not proved"), (style.PROVED, "proved out of reach")):
+        sheet.views[0].plot(
+            [],
+            [],
+            linestyle="none",
+            marker="s",
+            markersize=8,
+            color=colour,
+            markeredgecolor=style.WALL_EDGE,
+            label=label,
+        )
+    figure = sheet.figure
+    with words_in(problem.length_unit):
+        seen = short_length(found.seen)
+    title = f"{problem.name}: where the tip can be; the darker, the more room, up to {seen}"
+    figure.suptitle(title, x=0.02, ha="left", fontsize=10)
+    handles, labels = sheet.views[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)
+    return figure
+
+
+def _sliced_at(found: SpaceReachMap) -> FloatArray:
+    """Where the slices go through: the goal, or the middle of what is reached, shape (3,) [m]."""
+    goal = found.problem.goal
+    if isinstance(goal, SpaceTipGoal):
+        return goal.position
+    reached = found.places[found.reachable]
+    return np.asarray(reached.mean(axis=0)) if len(reached) else found.problem.arm.base
+
+
+def _shades(found: SpaceReachMap, gap: FloatArray) -> FloatArray:
+    """Colours of cells that are reached, by their room, shape (..., 4)."""
+    share = np.clip(gap / found.seen, 0.0, 1.0)
+    return np.asarray(colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * share))
+
+
+def _colours(found: SpaceReachMap) -> FloatArray:
+    """Of all cells, shape (nx, ny, nz, 4)."""
+    colours = _shades(found, np.nan_to_num(found.gap))
+    colours[~found.reachable] = to_rgba(style.NOT_FOUND)
+    colours[found.proved] = to_rgba(style.PROVED)
+    return colours
+
+
+def _draw_cloud(axes: Axes, found: SpaceReachMap, scene: SeenScene, window: FloatArray) -> None:
+    """All places that are reached, those behind first, among the bodies."""
+    side: Side = SLANTED
+    counted = np.arange(8)[:, None] >> np.arange(3) & 1
+    corners = side(np.where(counted == 1, window[1], window[0]))
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    scene.draw(axes, side)
+    axes.set_aspect("equal", adjustable="box", anchor="NW")
+    places = found.places[found.reachable]
+    ahead = np.cross(side.across, side.up)
+    order = np.argsort(places @ ahead)
+    colours = _shades(found, found.gap[found.reachable])[order]
+    right, up = side(places[order]).T
+    axes.scatter(right, up, s=12.0, c=colours, edgecolors=style.WALL_EDGE, linewidths=0.2, zorder=3)
+    axes.set_axis_off()
+    axes.set_title(f"all {len(places)} places that are reached, slanted", fontsize=style.FONT_SIZE, loc="left", pad=3)

@@ -1,0 +1,261 @@
+/* The proof that an arm touches nothing while its coordinates change evenly: space_certificate.py says why it holds, and
+   does the same where there is no compiling. */
+
+#include <stdlib.h>
+
+#include "link_places.h"
+
+/* Least distance of a segment from the surfaces, (2, 3), cut off at a reach, and told too small by a slack at most. */
+typedef double (*SegmentGap)(const void *surfaces, const double *segment, double reach, double slack);
+
+typedef struct {
+    int64_t links, fed, first_link, first_pair; /* links before the first are not looked at; pairs as in arm_motion.c */
+    int64_t depth, safe;                        /* how often an interval may be halved; out: whether it is proved safe */
+    double length, mount; /* of a link, and of what is inside the mount */
+    double wall, pair;    /* distances that the links' axes keep from surfaces and from each other */
+    double slack;         /* share of a link's motion by which distances may be told too small at first */
+    const double *start, *base, *before, *after;
+    const void *surfaces; /* may be missing */
+    SegmentGap gap;
+} ProofQuery;
+
+typedef struct {
+    double *bends, *points, *rotations;
+} Place;
+
+/* An interval with what bounds it: the way of a point is at most its chord and half its bow. */
+typedef struct {
+    Place middle;
+    double *chords, *bows, *speeds; /* (links + 1, 3), (links + 1,) and (links + 1,) */
+} Interval;
+
+/* Links that are still to be proved, with their distances at both ends, each of length count. */
+typedef struct {
+    int64_t count, *link;
+    double *first, *last;
+} Links;
+
+/* The same of pairs of links. */
+typedef struct {
+    int64_t count, *one, *other;
+    double *first, *last;
+} Pairs;
+
+static int64_t coordinates(const ProofQuery *q) { return 2 * q->links + q->fed; }
+
+static int64_t place_size(const ProofQuery *q) { return coordinates(q) + 3 * (q->links + 1) + 9 * q->links; }
+
+static int64_t interval_size(const ProofQuery *q) { return place_size(q) + 5 * (q->links + 1) + 3 * q->links; }
+
+static Place place_in(const ProofQuery *q, double *memory)
+{
+    Place place = {memory, memory + coordinates(q), memory + coordinates(q) + 3 * (q->links + 1)};
+    return place;
+}
+
+static void put(const ProofQuery *q, const Place *place)
+{
+    place_links(q->links, q->length, q->fed, q->start, q->base, place->bends, place->points, place->rotations);
+}
+
+static Interval interval_between(const ProofQuery *q, const Place *first, const Place *last, double *memory)
+{
+    int64_t n = q->links;
+    Interval interval = {place_in(q, memory), memory + place_size(q), NULL, NULL};
+    interval.bows = interval.chords + 3 * (n + 1);
+    interval.speeds = interval.bows + n + 1;
+    double *turns = interval.speeds + n + 1, *rates = turns + 2 * n;
+    for (int64_t k = 0; k < coordinates(q); k++)
+        interval.middle.bends[k] = 0.5 * (first->bends[k] + last->bends[k]);
+    put(q, &interval.middle);
+    for (int64_t k = 0; k < 2 * n; k++) turns[k] = last->bends[k] - first->bends[k];
+    bound_motion(n, q->length, q->base, interval.middle.rotations, turns, rates, interval.bows);
+    for (int64_t j = 0; j <= n; j++) {
+        double *chord = interval.chords + 3 * j;
+        for (int d = 0; d < 3; d++) chord[d] = last->points[3 * j + d] - first->points[3 * j + d];
+        interval.speeds[j] = sqrt(dot(chord, chord)) + 0.5 * interval.bows[j];
+    }
+    return interval;
+}
+
+/* How far a link moves at most. */
+static double most_of(const Interval *interval, int64_t link)
+{
+    return fmax(interval->speeds[link], interval->speeds[link + 1]);
+}
+
+/* Distance of the part of a link that is beyond the mount. */
+static double gap_of(const ProofQuery *q, const Place *place, int64_t link, double reach, double slack)
+{
+    double segment[6];
+    const double *points = place->points + 3 * link;
+    for (int k = 0; k < 6; k++) segment[k] = points[k];
+    double share = q->mount / q->length - (double)link;
+    if (share > 0.0 && share < 1.0)
+        for (int d = 0; d < 3; d++) segment[d] += share * (segment[3 + d] - segment[d]);
+    return q->gap(q->surfaces, segment, reach, slack);
+}
+
+/* Whether some links keep off the surfaces; distances at the ends are known. Written so that what is no number fails. */
+static int walls_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval,
+                       const Links *links, int64_t depth)
+{
+    int64_t count = links->count;
+    int64_t *numbers = malloc((size_t)count * sizeof(int64_t));
+    double *memory = malloc((size_t)(3 * count + interval_size(q)) * sizeof(double));
+    int clear = numbers && memory;
+    Links halves[2] = {{0, numbers, memory, memory + count}, {0, numbers, memory + count, memory + 2 * count}};
+    for (int64_t k = 0; clear && k < count; k++) {
+        int64_t link = links->link[k], left = halves[0].count;
+        double most = most_of(interval, link);
+        if (links->first[k] + links->last[k] - most >= 2.0 * q->wall) continue;
+        /* A half of the interval moves the link half as far, or hardly more. */
+        double middle = depth ? gap_of(q, &interval->middle, link, q->wall + 0.75 * most, 0.0) : -INFINITY;
+        clear = middle >= q->wall;
+        numbers[left] = link;
+        halves[0].first[left] = links->first[k];
+        halves[0].last[left] = middle;
+        halves[1].last[left] = links->last[k];
+        halves[0].count = halves[1].count = left + 1;
+    }
+    for (int half = 0; half < 2 && clear && halves[half].count; half++) {
+        const Place *from = half ? &interval->middle : first, *to = half ? last : &interval->middle;
+        Interval part = interval_between(q, from, to, memory + 3 * count);
+        clear = walls_clear(q, from, to, &part, halves + half, depth - 1);
+    }
+    free(numbers);
+    free(memory);
+    return clear;
+}
+
+/* Whether all links keep off the surfaces. */
+static int all_walls_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval)
+{
+    int64_t most_links = q->links - q->first_link;
+    if (!q->surfaces || most_links <= 0) return 1;
+    int64_t *numbers = malloc((size_t)most_links * sizeof(int64_t));
+    double *memory = malloc((size_t)(2 * most_links) * sizeof(double));
+    Links left = {0, numbers, memory, memory + most_links};
+    int clear = numbers && memory;
+    for (int64_t link = q->first_link; clear && link < q->links; link++) {
+        double most = most_of(interval, link), reach = q->wall + most, slack = q->slack * most;
+        double at_first = gap_of(q, first, link, reach, slack);
+        double at_last = gap_of(q, last, link, reach, slack);
+        if (at_first >= q->wall && at_last >= q->wall && at_first + at_last - most >= 2.0 * q->wall) continue;
+        at_first = gap_of(q, first, link, reach, 0.0);
+        at_last = gap_of(q, last, link, reach, 0.0);
+        clear = at_first >= q->wall && at_last >= q->wall;
+        left.link[left.count] = link;
+        left.first[left.count] = at_first;
+        left.last[left.count] = at_last;
+        left.count++;
+    }
+    clear = clear && walls_clear(q, first, last, interval, &left, q->depth);
+    free(numbers);
+    free(memory);
+    return clear;
+}
+
+/* How far a pair of links comes nearer at most: what both have in common does not count. */
+static double approach(const Interval *interval, int64_t one, int64_t other)
+{
+    double most = 0.0;
+    for (int64_t i = one; i <= one + 1; i++)
+        for (int64_t j = other; j <= other + 1; j++) {
+            double chord[3];
+            for (int d = 0; d < 3; d++) chord[d] = interval->chords[3 * j + d] - interval->chords[3 * i + d];
+            double way = sqrt(dot(chord, chord)) + 0.5 * (interval->bows[j] - interval->bows[i]);
+            most = way > most ? way : most;
+        }
+    return most;
+}
+
+static int pairs_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval,
+                       const Pairs *pairs, int64_t depth)
+{
+    int64_t count = pairs->count;
+    int64_t *numbers = malloc((size_t)(2 * count) * sizeof(int64_t));
+    double *memory = malloc((size_t)(3 * count + interval_size(q)) * sizeof(double));
+    int clear = numbers && memory;
+    Pairs halves[2] = {{0, numbers, numbers + count, memory, memory + count},
+                       {0, numbers, numbers + count, memory + count, memory + 2 * count}};
+    for (int64_t k = 0; clear && k < count; k++) {
+        int64_t one = pairs->one[k], other = pairs->other[k], left = halves[0].count;
+        if (pairs->first[k] + pairs->last[k] - approach(interval, one, other) >= 2.0 * q->pair) continue;
+        double s, t, middle = depth ? links_apart(interval->middle.points, one, other, &s, &t) : -INFINITY;
+        clear = middle >= q->pair;
+        numbers[left] = one;
+        numbers[count + left] = other;
+        halves[0].first[left] = pairs->first[k];
+        halves[0].last[left] = middle;
+        halves[1].last[left] = pairs->last[k];
+        halves[0].count = halves[1].count = left + 1;
+    }
+    for (int half = 0; half < 2 && clear && halves[half].count; half++) {
+        const Place *from = half ? &interval->middle : first, *to = half ? last : &interval->middle;
+        Interval part = interval_between(q, from, to, memory + 3 * count);
+        clear = pairs_clear(q, from, to, &part, halves + half, depth - 1);
+    }
+    free(numbers);
+    free(memory);
+    return clear;
+}
+
+/* Numbers of the pairs that may come too near, and their distances at both ends; the arrays may be missing. */
+static int64_t near_pairs(const ProofQuery *q, const Place *first, const Place *last, double reach, Pairs *pairs)
+{
+    int64_t count = 0;
+    for (int64_t i = 0; i < q->links; i++) {
+        int64_t j = next_in_reach(first->points, q->links, i, i + q->first_pair, reach, q->length);
+        for (; j < q->links; j = next_in_reach(first->points, q->links, i, j + 1, reach, q->length)) {
+            double s, t, apart = links_apart(first->points, i, j, &s, &t);
+            if (apart >= reach) continue;
+            if (pairs) {
+                pairs->one[count] = i;
+                pairs->other[count] = j;
+                pairs->first[count] = apart;
+                pairs->last[count] = links_apart(last->points, i, j, &s, &t);
+            }
+            count++;
+        }
+    }
+    return count;
+}
+
+static int all_pairs_clear(const ProofQuery *q, const Place *first, const Place *last, const Interval *interval)
+{
+    double fastest = 0.0;
+    for (int64_t j = 0; j <= q->links; j++) fastest = fmax(fastest, interval->speeds[j]);
+    double reach = q->pair + 2.0 * fastest;
+    int64_t count = near_pairs(q, first, last, reach, NULL);
+    if (count == 0) return 1;
+    int64_t *numbers = malloc((size_t)(2 * count) * sizeof(int64_t));
+    double *memory = malloc((size_t)(2 * count) * sizeof(double));
+    Pairs left = {count, numbers, numbers + count, memory, memory + count};
+    int clear = numbers && memory;
+    if (clear) near_pairs(q, first, last, reach, &left);
+    for (int64_t k = 0; clear && k < count; k++) clear = left.first[k] >= q->pair && left.last[k] >= q->pair;
+    clear = clear && pairs_clear(q, first, last, interval, &left, q->depth);
+    free(numbers);
+    free(memory);
+    return clear;
+}
+
+PUBLIC void prove_interval(ProofQuery *q)
+{
+    double *memory = malloc((size_t)(2 * place_size(q) + interval_size(q)) * sizeof(double));
+    q->safe = 0;
+    if (!memory) return;
+    Place first = place_in(q, memory), last = place_in(q, memory + place_size(q));
+    for (int64_t k = 0; k < coordinates(q); k++) {
+        first.bends[k] = q->before[k];
+        last.bends[k] = q->after[k];
+    }
+    put(q, &first);
+    put(q, &last);
+    Interval interval = interval_between(q, &first, &last, memory + 2 * place_size(q));
+    /* Where coordinates are no numbers, no link is anywhere. */
+    q->safe = isfinite(interval.speeds[q->links]) && all_walls_clear(q, &first, &last, &interval)
+              && all_pairs_clear(q, &first, &last, &interval);
+    free(memory);
+}

@@ -1,0 +1,329 @@
+"""Motions in space that break one promise each, and motions that keep everything."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.drive_limits import Limits, PointLimit
+from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.problem import PlannerOptions, SimulationOptions, Tolerances
+from ccm_opt.solution import JointStates, JointTrajectory
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
+from ccm_opt.space.scene.bodies import BOX_FACES, BoxBody, MeshBody, SphereBody, box_corners
+from ccm_opt.space.scene.scene import SpaceWorkspace
+from ccm_opt.space.verification.link_frames import LinkFrames
+from tests.space_arms import space_arm
+from tests.space_plans import SpacePlan, places_of, with_body
+
+from .cases import FULL, WEIGHTLESS, peak, quintic
+
+LINKS = 6
+SHARE = 0.9
+Mutation = Callable[[], SpacePlan]
+
+
+def bends(first: float, second: float = 0.0) -> FloatArray:
+    """The same two bends at every joint."""
+    return np.tile([first, second], LINKS)
+
+
+def between(start: FloatArray, end: FloatArray, arm: SpaceArm) -> SpacePlan:
+    """An arm moves on a straight line in joint space, in an empty room; its goal is where it ends."""
+    time, *parts = quintic(start, end)
+    trajectory = JointTrajectory(time, *parts, arm.coordinates)
+    one = np.ones(3 * LINKS)
+    on_axis = {"feed_velocity": 0.25, "feed_acceleration": 0.5, "feed_force": 20.0} if arm.feed else {}
+    limits = Limits(2.0 * one, 10.0 * one, 20.0 * one, **on_axis)
+    room = SpaceWorkspace(np.array([[-3.0, -3.0, -3.0], [3.0, 3.0, 3.0]]), ())
+    ends = [SpaceJointPose.from_configuration(place, LINKS) for place in (start, end)]
+    problem = SpaceProblem("in space", room, arm, limits, *ends, planner=FULL)
+    problem = replace(problem, simulation=SimulationOptions(gravity=np.array([0.0, 0.0, -9.81])))
+    unknown = np.zeros((len(time), 3 * LINKS))
+    plan = SpacePlan(problem, trajectory, JointStates((), unknown, unknown, unknown, unknown))
+    return plan.moving()
+
+
+@cache
+def fixed(first: float = 0.15, second: float = -0.1) -> SpacePlan:
+    """An arm on a fixed base."""
+    return between(bends(0.0), bends(first, second), space_arm(LINKS))
+
+
+@cache
+def fed(carried: float = 0.2, *, bent: bool = True) -> SpacePlan:
+    """An arm that is carried along an axis, its guide tube ending where the base begins."""
+    arm = space_arm(LINKS, feed=Feed(0.0, 0.3, 0.0))
+    end = bends(0.15, -0.1) if bent else bends(0.0)
+    return between(np.append(bends(0.0), 0.0), np.append(end, carried), arm)
+
+
+def stopping(there: SpacePlan, stop: SpaceJointPose | SpaceTipGoal, pause: float = 0.0, rest: float = 0.0) -> SpacePlan:
+    """A motion, a rest, and the motion back; at the rest there should be a goal."""
+    motion = there.trajectory
+    count = round(rest / 0.004)
+    held = np.repeat(motion.positions[-1:], count, axis=0)
+    still = np.zeros_like(held)
+    times = motion.time[-1] + 0.004 * np.arange(1, count + 1)
+    begin = times[-1] if count else motion.time[-1]
+    back = {
+        "positions": (motion.positions, held, motion.positions[::-1][1:]),
+        "velocities": (motion.velocities, still, -motion.velocities[::-1][1:]),
+        "accelerations": (motion.accelerations, still, motion.accelerations[::-1][1:]),
+    }
+    whole = {name: np.concatenate(parts) for name, parts in back.items()}
+    time = np.concatenate((motion.time, times, begin + motion.time[1:]))
+    goal = SpaceJointPose.from_configuration(motion.positions[0], LINKS)
+    asked = there.asking(goal=goal, stops=(SpaceStop(stop, Tolerances(), pause),))
+    return asked.moving(time=time, stops=(len(motion.time) - 1,), **whole)
+
+
+def pose_at_end(plan: SpacePlan, off: float = 0.0, carried: float = 0.0) -> SpaceJointPose:
+    """Where a motion ends, or a little beside it."""
+    pose = SpaceJointPose.from_configuration(plan.trajectory.positions[-1], LINKS)
+    return SpaceJointPose(pose.bends + off, pose.feed + carried)
+
+
+def tip_at_end(
+    plan: SpacePlan, off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] = ()
+) -> SpaceTipGoal:
+    """Where the tip ends, or a little beside it, and where it points, or a little elsewhere."""
+    frames = LinkFrames.of(plan.problem.arm, plan.trajectory.positions[-1:])
+    along = frames.along[0, -1] + turned * frames.first_axes[0, -1]
+    place = places_of(plan)[-1, -1] + np.array([0.0, 0.0, off])
+    return SpaceTipGoal(place, along / np.linalg.norm(along), via=via)
+
+
+def halfway(plan: SpacePlan) -> FloatArray:
+    """Where the tip is halfway through a motion."""
+    return places_of(plan)[len(plan.trajectory.time) // 2, -1]
+
+
+def limited(plan: SpacePlan, **changes: float) -> SpacePlan:
+    """With other limits; a number stands for all revolutes."""
+    arrays = {"velocity", "acceleration", "torque", "jerk"}
+    values = {name: np.full(3 * LINKS, value) if name in arrays else value for name, value in changes.items()}
+    return plan.asking(limits=replace(plan.problem.limits, **values))
+
+
+def built(plan: SpacePlan, **changes: object) -> SpacePlan:
+    """For another arm."""
+    return plan.asking(arm=replace(plan.problem.arm, **changes))  # type: ignore[arg-type]
+
+
+def in_room(plan: SpacePlan, **changes: object) -> SpacePlan:
+    """In another room."""
+    return plan.asking(workspace=replace(plan.problem.workspace, **changes))  # type: ignore[arg-type]
+
+
+def told(plan: SpacePlan, **changes: object) -> SpacePlan:
+    """With another report of the drives."""
+    return replace(plan, joints=replace(plan.joints, **changes))  # type: ignore[arg-type]
+
+
+def shared(plan: SpacePlan) -> SpacePlan:
+    """Plans may use a share of the limits alone."""
+    return plan.asking(planner=PlannerOptions(effort_share=SHARE))
+
+
+def of(plan: SpacePlan, name: str, share: float = 0.98) -> float:
+    """A little less than the greatest of one kind of rate of the bends."""
+    return share * peak(getattr(plan.trajectory, name)[:, : 2 * LINKS])
+
+
+def of_axis(plan: SpacePlan, name: str, share: float = 0.98) -> float:
+    """The same of the axis."""
+    return share * peak(getattr(plan.trajectory, name)[:, -1])
+
+
+def jerk_of(plan: SpacePlan, share: float, columns: slice = slice(0, 2 * LINKS)) -> float:
+    """A share of the greatest jerk between samples."""
+    motion = plan.trajectory
+    return share * peak(np.diff(motion.accelerations[:, columns], axis=0) / np.diff(motion.time)[:, None])
+
+
+def without_two_samples() -> SpacePlan:
+    """Two samples are left out."""
+    motion = fixed().trajectory
+    names = ("time", "positions", "velocities", "accelerations")
+    return fixed().moving(**{name: np.delete(getattr(motion, name), [100, 101], axis=0) for name in names})
+
+
+def inside_a_shell() -> SpacePlan:
+    """The whole arm lies inside of a closed mesh that it never touches."""
+    corners = box_corners(np.full(3, -2.0), np.full(3, 2.0))
+    return with_body(fixed(), "shell", MeshBody(corners, BOX_FACES, closed=True))
+
+
+def bumped(plan: SpacePlan, column: int, size: float) -> SpacePlan:
+    """Rates that the coordinates do not have, with the accelerations that belong to them."""
+    motion = plan.trajectory
+    t = (motion.time - 0.8) / 0.4
+    inside = (t > 0.0) & (t < 1.0)
+    velocities = motion.velocities.copy()
+    accelerations = motion.accelerations.copy()
+    velocities[inside, column] += size * np.sin(np.pi * t[inside]) ** 2
+    accelerations[inside, column] += size * np.pi / 0.4 * np.sin(2.0 * np.pi * t[inside])
+    return plan.moving(velocities=velocities, accelerations=accelerations)
+
+
+def still_moving(plan: SpacePlan, column: int, speed: float) -> SpacePlan:
+    """The last sample still has some speed."""
+    velocities = plan.trajectory.velocities.copy()
+    velocities[-1, column] = speed
+    return plan.moving(velocities=velocities)
+
+
+def greatest_torque(plan: SpacePlan) -> float:
+    """The greatest torque that is reported."""
+    return peak(plan.joints.torques)
+
+
+def weightless(plan: SpacePlan) -> SpacePlan:
+    """Without gravity, so that accelerations are all that efforts are for."""
+    return plan.asking(simulation=WEIGHTLESS).moving()
+
+
+def nudged(plan: SpacePlan, efforts: FloatArray, columns: slice) -> SpacePlan:
+    """Accelerations are reported greater at the sample of the greatest effort, so that this is; the mean is not."""
+    accelerations = plan.trajectory.accelerations.copy()
+    accelerations[int(np.argmax(np.max(np.abs(efforts), axis=1))), columns] *= 1.02
+    return plan.moving(accelerations=accelerations)
+
+
+def weakened(plan: SpacePlan, columns: slice) -> SpacePlan:
+    """Accelerations are reported smaller wherever they are great, and efforts with them."""
+    accelerations = plan.trajectory.accelerations.copy()
+    most = 0.9 * np.max(np.abs(accelerations[:, columns]), axis=0)
+    accelerations[:, columns] = np.clip(accelerations[:, columns], -most, most)
+    return plan.moving(accelerations=accelerations)
+
+
+def torque_at_one_sample(share: float = 1.0) -> SpacePlan:
+    """A torque passes its limit, or its share of it, at one sample; around it the mean does not."""
+    plan = weightless(fixed())
+    plan = limited(plan, torque=1.01 * greatest_torque(plan) / share)
+    return nudged(plan, plan.joints.torques, slice(None))
+
+
+def force_at_one_sample() -> SpacePlan:
+    """The same of the force on the axis."""
+    plan = weightless(fed())
+    plan = limited(plan, feed_force=1.01 * peak(plan.joints.base_forces))
+    return nudged(plan, plan.joints.base_forces, slice(2 * LINKS, None))
+
+
+def weakened_torques() -> SpacePlan:
+    """Torques are reported less than they are, wherever they are great; accelerations stay near their limits."""
+    plan = weightless(fixed(0.5, -0.4))
+    most = of(plan, "accelerations", 1.05)
+    return weakened(limited(plan, torque=0.95 * greatest_torque(plan), acceleration=most), slice(None))
+
+
+def weakened_forces() -> SpacePlan:
+    """So are forces on the axis, of an arm that stays straight."""
+    plan = weightless(fed(bent=False))
+    return weakened(limited(plan, feed_force=0.95 * peak(plan.joints.base_forces)), slice(2 * LINKS, None))
+
+
+def beyond_the_axis() -> SpacePlan:
+    """The base is carried farther than the axis reaches; where the tip comes to is as it should be."""
+    return built(fed().asking(goal=tip_at_end(fed())), feed=Feed(0.0, 0.19, 0.0))
+
+
+def to_tip(off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] = ()) -> SpacePlan:
+    """The goal is a place of the tip."""
+    return fixed().asking(goal=tip_at_end(fixed(), off, turned, via))
+
+
+def at_stop(off: float = 0.0, turned: float = 0.0, via: tuple[FloatArray, ...] = ()) -> SpacePlan:
+    """So is a goal on the way."""
+    return stopping(fixed(), tip_at_end(fixed(), off, turned, via))
+
+
+SPACE_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
+    "samples": (without_two_samples,),
+    "joint names": (lambda: told(fixed(), names=("yaw", *fixed().joints.names[1:])),),
+    "free side": (inside_a_shell, lambda: in_room(fixed(), bounds=np.array([[-3.0, -3, -3], [-2.0, 3, 3]]))),
+    "wall clearance": (
+        lambda: with_body(in_room(fixed(), clearance=0.3), "ball", SphereBody(np.array([0.8, 0.0, 0.1]), 0.05)),
+        lambda: with_body(fixed(), "box", BoxBody(halfway(fixed()) - 0.01, halfway(fixed()) + 0.01)),
+        lambda: built(with_body(fixed(), "ball", SphereBody(np.array([0.3, 0.0, 0.2]), 0.05)), radius=0.2),
+    ),
+    "self-collision": (lambda: limited(built(fixed(1.1), joint_limit=1.2), velocity=9.0, acceleration=99.0),),
+    "joint limit": (lambda: built(fixed(), joint_limit=0.14), lambda: built(fixed(), base_limit=0.14)),
+    "joint velocity": (lambda: limited(fixed(), velocity=of(fixed(), "velocities")),),
+    "joint acceleration": (lambda: limited(fixed(), acceleration=of(fixed(), "accelerations")),),
+    "joint jerk": (lambda: limited(fixed(), jerk=jerk_of(fixed(), 0.98)),),
+    "joint torque": (torque_at_one_sample,),
+    "joint torque of the samples": (weakened_torques,),
+    "tip velocity": (lambda: fixed().asking(limits=replace(fixed().problem.limits, points=(PointLimit(None, 0.1),))),),
+    "tip acceleration": (
+        lambda: fixed().asking(limits=replace(fixed().problem.limits, points=(PointLimit(None, np.inf, 0.1),))),
+    ),
+    "point at 0.3 m velocity": (
+        lambda: fixed().asking(limits=replace(fixed().problem.limits, points=(PointLimit(0.3, 0.02),))),
+    ),
+    "point at 0.3 m acceleration": (
+        lambda: fixed().asking(limits=replace(fixed().problem.limits, points=(PointLimit(0.3, np.inf, 0.02),))),
+    ),
+    "velocities against angles": (lambda: bumped(fixed(), 4, 0.05), lambda: bumped(fixed(), 5, 0.05)),
+    "accelerations against velocities": (lambda: fixed().moving(accelerations=0.8 * fixed().trajectory.accelerations),),
+    "revolutes against bends": (
+        lambda: told(fixed(), angles=fixed().joints.angles + 1e-6 * np.eye(3 * LINKS)[2]),
+        lambda: told(fixed(), velocities=-fixed().joints.velocities),
+    ),
+    "torques against dynamics": (
+        lambda: told(fixed(), torques=1.001 * fixed().joints.torques),
+        lambda: built(fixed(), payload=0.01),
+        lambda: built(fixed(), inertia_axial=np.full(LINKS, 1.0)),
+    ),
+    "feed range": (beyond_the_axis,),
+    "joints inside the guide": (lambda: built(fed(), feed=Feed(0.0, 0.3, 0.15)),),
+    "feed velocity": (lambda: limited(fed(), feed_velocity=of_axis(fed(), "velocities")),),
+    "feed acceleration": (lambda: limited(fed(), feed_acceleration=of_axis(fed(), "accelerations")),),
+    "feed jerk": (lambda: limited(fed(), feed_jerk=jerk_of(fed(), 0.98, slice(2 * LINKS, None))),),
+    "feed force": (force_at_one_sample,),
+    "feed force of the samples": (weakened_forces,),
+    "feed velocity against positions": (lambda: bumped(fed(), -1, 0.004),),
+    "feed force against dynamics": (lambda: told(fed(), base_forces=1.001 * fed().joints.base_forces),),
+    "share of velocity": (lambda: shared(limited(fixed(), velocity=of(fixed(), "velocities", 1.05))),),
+    "share of acceleration": (lambda: shared(limited(fixed(), acceleration=of(fixed(), "accelerations", 1.05))),),
+    "share of jerk": (lambda: shared(limited(fixed(), jerk=jerk_of(fixed(), 1.05))),),
+    "share of effort": (lambda: shared(torque_at_one_sample(SHARE)),),
+    "start joints": (lambda: fixed().asking(start=SpaceJointPose(np.full((LINKS, 2), 2e-6))),),
+    "start feed": (lambda: fed().asking(start=SpaceJointPose(np.zeros((LINKS, 2)), 1e-3)),),
+    "rest": (lambda: still_moving(fixed(), 3, 1e-4),),
+    "feed at rest": (lambda: still_moving(fed(), -1, 1e-5),),
+    "goal position": (lambda: to_tip(off=1.1e-3),),
+    "goal direction": (lambda: to_tip(turned=0.018),),
+    "goal joints": (lambda: fixed().asking(goal=pose_at_end(fixed(), 0.02)),),
+    "goal feed": (lambda: fed().asking(goal=pose_at_end(fed(), carried=2e-3)),),
+    "goal via N": (lambda: to_tip(via=(halfway(fixed()) + 0.3,)),),
+    "stop N position": (lambda: at_stop(off=1.1e-3),),
+    "stop N direction": (lambda: at_stop(turned=0.018),),
+    "stop N joints": (lambda: stopping(fixed(), pose_at_end(fixed(), 0.02)),),
+    "stop N feed": (lambda: stopping(fed(), pose_at_end(fed(), carried=0.01)),),
+    "stop N via N": (lambda: at_stop(via=(halfway(fixed()) + 0.3,)),),
+    "survived joint error": (
+        lambda: with_body(fixed(), "wall", BoxBody(np.array([0.8, -1.0, -1.0]), np.array([0.9, 1.0, 1.0]))).asking(
+            joint_error=0.4
+        ),
+    ),
+    "stop N pause": (lambda: stopping(fixed(), pose_at_end(fixed()), pause=0.1, rest=0.06),),
+}
+"""By the check that catches them; N stands for the number of a place or a goal on the way."""
+SPACE_UNHARMED: tuple[Mutation, ...] = (
+    fixed,
+    fed,
+    to_tip,
+    lambda: to_tip(via=(halfway(fixed()),)),
+    at_stop,
+    lambda: at_stop(via=(halfway(fixed()),)),
+    lambda: stopping(fed(), pose_at_end(fed()), pause=0.1, rest=0.1),
+    lambda: shared(fixed()),
+)
+"""Motions in space that keep everything."""

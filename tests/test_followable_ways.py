@@ -1,0 +1,166 @@
+"""Ways that an arm can follow behind its tip: bends, room, ends; and motions of fed arms along them, in and back."""
+
+import numpy as np
+import pytest
+
+from ccm_opt.comparison.space_sites import SITES, site_problem
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.followable_ways import FollowableWays, WayEnd
+from ccm_opt.space.motion.grid_ways import TipGrid
+from ccm_opt.space.motion.space_motion_settings import FollowableWaySettings, SpaceMotionSettings
+from ccm_opt.space.motion.space_search import find_motion
+from ccm_opt.space.motion.withdrawal import withdrawn
+from ccm_opt.space.planner import space_task, tip_box
+from tests.snakes_in_space import boxes, least_gaps
+from tests.space_arms import space_arm
+
+UNIT = 0.0375
+RADIUS = 2.0 * UNIT
+KEPT = 0.012
+
+
+def wall_with_a_gap() -> list[tuple[list[float], list[float]]]:
+    """Two plates across the way with their gaps on different sides."""
+    return [([0.15, -0.4, -0.4], [0.152, 0.03, 0.4]), ([0.4, 0.0, -0.4], [0.402, 0.4, 0.4])]
+
+
+def ways(soup_boxes: list[tuple[list[float], list[float]]]) -> tuple[SurfaceTree, FollowableWays]:
+    """What finds ways among boxes."""
+    tree = SurfaceTree.of(boxes(soup_boxes))
+    grid = TipGrid.over(tree, np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4]), 150_000, KEPT, 2.0 * UNIT)
+    return tree, FollowableWays(grid, grid.prices(1.0), RADIUS, UNIT, FollowableWaySettings())
+
+
+def sharpest(way: FloatArray, span: float) -> float:
+    """Largest turn of a way per length, over chords of a span [1/m]."""
+    arcs = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))))
+    s = np.arange(0.0, arcs[-1], span)
+    places = np.stack([np.interp(s, arcs, column) for column in way.T], axis=1)
+    chords = np.diff(places, axis=0)
+    chords /= np.linalg.norm(chords, axis=1)[:, None]
+    cosines = np.einsum("kd,kd->k", chords[:-1], chords[1:])
+    return float(np.max(np.arccos(np.clip(cosines, -1.0, 1.0)))) / span
+
+
+@pytest.mark.parametrize("directed", [True, False])
+def test_a_followable_way_keeps_its_bends_its_room_and_its_ends(directed: bool) -> None:
+    """It begins and ends as asked, bends no more than is allowed, and passes no wall."""
+    tree, search = ways(wall_with_a_gap())
+    start = WayEnd(np.array([0.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    goal = WayEnd(np.array([0.6, 0.1, 0.1]), np.array([0.0, 0.8, 0.6]) if directed else None)
+    way = search.between(start, goal, 1.5)
+    assert way is not None
+    assert np.allclose(way[0], start.place)
+    assert np.allclose(way[-1], goal.place)
+    assert way[1] - way[0] == pytest.approx(np.array([1.0, 0.0, 0.0]) * np.linalg.norm(way[1] - way[0]), abs=4e-3)
+    if goal.direction is not None:
+        last = (way[-1] - way[-2]) / np.linalg.norm(way[-1] - way[-2])
+        assert last @ goal.direction > np.cos(0.15)
+    assert sharpest(way, 0.02) < 1.15 / RADIUS
+    # Only the middles of cells were asked for room.
+    half = 0.5 * np.sqrt(3.0) * search.grid.cell
+    assert tree.distances(np.stack((way[:-1], way[1:]), axis=1), 0.1).min() > KEPT - half
+
+
+def test_no_way_turns_round_where_there_is_no_room_to() -> None:
+    """In a tube that is narrower than the tightest bend there is no way back out beside the start."""
+    w = 0.04
+    tube = [
+        ([-0.1, w, -w], [0.7, w + 0.01, w]),
+        ([-0.1, -w - 0.01, -w], [0.7, -w, w]),
+        ([-0.1, -w, w], [0.7, w, w + 0.01]),
+        ([-0.1, -w, -w - 0.01], [0.7, w, -w]),
+    ]
+    _, search = ways(tube)
+    start = WayEnd(np.array([0.3, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    assert search.between(start, WayEnd(np.array([0.6, 0.0, 0.0]), None), 1.0) is not None
+    assert search.between(start, WayEnd(np.array([0.0, 0.0, 0.0]), None), 2.0) is None
+
+
+def test_a_coarse_grid_does_not_pass_a_thin_wall() -> None:
+    """Cells with room on both sides of a sheet of metal are no neighbours, however coarse the grid."""
+    tree = SurfaceTree.of(boxes([([0.0, -0.5, -0.5], [0.0005, 0.5, 0.5])]))
+    grid = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 700, 0.01, 0.2)
+    assert grid.cell > 0.08
+    assert grid.cheapest_way(np.array([-0.3, 0.0, 0.0]), np.array([0.3, 0.0, 0.0]), 3.0) is None
+    assert grid.cheapest_way(np.array([-0.3, 0.3, 0.0]), np.array([-0.3, -0.3, 0.0]), 3.0) is not None
+
+
+def test_costs_to_a_place_are_those_of_the_cheapest_ways() -> None:
+    """Searched from the goal to all cells, or from one cell to the goal: the same cost."""
+    tree = SurfaceTree.of(boxes(wall_with_a_gap()))
+    grid = TipGrid.over(tree, np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4]), 20_000, KEPT, 0.1)
+    price = grid.prices(3.0)
+    goal = np.array([0.6, 0.1, 0.1])
+    costs = grid.costs_to(goal, price)
+    assert costs is not None
+    for start in np.array([[0.0, 0.0, 0.0], [0.3, 0.2, -0.2], [0.6, -0.3, 0.3]]):
+        way = grid.cheapest_way(start, goal, 3.0)
+        assert way is not None
+        cells = [grid.index(place) for place in way[1:-1]]
+        lengths = np.linalg.norm(np.diff(way[1:-1], axis=0), axis=1)
+        prices = np.array([price[cell] for cell in cells])
+        total = float(np.sum(0.5 * lengths * (prices[:-1] + prices[1:])))
+        assert costs[cells[0]] == pytest.approx(total, rel=1e-3)
+
+
+@pytest.mark.parametrize("feed", [None, Feed(0.0, 0.5, 0.5), Feed(-0.3, 0.4, 0.1), Feed(0.0, 0.8, 0.9)])
+def test_the_tip_is_always_in_the_box_of_its_reach(feed: Feed | None) -> None:
+    """Of random configurations that the guide tube allows."""
+    random = np.random.default_rng(3)
+    arm = space_arm(8, feed=feed)
+    box = tip_box(arm, None)
+    for _ in range(200):
+        base = random.uniform(*arm.base_range)
+        low, high = arm.limits_at(base)
+        q = random.uniform(low, high)
+        q[2 * arm.links :] = base
+        tip = joint_positions(arm, q)[-1]
+        assert np.all(tip >= box[0] - 1e-9)
+        assert np.all(tip <= box[1] + 1e-9)
+
+
+@pytest.mark.parametrize("family", SITES)
+def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None:
+    """One of each family, judged by dense samples from its start to its goal."""
+    problem = site_problem(family, 40, 24, family)
+    soup = problem.workspace.soup
+    task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
+    motion = find_motion(task)
+    q = motion.configurations
+    assert q[0] == pytest.approx(task.start, abs=1e-9)
+    walls, pairs = least_gaps(task.arm, soup, q, 10)
+    assert walls > 0.0
+    assert pairs > 0.0
+    if task.goal is not None:
+        assert joint_positions(task.arm, q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", [41, 42, 43])
+def test_an_arm_is_drawn_back_along_its_own_shape(seed: int) -> None:
+    """From the depth of a branch until it is all in its guide tube, or stands where it can begin anew."""
+    problem = site_problem("other-branch", seed, 24, "branch")
+    soup = problem.workspace.soup
+    task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
+    curve, start = CurveMap.through(task.arm, task.start)
+    poses = withdrawn(task.stepper(curve, 0.0), start, task.deadline)
+    q = np.stack([pose.q for pose in poses])
+    assert q[0] == pytest.approx(task.start, abs=1e-9)
+    assert min(least_gaps(task.arm, soup, q, 10)) > 0.0
+    assert q[-1, -1] < task.arm.base_range[0] + 2.0 * task.unit
+
+
+@pytest.mark.parametrize("seed", [100, 102])
+def test_a_pose_of_all_joints_is_reached_exactly_behind_a_bend(seed: int) -> None:
+    """Though unknowns that hardly turn a joint are never quite those of the pose."""
+    problem = site_problem("tee-pose", seed, 24, "tee")
+    task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.after(60.0), SpaceMotionSettings())
+    q = find_motion(task).configurations
+    assert task.goal_pose is not None
+    assert q[-1] == pytest.approx(task.goal_pose, abs=1e-9)
+    assert min(least_gaps(task.arm, problem.workspace.soup, q, 10)) > 0.0

@@ -1,0 +1,160 @@
+"""The static question in space, in Python and through the command line."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ccm_opt
+from ccm_opt.errors import NoPlanFound, ProblemError, UnreachableGoal
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.space.space_static_pose import SpaceStaticPose
+from ccm_opt.space.verification.link_frames import LinkFrames, chain_of
+
+from .command_runs import CommandLine, brightness
+from .conftest import PROBLEMS
+from .space_clutter import clutter
+from .surface_scenes import slow_gaps
+
+WING_BOX = PROBLEMS / "space" / "wing-box.toml"
+OWN_TERMS = """\
+import ccm_opt
+
+
+@ccm_opt.constraint(name="middle aside", lower=0.1)
+def middle_aside(q):
+    return q.point_at(0.3)[1]
+
+
+@ccm_opt.constraint(name="middle far away", lower=5.0)
+def middle_far_away(q):
+    return q.point_at(0.3)[1]
+"""
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> CommandLine:
+    """The command line."""
+    return CommandLine(capsys)
+
+
+def assert_sound(found: SpaceStaticPose) -> None:
+    """The pose ends at the goal within the limits, with the gap it says, by code that the NLP does not share."""
+    problem = found.problem
+    arm = problem.arm
+    goal = problem.goal
+    assert isinstance(goal, SpaceTipGoal)
+    q = found.pose.q[None]
+    points = chain_of(arm, q)[0]
+    assert points[-1] == pytest.approx(goal.position, abs=1e-6 * arm.length)
+    if goal.direction is not None:
+        assert LinkFrames.of(arm, q).along[0, -1] @ goal.direction == pytest.approx(1.0, abs=1e-10)
+    lower, upper = arm.limits_at(found.feed)
+    assert np.all(found.pose.q >= lower - 1e-9)
+    assert np.all(found.pose.q <= upper + 1e-9)
+    first, share = arm.mount_end
+    segments = np.stack((points[:-1], points[1:]), axis=1)[first:]
+    segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
+    gaps = slow_gaps(segments, problem.workspace.soup, 0.3 * arm.length) - arm.radius - problem.workspace.clearance
+    assert gaps.min() >= found.pose.gap - 1e-6 * arm.length
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_the_best_of_all_beginnings_is_a_sound_pose_with_the_gap_it_says(seed: int) -> None:
+    """Among balls and boxes the pose ends at the goal and has the room that it claims; no other costs less."""
+    found = ccm_opt.find_pose(clutter(seed, links=12, bodies=40).problem)
+    assert_sound(found)
+    costs = [outcome.cost for outcome in found.outcomes if outcome.cost is not None]
+    assert found.pose.cost == min(costs)
+    assert found.pose.cost == pytest.approx(sum(found.pose.costs.values()))
+    assert sum(segment.length for segment in found.pose.curve.segments) == pytest.approx(found.problem.arm.length)
+
+
+def test_a_goal_behind_holes_is_found_on_a_feed_axis_and_written(tmp_path: Path, run: CommandLine) -> None:
+    """In the wing box, where a drawn pose is hardly ever free, the pose, its record, arrays and picture are there."""
+    done = run("pose", WING_BOX, "--out", tmp_path)
+    assert done.code == 0
+    assert "best pose at the goal" in done.out
+    assert "feed" in done.out
+    folder = tmp_path / "wing-box"
+    record = json.loads((folder / "pose.json").read_text())
+    assert record["status"] == "solved"
+    assert len(record["meshes"]) == len(list((folder / "meshes").iterdir()))
+    problem = ccm_opt.load_problem(WING_BOX)
+    assert isinstance(problem, SpaceProblem)
+    with np.load(folder / "pose.npz") as arrays:
+        pose = problem.arm.configuration(arrays["bend_angles"], float(arrays["base_feed"]))
+        assert arrays["joint_positions"] == pytest.approx(joint_positions(problem.arm, pose), abs=1e-12)
+        assert arrays["joint_positions"][-1] == pytest.approx(problem.goal.position, abs=1e-6)  # type: ignore[union-attr]
+    assert record["gap"] >= 0.9 * record["wanted_gap"]
+    assert brightness(folder / "pose.png") > 0.05
+
+
+def test_a_constraint_of_the_user_shapes_the_pose(tmp_path: Path, run: CommandLine) -> None:
+    """The arm's middle is where a constraint wants it; one that no pose keeps leaves the record of why, and exit 3."""
+    terms = tmp_path / "terms.py"
+    terms.write_text(OWN_TERMS)
+    file = tmp_path / "bow.toml"
+    file.write_text(OPEN)
+    done = run("pose", file, "--out", tmp_path / "out", "--constraint", f"{terms}:middle_aside", "--json")
+    assert done.code == 0
+    points = np.array(done.result["joint_positions"])
+    assert points[6, 1] >= 0.1 - 1e-6
+    assert np.all(np.array(list(done.result["residuals"].values())) < 1e-6)  # type: ignore[attr-defined]
+    failed = run("pose", file, "--out", tmp_path / "none", "--constraint", f"{terms}:middle_far_away")
+    assert failed.code == 3
+    assert "constraint 'middle far away'" in failed.err
+    record = json.loads((tmp_path / "none" / "bow" / "pose.json").read_text())
+    assert record["status"] == "no plan found"
+    assert record["diagnosis"]["reason"]
+
+
+OPEN = """
+schema = 1
+space = 3
+name = "bow"
+
+[workspace]
+
+[arm]
+links = 12
+link_length = 0.05
+radius = 0.01
+base = { position = [0, 0, 0] }
+joint_limit_deg = 60
+
+[limits]
+velocity = 1.0
+acceleration = 4.0
+
+[start]
+shape = "straight"
+
+[goal]
+position = [0.4, 0.0, 0.0]
+"""
+
+
+def test_questions_without_an_answer_are_refused() -> None:
+    """A goal for the whole arm leaves nothing to find; one out of reach, or inside of a body, is told as such."""
+    problem = clutter(3, links=12, bodies=40).problem
+    whole = SpaceJointPose(np.zeros((12, 2)))
+    with pytest.raises(ProblemError, match="for the whole arm"):
+        ccm_opt.find_pose(replace(problem, goal=whole))
+    with pytest.raises(UnreachableGoal, match="out of reach"):
+        ccm_opt.find_pose(replace(problem, goal=SpaceTipGoal(np.array([3.0, 0.0, 0.0]))))
+
+
+def test_a_direction_that_no_pose_takes_is_not_found() -> None:
+    """A stretched arm cannot look back: nothing is found, and the reason tells what was tried."""
+    problem = clutter(3, links=8, bodies=1).problem
+    arm = problem.arm
+    end = arm.base + 0.999 * arm.length * arm.direction
+    back = SpaceTipGoal(end, -arm.direction)
+    hurried = replace(problem.planner, time_limit=2.0)
+    with pytest.raises(NoPlanFound) as caught:
+        ccm_opt.find_pose(replace(problem, goal=back, planner=hurried))
+    assert "no pose was found at the goal" in caught.value.diagnosis.reason

@@ -1,0 +1,158 @@
+"""The map of where the tip can be in space: every cell that is reached has a sound pose, and proofs are true."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ccm_opt
+from ccm_opt.errors import ProblemError
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.planner import space_task
+from ccm_opt.space.problem import SpaceTipGoal
+from ccm_opt.space.space_reach_map import SpaceReachMap, even_directions
+from ccm_opt.space.space_reach_settings import DEFAULT_SPACE_REACH
+from ccm_opt.space.tip_flood import TipFlood
+
+from .command_runs import CommandLine, brightness
+from .conftest import PROBLEMS
+from .surface_scenes import slow_gaps
+
+SCENE = """
+schema = 1
+space = 3
+name = "behind"
+
+[workspace]
+bounds = [[-0.2, -0.35, -0.35], [0.35, 0.35, 0.35]]
+
+[[workspace.obstacles]]
+name = "block"
+box = [[0.1, -0.1, -0.1], [0.2, 0.1, 0.1]]
+
+[arm]
+links = 8
+link_length = 0.04
+radius = 0.01
+base = { position = [-0.1, 0.0, 0.0], direction = [0, 0, 1], up = [-1, 0, 0] }
+joint_limit_deg = 60
+
+[limits]
+velocity = 1.0
+acceleration = 4.0
+
+[start]
+shape = "straight"
+
+[goal]
+position = [0.05, 0.1, 0.1]
+"""
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> CommandLine:
+    """The command line."""
+    return CommandLine(capsys)
+
+
+@cache
+def mapped() -> SpaceReachMap:
+    """A small map."""
+    from ccm_opt.files.problem_file import parse_problem
+
+    problem = parse_problem(SCENE)
+    found = ccm_opt.reach_map(problem, step=0.09, headings=4)  # type: ignore[call-overload]
+    assert isinstance(found, SpaceReachMap)
+    return found
+
+
+def test_what_is_reached_keeps_off_what_is_proved() -> None:
+    """No cell is both; cells in the block, behind the walls of the room and too far away are proved."""
+    found = mapped()
+    assert not np.any(found.reachable & found.proved)
+    places = found.places
+    in_block = np.all((places > [0.1, -0.1, -0.1]) & (places < [0.2, 0.1, 0.1]), axis=-1)
+    assert in_block.any()
+    assert np.all(found.proved[in_block])
+    far = np.linalg.norm(places - found.problem.arm.base, axis=-1) > found.problem.arm.length
+    assert np.all(found.proved[far])
+    assert np.all(found.gap[found.reachable] > 0.0)
+    assert np.all(np.isnan(found.gap[~found.reachable]))
+
+
+def test_every_pose_of_a_cell_is_sound() -> None:
+    """The tip is in the middle of its cell, joints keep their limits, and nothing is touched, by a slow measure."""
+    problem = replace(mapped().problem, goal=SpaceTipGoal(np.array([0.05, 0.1, 0.1])))
+    tree = SurfaceTree.of(problem.workspace.soup)
+    task = space_task(problem, tree, Deadline.never(), SpaceMotionSettings())
+    axes = (np.array([0.0, 0.09]), np.array([-0.05, 0.05]), np.array([-0.1, 0.0, 0.1]))
+    closed = np.zeros((2, 2, 3), dtype=bool)
+    none = np.zeros((0, CurveMap.through(task.arm, task.start)[0].dimension))
+    flood = TipFlood(task, axes, 0.1, closed, even_directions(0), replace(DEFAULT_SPACE_REACH, drawn=40), none)
+    flood.fill()
+    assert flood.poses
+    arm = problem.arm
+    for (i, j, k), pose in flood.poses.items():
+        points = joint_positions(arm, pose.q)
+        assert points[-1] == pytest.approx([axes[0][i], axes[1][j], axes[2][k]], abs=1e-6)
+        assert np.all(np.abs(pose.q) <= arm.bend_limits + 1e-9)
+        segments = np.stack((points[:-1], points[1:]), axis=1)[1:]
+        assert slow_gaps(segments, problem.workspace.soup, 0.5).min() >= arm.radius
+
+
+def test_most_of_what_is_near_is_reached() -> None:
+    """An arm in a wide room reaches most of the places within its length, behind the block too."""
+    found = mapped()
+    near = np.linalg.norm(found.places - found.problem.arm.base, axis=-1) < 0.8 * found.problem.arm.length
+    assert found.reachable[near & ~found.proved].mean() > 0.6
+    assert found.volume == pytest.approx(found.reachable.sum() * 0.09**3)
+    assert found.taken[~found.reachable].sum() == 0
+    assert 0.05 < found.taken[found.reachable].mean() <= 1.0
+
+
+def test_directions_are_spread_evenly() -> None:
+    """Unit vectors whose mean is nearly nothing, and no two of them near each other."""
+    directions = even_directions(40)
+    assert np.linalg.norm(directions, axis=1) == pytest.approx(1.0)
+    assert np.linalg.norm(directions.mean(axis=0)) < 0.03
+    cosines = directions @ directions.T - 2.0 * np.eye(40)
+    assert cosines.max() < np.cos(0.3)
+
+
+def test_the_command_writes_record_arrays_and_picture(tmp_path: Path, run: CommandLine) -> None:
+    """An arm that is fed into blades is mapped from the motion to its goal; the folder has all of it."""
+    done = run("reach", PROBLEMS / "space" / "blade-row.toml", "--out", tmp_path, "--step", "0.12")
+    assert done.code == 0
+    assert "volume [m³]" in done.out
+    folder = tmp_path / "blade-row"
+    record = json.loads((folder / "reach.json").read_text())
+    with np.load(folder / "reach.npz") as arrays:
+        assert arrays["reachable"].sum() == record["reached"] > 0
+        assert arrays["reachable"].shape == (len(arrays["x"]), len(arrays["y"]), len(arrays["z"]))
+        assert arrays["taken"].shape == (*arrays["reachable"].shape, 0)
+    assert len(record["meshes"]) == len(list((folder / "meshes").iterdir()))
+    assert brightness(folder / "reach.png") > 0.1
+
+
+def test_grids_that_make_no_sense_and_workers_are_refused(tmp_path: Path, run: CommandLine) -> None:
+    """Too many cells, cells of no width, and other processes, in one sentence each."""
+    file = tmp_path / "behind.toml"
+    file.write_text(SCENE)
+    for arguments, words in (
+        (("--step", "0.0005"), "cells; at most"),
+        (("--step", "-1"), "--step must be above 0"),
+        (("--workers", "2"), "--workers and --dask"),
+    ):
+        done = run("reach", file, "--out", tmp_path / "out", *arguments)
+        assert done.code == 2
+        assert words in done.err
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(ProblemError, match="workers="):
+        ccm_opt.reach_map(mapped().problem, workers=2)

@@ -1,0 +1,71 @@
+"""Rows of the optimisation in space: their slopes, and what they say of the room between keyframes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.optimisation.rows import motion_rows, room_lacking
+from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
+from ccm_opt.space.motion.space_goal import SpaceTipPose
+from tests.snakes_in_space import balls, snake, task_of
+
+WANTED = 0.02
+
+
+def random_sweep(seed: int) -> SpaceSweep:
+    """A motion of three intervals past a few balls, fed or not."""
+    rng = np.random.default_rng(seed)
+    arm = snake(8, feed=Feed(-0.5, 0.0, 0.0) if rng.random() < 0.5 else None)
+    soup = balls(rng.uniform(-0.2, 0.8, size=(6, 3)) + np.array([0.3, 0.0, 0.0]), 0.1)
+    start = np.zeros(len(arm.coordinates))
+    start[2 * arm.links :] = -0.4
+    task = task_of(arm, soup, SpaceTipPose(np.array([0.5, 0.3, 0.3])), start=start)
+    curve, v = CurveMap.through(arm, start)
+    steps = np.cumsum(0.1 * rng.normal(size=(4, len(v))), axis=0)
+    return SpaceSweep(task.stepper(curve, 0.0), v + steps)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_slopes_of_rows_are_their_differences(seed: int) -> None:
+    """By the unknowns of the keyframe before and of the one behind, for rows at the ends and in between."""
+    sweep = random_sweep(seed)
+    numbers = sweep.stepper.settings.optimisation
+    rows = motion_rows(sweep, WANTED, 0.0, replace(numbers, active=5.0))
+    step = 1e-6
+    for side in (0, 1):
+        slopes = rows.slopes(sweep, side)
+        for unknown in (0, 5, sweep.unknowns.shape[1] - 1):
+            for keyframe in range(len(sweep.unknowns)):
+                moved = np.zeros_like(sweep.unknowns)
+                moved[keyframe, unknown] = step
+                ahead = rows.values(SpaceSweep(sweep.stepper, sweep.unknowns + moved))
+                behind = rows.values(SpaceSweep(sweep.stepper, sweep.unknowns - moved))
+                mine = np.flatnonzero(rows.interval + side == keyframe)
+                expected = (ahead - behind)[mine] / (2.0 * step)
+                assert slopes[mine, unknown] == pytest.approx(expected, abs=1e-6)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_what_room_is_lacking_is_that_of_the_poses(seed: int) -> None:
+    """At the ends of intervals and at the times in between."""
+    sweep = random_sweep(seed)
+    stepper = sweep.stepper
+    numbers = stepper.settings.optimisation
+    arm = stepper.curve.arm
+    lacking = room_lacking(sweep, WANTED, numbers)
+    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
+    for k, (before, after) in enumerate(zip(sweep.unknowns[:-1], sweep.unknowns[1:], strict=True)):
+        least = np.inf
+        for share in (0.5, 1.0, *numbers.between):
+            points = joint_positions(arm, stepper.curve.configuration((1.0 - share) * before + share * after))
+            axes = np.stack((points[first:-1], points[first + 1 :]), axis=1)
+            least = min(least, float(np.min(stepper.tree.distances(axes, 1.0))))
+        assert lacking[k] == pytest.approx(max(stepper.kept + WANTED - least, 0.0), abs=1e-9)

@@ -1,0 +1,136 @@
+"""The viewer on a plan in space: poses at any time, directions of handles, and a plan that follows its goal."""
+
+import threading
+import time
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+import ccm_opt
+from ccm_opt.cli.view.app import ViewerApp
+from ccm_opt.cli.view.kinds import frames_of
+from ccm_opt.cli.view.meshes import turned_to
+from ccm_opt.cli.view.space_frames import SpaceFrames
+from ccm_opt.cli.view.space_handles import direction_of
+from ccm_opt.cli.view.space_scene import SpaceScene
+from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
+from ccm_opt.errors import ProblemError
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+
+from .space_folders import solved
+
+PORT = 18180
+"""The first that is tried; the viewer takes the next one that is free."""
+
+
+@cache
+def problem() -> SpaceProblem:
+    """An arm beside a ball and a box."""
+    return ccm_opt.make_space_problem(
+        "beside",
+        arm={"links": 10, "link_length": 0.05, "radius": 0.01, "base": {"position": (0, 0, 0)}, "joint_limit_deg": 60},
+        obstacles={
+            "ball": {"sphere": {"center": (0.35, 0.3, 0.0), "radius": 0.05}},
+            "box": {"box": ((0.3, -0.4, -0.2), (0.4, -0.2, 0.2))},
+        },
+        limits={"velocity": 1.0, "acceleration": 4.0, "torque": 20.0},
+        goal={"position": (0.25, 0.3, 0.1), "direction": (0, 1, 0)},
+    )
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1))
+def test_handles_turn_as_space_does(vector: tuple[float, float, float]) -> None:
+    """A quaternion of a direction turns world x to it, and gives it back; straight back too."""
+    direction = np.array(vector) / np.linalg.norm(vector)
+    for each in (direction, np.array([-1.0, 0.0, 0.0])):
+        wxyz = turned_to(each)
+        np.testing.assert_allclose(direction_of(wxyz), each, atol=1e-6)
+        x = trimesh.transformations.quaternion_matrix(wxyz)[:3, 0]
+        np.testing.assert_allclose(x, each, atol=1e-6)
+
+
+def test_poses_gaps_and_torques_are_those_of_the_plan() -> None:
+    """At samples the pose is the plan's; the least gap is about the verifier's; shares of torque are of its limits."""
+    plan = solved()
+    frames = frames_of(plan.problem, plan.trajectory, plan.joints)
+    assert isinstance(frames, SpaceFrames)
+    for k in (0, len(plan.trajectory.time) // 2, -1):
+        expected = joint_positions(plan.problem.arm, plan.trajectory.positions[k])
+        np.testing.assert_allclose(frames.pose(plan.trajectory.time[k]), expected, atol=1e-12)
+    first = int(np.ceil(plan.problem.arm.mount_length / plan.problem.arm.link_length))
+    least = min(frames.gaps(at)[first:].min() for at in np.linspace(0.0, frames.duration, 200))
+    beyond = plan.metrics["least_wall_clearance_m"] - plan.problem.workspace.clearance
+    assert least == pytest.approx(min(beyond, plan.problem.arm.link_length), abs=2e-3)
+    limit = plan.problem.limits.torque
+    assert limit is not None
+    peak = max(frames.torque_shares(at).max() for at in plan.trajectory.time)
+    assert peak == pytest.approx((np.abs(plan.joints.torques) / limit).max())
+
+
+def test_a_plan_follows_its_goal_or_says_why_not() -> None:
+    """A goal that moves is planned and verified; one in the box is explained, and the last plan stays."""
+    live = LivePlanInSpace(problem())
+    answer = live.move_goal((0.2, 0.32, 0.05), np.array([0.0, 2.0, 1.0]))
+    assert answer.current
+    assert all(check.passed for check in live.plan.checks)
+    tip = joint_positions(problem().arm, live.plan.trajectory.positions[-1])[-1]
+    assert tip == pytest.approx([0.2, 0.32, 0.05], abs=1e-3)
+    kept = live.plan
+    refused = live.move_goal((0.35, -0.3, 0.0))
+    assert not refused.current
+    assert "'box'" in refused.reason
+    assert live.plan is kept
+    assert live.move_goal((0.2, 0.32, 0.05)).current
+    before = live.plan.trajectory.duration
+    assert live.plan_anew(5.0).current
+    assert live.plan.trajectory.duration <= before
+    with pytest.raises(ProblemError, match="a place"):
+        live.move_goal((0.1, 0.2))
+
+
+@pytest.fixture
+def viewer() -> Iterator[ViewerApp]:
+    """The page of a plan in space."""
+    live = LivePlanInSpace(problem())
+    plan = live.plan
+    app = ViewerApp(frames_of(plan.problem, plan.trajectory, plan.joints), live, PORT, plan.checks)
+    stop = threading.Event()
+    thread = threading.Thread(target=app.run, args=(stop.is_set,))
+    thread.start()
+    yield app
+    stop.set()
+    thread.join(20.0)
+
+
+def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
+    """It is served to this machine alone; it plays; layers and colours switch; a goal that moves is planned."""
+    assert viewer.address.startswith("http://127.0.0.1:")
+    began = viewer.player.time
+    deadline = time.monotonic() + 20.0
+    while viewer.player.time == began and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert viewer.player.time > began
+    scene = viewer.scene
+    assert isinstance(scene, SpaceScene)
+    with viewer._lock:  # it plays on meanwhile
+        for layer in scene.layers:
+            scene.switch(layer, on=True)
+            scene.switch(layer, on=False)
+        for meaning in ("gap", "torque"):
+            scene.colour_by = meaning
+            scene.pose(0.5)
+    live = viewer.live
+    assert isinstance(live, LivePlanInSpace)
+    viewer._planned(live, live.move_goal((0.22, 0.3, 0.12)))
+    assert viewer.frames.trajectory is live.plan.trajectory
+    assert "planned and verified" in viewer._status.content
+    assert isinstance(live.problem.goal, SpaceTipGoal)
+    viewer._planned(live, live.move_goal((0.35, -0.3, 0.0)))
+    assert "No plan to here" in viewer._status.content
+    assert "box" in viewer._status.content
