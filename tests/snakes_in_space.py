@@ -93,8 +93,10 @@ def least_gaps(arm: SpaceArm, soup: SurfaceSoup, keyframes: FloatArray, samples:
     q = np.concatenate([a + share * (b - a) for a, b in pairwise(keyframes)])
     q = np.concatenate((q, keyframes[-1:]))
     points = joint_positions(arm, q)
-    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
-    segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2).reshape(-1, 2, 3)
+    # The mount may touch walls: the link that leaves it counts from there.
+    hidden = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
+    begins = points[:, :-1] + hidden[:, None] * (points[:, 1:] - points[:, :-1])
+    segments = np.stack((begins, points[:, 1:]), axis=2)[:, hidden < 1.0].reshape(-1, 2, 3)
     walls = SurfaceTree.of(soup).distances(segments, 2.0 * arm.length)
     i, j = arm.self_pairs
     apart = segment_distances(
