@@ -1,16 +1,22 @@
 """Ways that an arm can follow behind its tip: bends, room, ends; and motions of fed arms along them, in and back."""
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ccm_opt.comparison.space_sites import SITES, site_problem
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.c_compiler import has_compiler
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.compiled_followable_search import compiled_arcs, searched_in_c
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.followable_ways import FollowableWays, WayEnd
+from ccm_opt.space.motion.followable_search import FollowSearch, InterpretedSearch, WayArcs, WayEnd
+from ccm_opt.space.motion.followable_ways import FollowableWays
 from ccm_opt.space.motion.grid_ways import TipGrid
 from ccm_opt.space.motion.space_motion_settings import FollowableWaySettings, SpaceMotionSettings
 from ccm_opt.space.motion.space_search import find_motion
@@ -65,6 +71,42 @@ def test_a_followable_way_keeps_its_bends_its_room_and_its_ends(directed: bool) 
     # Only the middles of cells were asked for room.
     half = 0.5 * np.sqrt(3.0) * search.grid.cell
     assert tree.distances(np.stack((way[:-1], way[1:]), axis=1), 0.1).min() > KEPT - half
+
+
+def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, FloatArray, FloatArray]:
+    """What is searched among random boxes, a goal, and a place with a frame from which there is a way to it."""
+    random = np.random.default_rng(seed)
+    corners = random.uniform(-0.4, 0.4, (5, 3))
+    tree = SurfaceTree.of(boxes([(list(corner), list(corner + random.uniform(0.02, 0.3, 3))) for corner in corners]))
+    grid = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 20_000, KEPT, 2.0 * UNIT)
+
+    def somewhere(cells: npt.NDArray[np.bool_]) -> FloatArray:
+        return np.asarray(grid.low + grid.cell * (random.choice(np.argwhere(cells)) + random.uniform(-0.4, 0.4, 3)))
+
+    wide = grid.gaps > UNIT
+    goal = somewhere(wide)
+    price = grid.prices(1.0)
+    left = grid.costs_to(goal, price)
+    assert left is not None
+    start = somewhere(wide & (left < 0.4))
+    few = FollowableWaySettings(most_states=int(random.integers(1, 1200)))
+    arcs = WayArcs.of(few, UNIT, RADIUS, grid.cell)
+    most = float(random.uniform(0.8, 3.0))
+    search = FollowSearch(grid.low, grid.cell, price, left, arcs, RADIUS, UNIT, most, few)
+    frame = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    return search, WayEnd(goal, frame @ frame[0] if directed else None), start, frame
+
+
+@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler")
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), directed=st.booleans())
+def test_c_and_python_search_alike(seed: int, directed: bool) -> None:
+    """Among random boxes both find the same arcs, or both find no way."""
+    search, goal, place, frame = random_search(seed, directed)
+    library = searched_in_c()
+    assert library is not None
+    found = compiled_arcs(library, search, goal, place, frame)
+    assert found == InterpretedSearch(search, goal).arcs_from(place, frame)
 
 
 def test_no_way_turns_round_where_there_is_no_room_to() -> None:

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.followable_ways import FollowableWays, WayEnd
+from ccm_opt.space.motion.followable_search import WayEnd
+from ccm_opt.space.motion.followable_ways import FollowableWays
 from ccm_opt.space.motion.grid_ways import TipGrid, shortened
 from ccm_opt.space.motion.task import SpaceTask
 

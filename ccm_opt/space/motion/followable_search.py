@@ -1,0 +1,270 @@
+"""The search for ways that an arm can follow behind its tip: hybrid A* over places and directions.
+
+In C where there is compiling (followable_search.c). The same in Python finds the same ways some hundred times slower:
+what is added up and compared, is so in the same order.
+"""
+
+import heapq
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ccm_opt.errors import ProblemError
+from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.ground.deadline import Deadline
+from ccm_opt.space.curve.biarc import Biarc
+from ccm_opt.space.motion.space_motion_settings import FollowableWaySettings
+
+
+@dataclass(frozen=True, eq=False)
+class WayEnd:
+    """A place with a direction, at which a way begins or ends.
+
+    Attributes:
+        place: shape (3,) [m].
+        direction: unit vector, shape (3,); None where any will do.
+    """
+
+    place: FloatArray
+    direction: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class WayArcs:
+    """Arcs that lead on from a state.
+
+    Attributes:
+        places: on each arc in the frame at its beginning, the end included, shape (a, m, 3) [m].
+        turns: of the frame along each, shape (a, 3, 3).
+        dear: what each costs, as a multiple of its length, shape (a,).
+        length: of each [m].
+    """
+
+    places: FloatArray
+    turns: FloatArray
+    dear: FloatArray
+    length: float
+
+    @classmethod
+    def of(cls, settings: FollowableWaySettings, unit: float, radius: float, cell: float) -> "WayArcs":
+        """A straight one, and bent ones towards all azimuths.
+
+        Args:
+            settings: of the search.
+            unit: length of a nominal link [m].
+            radius: of the tightest bend [m].
+            cell: of the grid; places on an arc lie half of it apart [m].
+        """
+        step = settings.step * unit
+        samples = step * np.arange(1, 1 + max(2, int(np.ceil(2.0 * step / cell))))
+        samples = samples / len(samples)
+        places = [np.column_stack((samples, np.zeros((len(samples), 2))))]
+        turns = [np.eye(3)]
+        dear = [1.0]
+        for share in settings.bends:
+            curvature = share / radius
+            for k in range(settings.azimuths):
+                azimuth = 2.0 * np.pi * k / settings.azimuths
+                side = np.array([np.cos(azimuth), np.sin(azimuth)])
+                angle = curvature * samples
+                bulge = (1.0 - np.cos(angle)) / curvature
+                places.append(np.column_stack((np.sin(angle) / curvature, bulge[:, None] * side)))
+                turns.append(turn_towards(side, float(angle[-1])))
+                dear.append(1.0 + settings.bend_price * share**2)
+        return cls(np.stack(places), np.stack(turns), np.array(dear), step)
+
+
+@dataclass(frozen=True, eq=False)
+class FollowSearch:
+    """What is searched.
+
+    Attributes:
+        low: centre of the grid's first cell, shape (3,) [m].
+        cell: size of the cells [m].
+        price: of a way through a cell as a multiple of its length, shape (nx, ny, nz); not positive where it is
+            blocked.
+        left: cost of the cheapest way from each cell to the goal, of the same shape, inf where there is none [m].
+        arcs: that lead on.
+        radius: of the tightest bend [m].
+        unit: length of a nominal link [m].
+        most: length of the longest way that makes sense [m].
+        settings: of the search.
+    """
+
+    low: FloatArray
+    cell: float
+    price: npt.NDArray[np.float32]
+    left: FloatArray
+    arcs: WayArcs
+    radius: float
+    unit: float
+    most: float
+    settings: FollowableWaySettings
+
+    def cells(self, places: FloatArray) -> tuple[IntArray, IntArray, IntArray]:
+        """Cells of places, shape (..., 3); the nearest one where a place lies outside."""
+        found = np.rint((places - self.low) / self.cell).astype(np.intp)
+        found = np.clip(found, 0, np.array(self.price.shape) - 1)
+        return found[..., 0], found[..., 1], found[..., 2]
+
+    def landing(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> FloatArray | None:
+        """Places on two arcs from a state to the goal, shape (m, 3) [m]; None where they are too long or bent.
+
+        Args:
+            place: of the state, shape (3,) [m].
+            frame: (t, n1, n2) there as columns, shape (3, 3).
+            goal: where the way ends.
+        """
+        away = float(np.linalg.norm(goal.place - place))
+        if away > self.settings.landing * self.unit:
+            return None
+        if away < 1e-9:
+            return goal.place[None]
+        direction = goal.direction
+        if direction is None:
+            # One arc ends so: the direction is mirrored at the chord.
+            chord = (goal.place - place) / away
+            direction = 2.0 * (chord @ frame[:, 0]) * chord - frame[:, 0]
+        try:
+            biarc = Biarc.between(place, frame, goal.place, direction)
+        except ProblemError:
+            return None
+        if any(arc.turn * self.radius > 1.001 * arc.length for arc in (biarc.first, biarc.second)):
+            return None
+        if biarc.length > self.settings.longest_landing * away:
+            return None
+        return _along(frame, place, biarc, 0.5 * self.cell)
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A place on a way with the frame (t, n1, n2) there as columns, and how the way came there."""
+
+    place: FloatArray
+    frame: FloatArray
+    cost: float
+    length: float
+    before: "_State | None"
+    arc: int
+
+    @cached_property
+    def arcs(self) -> list[int]:
+        """Numbers of the arcs from the start to here."""
+        found = []
+        now = self
+        while now.before is not None:
+            found.append(now.arc)
+            now = now.before
+        return found[::-1]
+
+
+@dataclass(frozen=True, eq=False)
+class InterpretedSearch:
+    """The search in Python.
+
+    Attributes:
+        search: what is searched.
+        goal: where ways end.
+        deadline: when to stop.
+    """
+
+    search: FollowSearch
+    goal: WayEnd
+    deadline: Deadline = field(default_factory=Deadline.never)
+
+    def arcs_from(self, place: FloatArray, frame: FloatArray) -> list[int] | None:
+        """Numbers of the arcs of a way to where two more lead to the goal; None where none is found.
+
+        Args:
+            place: where it begins, shape (3,) [m].
+            frame: (t, n1, n2) there as columns, shape (3, 3).
+        """
+        queue = [(0.0, 0, _State(place, frame, 0.0, 0.0, None, -1))]
+        settled: set[tuple[int, ...]] = set()
+        pushed = 0
+        for _ in range(self.search.settings.most_states):
+            if not queue or self.deadline.passed():
+                return None
+            _, _, state = heapq.heappop(queue)
+            key = self._bin(state)
+            if key in settled:
+                continue
+            settled.add(key)
+            if self._lands(state):
+                return state.arcs
+            for following, estimate in self._following(state):
+                if self._bin(following) not in settled:
+                    pushed += 1
+                    heapq.heappush(queue, (estimate, pushed, following))
+        return None
+
+    def _lands(self, state: _State) -> bool:
+        places = self.search.landing(state.place, state.frame, self.goal)
+        return places is not None and bool(np.all(self.search.price[self.search.cells(places)] > 0.0))
+
+    def _following(self, state: _State) -> list[tuple[_State, float]]:
+        """States one arc on from a state, each with the estimate of a whole way through it."""
+        search = self.search
+        arcs = search.arcs
+        away = self.goal.place - state.place
+        if state.length + arcs.length + float(np.sqrt(_summed(away * away))) > search.most + arcs.length:
+            return []
+        places = state.place + _summed(arcs.places[..., None, :] * state.frame)
+        cells = search.cells(places)
+        prices = search.price[cells].astype(np.float64)
+        ends = search.left[tuple(axis[:, -1] for axis in cells)]
+        clear = np.all(prices > 0.0, axis=1) & np.isfinite(ends)
+        # np.sum adds up in another order.
+        means = np.cumsum(prices, axis=1)[:, -1] / prices.shape[1]
+        costs = state.cost + arcs.length * arcs.dear * means
+        found = []
+        for k in np.flatnonzero(clear):
+            frame = _summed(state.frame[:, None, :] * arcs.turns[k].T)
+            cost = float(costs[k])
+            following = _State(places[k, -1], frame, cost, state.length + arcs.length, state, int(k))
+            found.append((following, cost + float(ends[k])))
+        return found
+
+    def _bin(self, state: _State) -> tuple[int, ...]:
+        """What states are told apart by."""
+        settings = self.search.settings
+        place = np.floor(state.place / (settings.place_bin * self.search.unit)).astype(int)
+        t = state.frame[:, 0]
+        face = int(np.argmax(np.abs(t)))
+        bins = np.floor(np.delete(t, face) / t[face] * settings.direction_bins).astype(int)
+        return (*place.tolist(), face, int(t[face] > 0.0), *bins.tolist())
+
+
+def _summed(terms: FloatArray) -> FloatArray:
+    """Sums of three numbers each, from left to right as in C, for products of matrices may add up in another order."""
+    return np.asarray(terms[..., 0] + terms[..., 1] + terms[..., 2])
+
+
+def _along(frame: FloatArray, start: FloatArray, biarc: Biarc, spacing: float) -> FloatArray:
+    """Places along two arcs, the first not among them, shape (m, 3) [m]."""
+    places = []
+    for arc in (biarc.first, biarc.second):
+        count = max(2, int(np.ceil(arc.length / spacing)))
+        s = np.arange(1, count + 1) / count
+        side = np.array([np.cos(arc.azimuth), np.sin(arc.azimuth)])
+        angle = arc.turn * s
+        # sin(x) / x and (1 − cos(x)) / x, also where the arc is straight
+        forward = arc.length * s * np.sinc(angle / np.pi)
+        aside = arc.length * s * np.sinc(0.5 * angle / np.pi) * np.sin(0.5 * angle)
+        local = np.column_stack((forward, aside[:, None] * side))
+        places.append(start + local @ frame.T)
+        start = places[-1][-1]
+        frame = frame @ turn_towards(side, arc.turn)
+    return np.concatenate(places)
+
+
+def turn_towards(side: FloatArray, angle: float) -> FloatArray:
+    """The rotation that turns the first axis by an angle [rad] towards a side across it, shape (2,): shape (3, 3)."""
+    t = np.array([np.cos(angle), *(np.sin(angle) * side)])
+    c, s = side
+    cos = np.cos(angle)
+    n1 = np.array([-c * np.sin(angle), s * s + c * c * cos, c * s * (cos - 1.0)])
+    n2 = np.array([-s * np.sin(angle), c * s * (cos - 1.0), c * c + s * s * cos])
+    return np.column_stack((t, n1, n2))
