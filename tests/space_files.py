@@ -50,7 +50,7 @@ def binary_stl(vertices: FloatArray = CUBE, faces: IntArray = BOX_FACES) -> byte
     return bytes(80) + len(faces).to_bytes(4, "little") + records.tobytes()
 
 
-def three_mf(model: str) -> bytes:
+def three_mf(model: str | bytes) -> bytes:
     """A 3MF file with a model."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:

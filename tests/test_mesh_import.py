@@ -198,6 +198,12 @@ def test_other_files_are_not_read_for_a_mesh(tmp_path: Path) -> None:
     assert len(read_mesh_file(tmp_path / "part.obj").mesh.faces) == 12
 
 
+def test_parts_without_triangles_are_left_out(tmp_path: Path) -> None:
+    """Vertices that belong to nothing, in a part of their own, do not keep the rest from being read."""
+    (tmp_path / "part.obj").write_text(f"{OBJ}o other\nusemtl y\nv 0 0 9\nv 1 0 9\nf 9 10\n")
+    assert len(read_mesh_file(tmp_path / "part.obj").mesh.faces) == 12
+
+
 def test_what_is_mended_is_told() -> None:
     """Triangles that are there twice, or are an edge of others, are left out; one that is alone stays."""
     vertices = np.concatenate((CUBE, [[0.5, 0.0, 0.0], [3.0, 0.0, 0.0]]))

@@ -1,5 +1,6 @@
 """SVG drawings: outlines against another program's, names, references, what is left out, and bounds on their cost."""
 
+import contextlib
 import io
 import math
 import time
@@ -23,6 +24,7 @@ HEAD = (
 BOX = '<rect width="1" height="1"/>'
 NUMBER = st.floats(-5.0, 5.0).map(lambda x: round(x, 2))
 RADIUS = st.floats(0.1, 5.0).map(lambda x: round(x, 2))
+EXTREME = st.builds(lambda sign, exponent: sign * 10.0**exponent, st.sampled_from((-1, 1)), st.integers(-308, 308))
 SOON = 2.0
 """CPU time in which a drawing loads or is refused [s]."""
 
@@ -304,6 +306,20 @@ def test_hostile_drawings_are_refused_soon(tmp_path: Path, case: str) -> None:
     # The bound is generous against what is measured, and nothing here depends on how fast the machine is.
     assert len(str(caught.value)) < 2000
     assert time.process_time() - began < 10.0 * SOON
+
+
+@settings(max_examples=200, deadline=None)
+@given(kind=st.sampled_from("LHVCSQTAlhvcsqta"), numbers=st.lists(EXTREME, min_size=7, max_size=7))
+def test_numbers_near_the_ends_of_double_precision_load_or_are_refused(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, numbers: list[float]
+) -> None:
+    """Huge and tiny numbers in path data end in no warning and no error but a ProblemError."""
+    if kind in "Aa":
+        numbers[3:5] = [float(number > 0.0) for number in numbers[3:5]]
+    counted = {"L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7}[kind.upper()]
+    written = " ".join(f"{number:g}" for number in numbers[:counted])
+    with contextlib.suppress(ProblemError):
+        imported(tmp_path_factory.mktemp("svg"), f'{BOX}<path d="M1 2L3 1{kind}{written}"/>')
 
 
 @settings(max_examples=200, deadline=None)

@@ -62,9 +62,9 @@ def flatten_ellipse(
         ProblemError: the arc would need more than ``MAX_STEPS`` chords.
     """
     longest = max(float(np.hypot(*major)), float(np.hypot(*minor)))
-    quarters = math.ceil(abs(sweep) / (0.5 * math.pi))
+    steps = _steps(longest * sweep**2, distance)
     # A chord a quarter at least keeps the outline of an ellipse from collapsing where the distance is large.
-    steps = max(_steps(longest * sweep**2, distance), quarters, 1)
+    steps = max(steps, math.ceil(abs(sweep) / (0.5 * math.pi)))
     t = start + sweep * np.linspace(0.0, 1.0, steps + 1)
     points: FloatArray = center + np.outer(np.cos(t), major) + np.outer(np.sin(t), minor)
     return points
@@ -117,13 +117,13 @@ def _steps(second_derivative: float, distance: float) -> int:
     if not math.isfinite(second_derivative):
         raise ProblemError("a curve has a point that is not finite; expected finite coordinates")
     # h² max|p''| / 8 ≤ distance with h = 1 / steps.
-    steps = math.ceil(math.sqrt(second_derivative / (8.0 * distance)))
-    if steps > MAX_STEPS:
+    needed = math.sqrt(second_derivative / (8.0 * distance))
+    if needed > MAX_STEPS:  # maybe infinite
         raise ProblemError(
-            f"a curve needs {steps} chords to stay within {distance:.3g} drawing units; check the scale, or allow "
+            f"a curve needs {needed:.0f} chords to stay within {distance:.3g} drawing units; check the scale, or allow "
             "a larger curve_tolerance"
         )
-    return max(steps, 1)
+    return max(math.ceil(needed), 1)
 
 
 def flatten_spline(knots: FloatArray, control: FloatArray, degree: int, distance: float) -> FloatArray:

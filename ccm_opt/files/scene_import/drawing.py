@@ -47,6 +47,17 @@ def import_scene(
             used; those are listed by name.
     """
     content = _content(path, settings)
+    # Numbers beyond all measure may become infinite, or none at all, on the way: such shapes are refused by name.
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = _found(path, content, options, settings)
+        obstacles = _collected(path, found.shapes, options, settings)
+    _refuse_too_many_vertices(path, obstacles, options, settings)
+    named = with_unique_names(obstacles, taken)
+    return ImportedScene(named, _summary(path, named, found))
+
+
+def _found(path: Path, content: bytes, options: ImportOptions, settings: ImportSettings) -> DrawingContent:
+    """What the reader of the format finds, at least one shape."""
     # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
     flattening = settings.flattening_share * options.curve_tolerance
     reader = READERS[path.suffix.lower()]
@@ -60,10 +71,7 @@ def import_scene(
             f"{path.name} holds no shape that could be an obstacle; "
             + (f"left out: {left_out}" if left_out else "draw outlines, circles or lines")
         )
-    obstacles = _collected(path, found.shapes, options, settings)
-    _refuse_too_many_vertices(path, obstacles, options, settings)
-    named = with_unique_names(obstacles, taken)
-    return ImportedScene(named, _summary(path, named, found))
+    return found
 
 
 def _summary(path: Path, obstacles: Sequence[Obstacle], found: DrawingContent) -> ImportedDrawing:

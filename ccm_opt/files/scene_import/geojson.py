@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping
 
-import numpy as np
 import shapely
 from shapely.errors import ShapelyError
 
@@ -86,8 +85,7 @@ def _geometry(data: object, name: str, settings: ImportSettings) -> shapely.Geom
     if _depth(data) > settings.deepest:
         raise ProblemError(f"'{name}': its collections are nested more than {settings.deepest} deep; take them apart")
     try:
-        with np.errstate(invalid="ignore"):  # NaN is refused later, by name
-            return shapely.from_geojson(json.dumps(data))
+        return shapely.from_geojson(json.dumps(data))
     except (ShapelyError, RecursionError, NotImplementedError, ValueError, TypeError) as error:
         raise ProblemError(f"'{name}': its coordinates are not those of a {kind}: {error}") from None
 

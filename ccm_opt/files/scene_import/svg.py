@@ -168,8 +168,7 @@ def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Disc | None:
     arc = outline.strokes[0]
     # The half axes after the transform: a circle when they are of equal length and at a right angle.
     axes = matrix[:, :2] @ np.column_stack((arc.major, arc.minor))  # type: ignore[union-attr]  # an ellipse is one arc
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused later, by name
-        radius = math.sqrt(abs(float(axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0])))
+    radius = math.sqrt(abs(float(axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0])))
     if not math.isfinite(radius):
         return Disc(place.name, matrix[:, 2], radius, layer=place.layer)
     if not np.allclose(axes.T @ axes, radius**2 * np.eye(2), rtol=0.0, atol=1e-12 * radius**2):

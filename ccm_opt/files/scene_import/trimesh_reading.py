@@ -32,7 +32,9 @@ def read_by_trimesh(content: bytes, kind: str) -> RawMesh:
     try:
         with _quiet():
             scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, skip_materials=True, process=False)
-            meshes = [part for part in scene.dump(concatenate=False) if isinstance(part, trimesh.Trimesh)]
+            parts = [part for part in scene.dump(concatenate=False) if isinstance(part, trimesh.Trimesh)]
+            # A part may have vertices and nothing that they belong to.
+            meshes = [part for part in parts if len(part.faces)]
             found = [RawMesh(np.asarray(each.vertices, np.float64), np.asarray(each.faces, np.intp)) for each in meshes]
     # Whatever a broken file leads a reader of a dozen formats into, to people it is a broken file.
     except Exception as error:  # noqa: BLE001

@@ -2,7 +2,6 @@
 
 import re
 
-import numpy as np
 import shapely
 from shapely.errors import GEOSException
 
@@ -73,8 +72,7 @@ def _depth(text: str) -> int:
 
 def _geometry(text: str) -> shapely.Geometry:
     try:
-        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused later, by name
-            return shapely.from_wkt(text)
+        return shapely.from_wkt(text)
     except (GEOSException, NotImplementedError, ValueError, TypeError) as error:
         # No more of the text than the word that it begins with: it may be somebody's secret, and no drawing at all.
         shown = (
