@@ -15,8 +15,8 @@ from ccm_opt.solution import JointStates, JointTrajectory
 _QUANTITIES = ("angle", "velocity", "acceleration", "torque")
 _FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
 _ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
-_WHOLE = re.compile(r"(?<![\d.e+-])(-?\d+)(?![\d.])")
-"""A number without a point, or the digits in front of its exponent."""
+_WHOLE = re.compile(r" (-?\d+)(?![\d.])")
+"""A number without a point, or the digits in front of its exponent, behind a space."""
 
 
 def trajectory_texts(trajectory: JointTrajectory, joints: JointStates, *, bends_only: bool = False) -> tuple[str, str]:
@@ -80,9 +80,11 @@ def _rows(table: FloatArray) -> list[str]:
     """Every row of a table, its numbers joined by commas, each with a point."""
     # Revolutes that a plane motion leaves alone are most of the table, and need no formatting.
     moving = np.any(table != 0.0, axis=0)
-    row = ",".join("%.12g" if moves else "0.0" for moves in moving)
+    row = ",".join(" %.12g " if moves else "0.0" for moves in moving)
     whole = "\n".join([row % tuple(values) for values in table[:, moving].tolist()])
-    return _WHOLE.sub(r"\1.0", whole).split("\n")
+    # Most numbers without a point are zeros, of links that lie still, and a search for a text takes next to nothing.
+    whole = whole.replace(" 0 ", "0.0").replace(" -0 ", "-0.0")
+    return _WHOLE.sub(r"\1.0", whole).replace(" ", "").split("\n")
 
 
 def _csv(times: list[float], names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
