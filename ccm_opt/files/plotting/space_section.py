@@ -75,27 +75,33 @@ def free_lengths(triangles: FloatArray, origins: FloatArray, rays: FloatArray, r
     free = np.full(len(origins), reach)
     low = triangles.min(axis=1)
     high = triangles.max(axis=1)
+    ends = origins + reach * rays
+    first = np.minimum(origins, ends)
+    last = np.maximum(origins, ends)
     # Some rays at a time, near each other along the arm, so that few triangles are in their reach.
     for some in np.array_split(np.arange(len(origins)), max(len(origins) // 16, 1)):
-        box = (origins[some].min(axis=0) - reach, origins[some].max(axis=0) + reach)
-        near = triangles[np.all((high >= box[0]) & (low <= box[1]), axis=1)]
-        if len(near):
-            free[some] = np.minimum(free[some], _first_hits(near, origins[some], rays[some], reach))
+        box = (first[some].min(axis=0), last[some].max(axis=0))
+        near = np.flatnonzero(np.all((high >= box[0]) & (low <= box[1]), axis=1))
+        meets = np.all((high[near] >= first[some, None]) & (low[near] <= last[some, None]), axis=-1)
+        ray, triangle = np.nonzero(meets)
+        lengths = _hits(triangles[near[triangle]], origins[some[ray]], rays[some[ray]])
+        np.minimum.at(free, some[ray], lengths)
     return free
 
 
-def _first_hits(triangles: FloatArray, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
+def _hits(triangles: FloatArray, origins: FloatArray, rays: FloatArray) -> FloatArray:
+    """Length of each ray to its triangle, inf where it does not meet it, shape (N,) [m]."""
     first = triangles[:, 1] - triangles[:, 0]
     second = triangles[:, 2] - triangles[:, 0]
-    p = np.cross(rays[:, None], second)
+    p = np.cross(rays, second)
     determinant = np.sum(p * first, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / determinant
-        away = origins[:, None] - triangles[:, 0]
+        away = origins - triangles[:, 0]
         u = np.sum(away * p, axis=-1) * inverse
         q = np.cross(away, first)
-        v = np.sum(rays[:, None] * q, axis=-1) * inverse
+        v = np.sum(rays * q, axis=-1) * inverse
         length = np.sum(second * q, axis=-1) * inverse
         # What is no number, from triangles without area or along the ray, is no hit either.
         hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (length > 0.0)
-    return np.asarray(np.min(np.where(hit, length, reach), axis=1, initial=reach))
+    return np.where(hit, length, np.inf)
