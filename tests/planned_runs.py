@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from ccm_opt import retiming, verification
-from ccm_opt.diagnosis.explain import refuse_closed
+from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.frames import joint_names, revolute_angles

@@ -16,12 +16,14 @@ from typer.testing import CliRunner
 import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.explain import explained, refuse_impossible
+from ccm_opt.diagnosis.explain import explained
+from ccm_opt.diagnosis.in_plane import IN_PLANE
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
 from ccm_opt.diagnosis.passages import PassageSearch
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.reach import least_chord
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
+from ccm_opt.diagnosis.refusals_in_plane import refuse_impossible
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
 from ccm_opt.diagnosis.tightness import tight_places
 from ccm_opt.errors import Diagnosis, Finding, MotionNotFound, ProblemError, RetimingError, UnreachableGoal, sentences
@@ -295,7 +297,7 @@ def test_no_time_no_trial() -> None:
     """Nothing is tried when no time is left; the findings are told all the same."""
     problem = screened(0.05, gap=0.07)
     solver = Threshold(RADIUS, 1.0)
-    error = explained(problem, UnreachableGoal(Diagnosis("no way", "free space")), Trials(solver, later(0.0)))
+    error = explained(problem, UnreachableGoal(Diagnosis("no way", "free space")), Trials(solver, later(0.0)), IN_PLANE)
     assert solver.asked == []
     assert error.diagnosis.findings[0].kind == "too thick"
     assert error.diagnosis.relaxations == ()
@@ -308,7 +310,7 @@ def test_a_search_that_failed_is_explained_by_what_is_tight_and_what_helps() -> 
     problem = screened(0.03, gap=0.066)
     error = MotionNotFound(Diagnosis("no motion found in 7 candidates", "motion", ("raise planner.routes",)))
     solver = Threshold(RADIUS, 0.028)
-    told = explained(problem, error, Trials(solver, later(900.0)))
+    told = explained(problem, error, Trials(solver, later(900.0)), IN_PLANE)
     assert isinstance(told, MotionNotFound)
     assert told.diagnosis.reason == "no motion found in 7 candidates"
     first = told.diagnosis.findings[0]
@@ -322,7 +324,7 @@ def test_a_joint_that_timing_finds_too_weak_is_the_reason() -> None:
     problem = make_limited(open_scene(1).problem())
     evidence = {"revolute": 1, "torque": 4.5, "limit": 3.0, "path_position": 0.5}
     error = RetimingError(Diagnosis("too weak", "retiming", (), evidence))
-    told = explained(problem, error, Trials(lambda _: None, later(900.0))).diagnosis
+    told = explained(problem, error, Trials(lambda _: None, later(900.0)), IN_PLANE).diagnosis
     assert "joint 1 (ball01_bend) needs 4.5 N m" in told.reason
     words = {relaxed.key: relaxed for relaxed in told.relaxations}
     assert words["limits.torque"].words == "limits.torque ≥ 4.703 N m"
@@ -352,7 +354,7 @@ def test_a_sound_obstacle_is_not_removed_where_that_does_not_help() -> None:
         Finding("torque", "weak", bounds={"limits.torque": 2.0, "arm.link_mass": 0.5}),
     )
     tried: list[Problem] = []
-    assert relaxations(make_limited(screened()), findings, Trials(tried.append, later(900.0))) == ()
+    assert relaxations(make_limited(screened()), findings, Trials(tried.append, later(900.0)), IN_PLANE) == ()
     assert tried == []
 
 

@@ -12,8 +12,8 @@ from scipy import ndimage
 
 from ccm_opt.comparison.scenes import Scene, clutter, random_polygon
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
-from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.diagnosis.passages import without
+from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
 from ccm_opt.errors import UnreachableGoal
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from ccm_opt.collision.certificate import Certificate
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.explain import refuse_closed
+from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
 from ccm_opt.diagnosis.shortest_way import shortest_way
 from ccm_opt.errors import NoPlanFound
 from ccm_opt.ground.angles import unit_vector, wrap

@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from ccm_opt.collision.certificate import Certificate
-from ccm_opt.diagnosis.explain import refuse_closed
+from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
 from ccm_opt.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.freespace.free_space import FreeSpace
 from ccm_opt.freespace.obstacle import Obstacle

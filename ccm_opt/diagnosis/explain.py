@@ -1,40 +1,16 @@
-"""What the driver asks: is there any use in planning, and why was no plan found."""
+"""What the driver asks where there is no plan: why, and what change would help."""
 
 import time
 from dataclasses import replace
 
-from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
 from ccm_opt.diagnosis.holding_torque import joint_words, overloaded
-from ccm_opt.diagnosis.in_plane import IN_PLANE
 from ccm_opt.diagnosis.knowledge import Knowledge
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.relaxation import Trials, binding, candidates, hardest_bound, relaxations
 from ccm_opt.errors import Diagnosis, Finding, NoPlanFound, Relaxation, UnreachableGoal
-from ccm_opt.problem import Problem
 from ccm_opt.space.problem import AnyProblem
-
-
-def refuse_impossible(problem: Problem) -> None:
-    """Refuse a problem of which a check that costs next to nothing proves that it has no plan.
-
-    Raises:
-        UnreachableGoal: with the findings.
-    """
-    for number, stop in enumerate(problem.stops, start=1):
-        single = replace(problem, goal=stop.goal, tolerances=stop.tolerances, stops=())
-        refuse(ranked(failed(single, AT_ONCE)), f"goal {number} of {len(problem.stops) + 1}: ")
-    refuse(ranked(failed(problem, AT_ONCE)))
-
-
-def refuse_closed(problem: Problem) -> None:
-    """Refuse a problem of which any of the necessary checks proves that it has no plan.
-
-    Raises:
-        UnreachableGoal: with the findings.
-    """
-    refuse(ranked(failed(problem)))
 
 
 def refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
@@ -51,7 +27,7 @@ def refuse(findings: tuple[Finding, ...], goal: str = "") -> None:
         raise UnreachableGoal(Diagnosis(f"{goal}{findings[0].reason}", "necessary checks", findings=findings))
 
 
-def with_proof(problem: AnyProblem, error: NoPlanFound, knowledge: Knowledge = IN_PLANE) -> NoPlanFound:
+def with_proof(problem: AnyProblem, error: NoPlanFound, knowledge: Knowledge) -> NoPlanFound:
     """The same error with what proves that there is no plan, if anything does; no change of the problem is tried."""
     if error.diagnosis.findings:
         return error  # whose reason is the first of them, and says which of several goals it is about
@@ -61,7 +37,7 @@ def with_proof(problem: AnyProblem, error: NoPlanFound, knowledge: Knowledge = I
     return type(error)(replace(error.diagnosis, reason=reason, findings=findings, advice=advice))
 
 
-def explained(problem: AnyProblem, error: NoPlanFound, trials: Trials, knowledge: Knowledge = IN_PLANE) -> NoPlanFound:
+def explained(problem: AnyProblem, error: NoPlanFound, trials: Trials, knowledge: Knowledge) -> NoPlanFound:
     """The same error with all that is known of why, and the changes with which the problem was solved.
 
     Args:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from ccm_opt.diagnosis.checks import failed
-from ccm_opt.diagnosis.knowledge import Knowledge
+from ccm_opt.diagnosis.knowledge import Knowledge, heading_may_mend
 from ccm_opt.diagnosis.moved_goal import moved_goals
 from ccm_opt.diagnosis.parameters import WholeChange, without_heading
 from ccm_opt.diagnosis.tightness import tight_places
@@ -19,11 +19,6 @@ def _left_out(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[Whole
     heading = without_heading(problem)
     if heading is not None and findings and all(heading_may_mend(finding) for finding in findings):
         yield heading
-
-
-def heading_may_mend(finding: Finding) -> bool:
-    """Whether a finding may be due to the heading, or the direction, asked for at the goal."""
-    return finding.kind in {"too stiff", "contact", "curve"} and not finding.key.startswith("start")
 
 
 def _hopeless(problem: Problem) -> bool:

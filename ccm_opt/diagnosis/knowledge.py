@@ -33,3 +33,8 @@ class Knowledge:
     left_out: Callable[[Any, Findings], Iterator[WholeChange]]
     hints: Callable[[Any], tuple[str, ...]]
     room_name: str
+
+
+def heading_may_mend(finding: Finding) -> bool:
+    """Whether a finding may be due to the heading, or the direction, asked for at the goal."""
+    return finding.kind in {"too stiff", "contact", "curve"} and not finding.key.startswith("start")

@@ -7,7 +7,6 @@ from itertools import chain
 from typing import Any, TypeAlias
 
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
-from ccm_opt.diagnosis.in_plane import IN_PLANE
 from ccm_opt.diagnosis.knowledge import Knowledge
 from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, without_obstacle, without_term
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
@@ -105,7 +104,7 @@ def _in_haste(problem: AnyProblem, limit: float) -> AnyProblem:
 
 
 def relaxations(
-    problem: AnyProblem, findings: tuple[Finding, ...], trials: Trials, knowledge: Knowledge = IN_PLANE
+    problem: AnyProblem, findings: tuple[Finding, ...], trials: Trials, knowledge: Knowledge
 ) -> tuple[Relaxation, ...]:
     """Changes of one thing with which the problem is solved, the smallest first.
 
@@ -145,7 +144,7 @@ def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
 def candidates(
     problem: AnyProblem,
     findings: tuple[Finding, ...],
-    knowledge: Knowledge = IN_PLANE,
+    knowledge: Knowledge,
     most_omitted: int = DEFAULT_DIAGNOSIS.trials.most_omitted,
 ) -> Iterator[Parameter | WholeChange]:
     """What may mend all that is proved, or else all that is likely, most promising first.

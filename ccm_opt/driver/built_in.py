@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ccm_opt.driver.call_arguments import expect_arguments
+from ccm_opt.driver.given_terms import compiled_terms
 from ccm_opt.driver.planner_choice import default_planner
-from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import timed_leg
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics

@@ -4,11 +4,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import overload
 
-from ccm_opt.diagnosis.explain import refuse_impossible
+from ccm_opt.diagnosis.refusals_in_plane import refuse_impossible
 from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.file_words import in_words_of_its_file
-from ccm_opt.driver.planning_run import compiled_terms
+from ccm_opt.driver.given_terms import compiled_terms
 from ccm_opt.driver.pose_failure import failure_words, no_pose
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import NoPlanFound, ProblemError

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.driver.file_words import in_words_of_its_file
-from ccm_opt.driver.planning_run import compiled_terms
+from ccm_opt.driver.given_terms import compiled_terms
 from ccm_opt.errors import ConfigurationNotFound, Diagnosis, ProblemError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.length_words import short_length

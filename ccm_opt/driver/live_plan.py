@@ -4,12 +4,12 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
+from ccm_opt.diagnosis.refusals_in_plane import refuse_closed, refuse_impossible
 from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.file_words import in_words_of_its_file
+from ccm_opt.driver.given_terms import compiled_terms
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.live_settings import LIVE, LiveSettings
-from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, verified_plan
 from ccm_opt.errors import NoPlanFound, ProblemError, VerificationError

@@ -1,6 +1,6 @@
 """Which planner a problem is given to when the user brings none."""
 
-from ccm_opt.diagnosis.explain import refuse_closed
+from ccm_opt.diagnosis.refusals_in_plane import refuse_closed
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.stages import Stages

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from ccm_opt.diagnosis.explain import explained
+from ccm_opt.diagnosis.in_plane import IN_PLANE
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
+from ccm_opt.driver.given_terms import compiled_terms, named_terms
 from ccm_opt.driver.kept_plan import as_it_stands
 from ccm_opt.driver.planned_for_errors import planned_for_errors
 from ccm_opt.driver.planner_choice import default_planner
@@ -16,14 +18,12 @@ from ccm_opt.driver.solve_settings import Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified, verified_plan
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
-from ccm_opt.ground.expected import expect
 from ccm_opt.ground.stages import Stages
-from ccm_opt.jointed.driven_arm import DrivenArm
 from ccm_opt.planners.legs import Leg, plan_legs
 from ccm_opt.planners.protocols import Planner, Retimer
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointPath, Solution
-from ccm_opt.user_terms.compiled_terms import UserTerms, compile_terms
+from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.terms import Constraint, Cost
 
 
@@ -95,7 +95,7 @@ class PlanningRun:
         trials = Trials(
             self._solve_changed, deadline, droppable, self._solve_changed, self._held_again, settings=settings
         )
-        return explained(self.problem, named, trials)
+        return explained(self.problem, named, trials, IN_PLANE)
 
     def _solve_changed(self, changed: Problem, dropped: str = "") -> object:
         """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
@@ -121,23 +121,3 @@ class PlanningRun:
         # What it was certified to keep for the other problem says nothing here.
         leg = Leg(changed, replace(plan.path, spare=0.0))
         return timed_and_verified(changed, (leg,), Stages(), self.retimer, its_terms, self.settings)
-
-
-def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
-    """Kind and name of every constraint and cost that binds a plan, those first that a reason names."""
-    hard = [("constraint", each.name) for each in constraints if not each.soft]
-    soft = [("constraint", each.name) for each in constraints if each.soft]
-    every = [*hard, *soft, *(("cost", each.name) for each in costs)]
-    return tuple(sorted(every, key=lambda term: f"'{term[1]}'" not in reason))
-
-
-def compiled_terms(arm: DrivenArm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms | None:
-    """The user's constraints and costs for an arm; None when there are none.
-
-    Raises:
-        ProblemError: they are no lists, or one of them cannot be used.
-    """
-    # An empty list is fine, and everything else that is as good as false to Python is not.
-    expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")
-    expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
-    return compile_terms(arm, constraints, costs) if constraints or costs else None

@@ -10,9 +10,9 @@ from scipy.interpolate import make_interp_spline
 from ccm_opt import retiming
 from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.file_words import in_words_of_its_file
+from ccm_opt.driver.given_terms import compiled_terms
 from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.space_pipeline import described_in_space
 from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, results_of_terms, verified

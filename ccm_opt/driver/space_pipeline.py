@@ -11,9 +11,9 @@ from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.errors_in_space import planned_for_errors_in_space
 from ccm_opt.driver.file_words import in_words_of_its_file
+from ccm_opt.driver.given_terms import compiled_terms
 from ccm_opt.driver.lowered_costs import planned_with_costs
 from ccm_opt.driver.planned_for_errors import STAGE
-from ccm_opt.driver.planning_run import compiled_terms
 from ccm_opt.driver.several_tries import best_of_tries
 from ccm_opt.driver.solution_assembly import versions
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings

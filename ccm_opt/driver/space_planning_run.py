@@ -10,7 +10,7 @@ from ccm_opt.diagnosis.explain import explained
 from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE, refuse_closed_in_space, refuse_impossible_in_space
 from ccm_opt.diagnosis.recording_planner import RecordingPlanner
 from ccm_opt.diagnosis.relaxation import Trials
-from ccm_opt.driver.planning_run import compiled_terms, named_terms
+from ccm_opt.driver.given_terms import compiled_terms, named_terms
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.space_way_back import way_back
 from ccm_opt.driver.verified_plan import (

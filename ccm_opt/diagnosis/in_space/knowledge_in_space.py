@@ -4,13 +4,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from ccm_opt.diagnosis.explain import refuse
-from ccm_opt.diagnosis.in_plane import heading_may_mend
 from ccm_opt.diagnosis.in_space.moved_space_goal import moved_space_goals
 from ccm_opt.diagnosis.in_space.space_checks import AT_ONCE_IN_SPACE, failed_in_space
 from ccm_opt.diagnosis.in_space.tight_in_space import tight_in_space
 from ccm_opt.diagnosis.in_space.ways_in_space import closed_in_space
 from ccm_opt.diagnosis.in_space.wider_space_room import wider_space_room
-from ccm_opt.diagnosis.knowledge import Knowledge
+from ccm_opt.diagnosis.knowledge import Knowledge, heading_may_mend
 from ccm_opt.diagnosis.parameters import WholeChange
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.diagnosis.unit_hints import unit_hints_in_space

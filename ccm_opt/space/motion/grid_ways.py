@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.compiled_source import compiled_source, pointer_to
@@ -100,6 +99,8 @@ class TipGrid:
 
     @cached_property
     def _labels(self) -> npt.NDArray[np.int32]:
+        from scipy import ndimage  # noqa: PLC0415 - a motion that follows its leader needs none
+
         labels, _ = ndimage.label(self.gaps > 0.0, structure=np.ones((3, 3, 3), dtype=bool))
         return np.asarray(labels)
 
