@@ -2,8 +2,6 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from ccm_opt.cli.drawing_notes import TIMES
 from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output
@@ -12,6 +10,7 @@ from ccm_opt.files.problem_file.space_placement import odd_mesh_size
 from ccm_opt.ground.length_units import METRES
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.scene.bodies import MeshBody
+from ccm_opt.space.scene.surfaces import box_about
 
 
 def tell_of_meshes(problem: SpaceProblem) -> None:
@@ -41,8 +40,7 @@ def mesh_lines(name: str, body: MeshBody, problem: SpaceProblem) -> Iterator[str
         problem: gives the unit of lengths.
     """
     unit = problem.length_unit
-    low = body.vertices.min(axis=0) / METRES[unit]
-    high = body.vertices.max(axis=0) / METRES[unit]
+    low, high = box_about(body.vertices) / METRES[unit]
     size = f" {TIMES} ".join(f"{length:.4g}" for length in high - low)
     corners = f"from ({', '.join(f'{x:.4g}' for x in low)}) to ({', '.join(f'{x:.4g}' for x in high)}) {unit}"
     inside = "closed" if body.closed else "not closed: its surface alone counts"
@@ -56,7 +54,7 @@ def mesh_lines(name: str, body: MeshBody, problem: SpaceProblem) -> Iterator[str
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
     """The same for programs, lengths in metres."""
-    box = np.stack((body.vertices.min(axis=0), body.vertices.max(axis=0)))
+    box = box_about(body.vertices)
     return {
         "obstacle": name,
         "file": body.file,

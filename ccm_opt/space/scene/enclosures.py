@@ -8,6 +8,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.scene.insides import depth_inside, encloses
 from ccm_opt.space.scene.scene import SpaceWorkspace
+from ccm_opt.space.scene.surfaces import box_about
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,9 @@ def _enclosures(workspace: SpaceWorkspace, places: FloatArray) -> Iterator[Enclo
         body = obstacle.body
         if not body.closed:
             continue
-        triangles = body.triangles
-        low = triangles.min(axis=(0, 1)) - body.rounding
-        high = triangles.max(axis=(0, 1)) + body.rounding
-        for number in np.flatnonzero(np.all((places >= low) & (places <= high), axis=1)):
+        low, high = box_about(body.triangles)
+        within = (places >= low - body.rounding) & (places <= high + body.rounding)
+        for number in np.flatnonzero(np.all(within, axis=1)):
             # How deep takes longer to find than whether at all; of what is rounded the depth itself says both.
             if body.rounding or encloses(body, places[number]):
                 depth = depth_inside(body, places[number])

@@ -7,6 +7,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.scene.bodies import Body, CylinderBody, MeshBody
 from ccm_opt.space.scene.point_distances import distance_from_triangles
+from ccm_opt.space.scene.surfaces import box_about
 
 _RAYS = np.array([[0.83, 0.41, 0.37], [-0.29, 0.77, -0.57], [0.13, -0.61, 0.78]])
 """Directions without a pattern, so that no ray runs along the faces and edges that people draw."""
@@ -35,7 +36,8 @@ def encloses(body: Body, point: FloatArray) -> bool:
         point: shape (3,) [m].
     """
     triangles = body.triangles
-    if np.any(point < triangles.min(axis=(0, 1))) or np.any(point > triangles.max(axis=(0, 1))):
+    low, high = box_about(triangles)
+    if np.any((point < low) | (point > high)):
         return False
     if isinstance(body, MeshBody) and not _is_oriented(body):
         votes = [_crossings(point, way, triangles) % 2 for way in _RAYS]

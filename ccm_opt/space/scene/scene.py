@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.scene.bodies import BOX_FACES, Body, box_corners
-from ccm_opt.space.scene.surfaces import SurfaceSoup
+from ccm_opt.space.scene.surfaces import SurfaceSoup, box_about
 
 ROOM_NAME = "room"
 """What the sides of the room are called."""
@@ -52,13 +52,13 @@ class SpaceWorkspace:
     @cached_property
     def extent(self) -> FloatArray:
         """Lower and upper corner of everything, shape (2, 3) [m]; zeros where there is nothing."""
-        soup = self.soup
-        if len(soup) == 0:
+        if len(self.soup) == 0:
             return np.zeros((2, 3))
-        rounding = soup.rounding[:, None]
-        low = (soup.triangles.min(axis=1) - rounding).min(axis=0)
-        high = (soup.triangles.max(axis=1) + rounding).max(axis=0)
-        return np.stack((low, high))
+        bodies = [each.body for each in self.obstacles if len(each.body.triangles)]
+        grown = [box_about(body.triangles) + body.rounding * np.array([[-1.0], [1.0]]) for body in bodies]
+        if self.bounds is not None:
+            grown.append(self.bounds)
+        return box_about(np.stack(grown))
 
     def without(self, name: str) -> "SpaceWorkspace":
         """The same without the obstacles of a name."""

@@ -41,3 +41,14 @@ class SurfaceSoup:
 
     def __len__(self) -> int:
         return len(self.triangles)
+
+
+def box_about(places: FloatArray) -> FloatArray:
+    """Lower and upper corner of the box about some places, shape (2, 3) [m].
+
+    Args:
+        places: at least one, shape (..., 3) [m].
+    """
+    # Column by column: of many rows of three numpy takes the least some ten times as slowly.
+    columns = [places[..., axis] for axis in range(3)]
+    return np.array([[column.min() for column in columns], [column.max() for column in columns]])
