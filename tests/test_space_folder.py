@@ -22,6 +22,8 @@ from ccm_opt.files.export.space_glb import quaternions
 from ccm_opt.files.plotting.space_section import section_along
 from ccm_opt.files.report.space_page_html import space_failure_html
 from ccm_opt.files.saved_plans import SavedSpacePlan, load
+from ccm_opt.files.scene_import.seen_surface import seen_surfaces
+from ccm_opt.ground.c_compiler import has_compiler
 from ccm_opt.jointed.frames import revolute_angles
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.problem import Limits
@@ -259,6 +261,26 @@ def test_thinned_surfaces_stay_near() -> None:
     assert 0 < len(kept) < len(faces) / 2
     assert np.all(np.abs(np.linalg.norm(corners, axis=1) - 1.0) < 0.2 * np.sqrt(3.0))
     assert kept.max() < len(corners)
+
+
+@pytest.mark.skipif(not has_compiler(), reason="needs a C compiler")
+@pytest.mark.parametrize("most", [2000, 900, 300])
+def test_what_is_drawn_of_a_surface_looks_like_it(most: int) -> None:
+    """A torus in fewer triangles is off it by a cell at most, and a small box beside it stays whole."""
+    around, across = np.meshgrid(*2 * [2.0 * np.pi * np.arange(48) / 48], indexing="ij")
+    ring = 1.0 + 0.3 * np.cos(across)
+    vertices = np.stack((ring * np.cos(around), ring * np.sin(around), 0.3 * np.sin(across)), axis=-1).reshape(-1, 3)
+    number = np.arange(48 * 48).reshape(48, 48)
+    corners = [number, np.roll(number, -1, axis=0), np.roll(number, (-1, -1), axis=(0, 1)), np.roll(number, -1, axis=1)]
+    a, b, c, d = (corner.ravel() for corner in corners)
+    faces = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
+    box = seen_triangles(BoxBody(np.zeros(3), np.array([1.0, 2.0, 3.0])), 8)
+    torus, same = seen_surfaces([(vertices, faces), box], most, 100, 0.2)
+    assert same[1] is box[1]
+    assert 0 < len(torus[1]) <= most - len(box[1])
+    middles = torus[0][torus[1]].mean(axis=1)
+    off = np.hypot(np.hypot(middles[:, 0], middles[:, 1]) - 1.0, middles[:, 2]) - 0.3
+    assert np.max(np.abs(off)) < 0.2
 
 
 def test_sharp_edges_of_a_box_are_its_twelve() -> None:

@@ -14,10 +14,10 @@ from ccm_opt.cli.view.meshes import ball, cylinder, turned_to
 from ccm_opt.cli.view.scene import path_of
 from ccm_opt.cli.view.space_frames import SpaceFrames
 from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
+from ccm_opt.files.scene_import.seen_surface import seen_surface
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.round_bodies import seen_triangles
-from ccm_opt.space.scene.thin_surfaces import within
 
 SPACE_LAYERS = {"start": "/start", "poses on the way": "/poses", "names": "/names"}
 """What can be switched on and off, and where it stands in the scene."""
@@ -83,7 +83,7 @@ class SpaceScene:
         extent = float(np.max(np.ptp(problem.workspace.extent, axis=0), initial=problem.arm.length))
         for obstacle in obstacles:
             surface = seen_triangles(obstacle.body, 4 * self.settings.curved)
-            vertices, faces = within(*surface, most, self.settings.cell * extent)
+            vertices, faces = seen_surface(*surface, most, self.settings.cell * extent)
             self.server.scene.add_mesh_simple(
                 path_of("/room", obstacle.name), vertices / self.unit, faces, color=colours.WALLS,
                 opacity=self.opacity, side="double", flat_shading=True,

@@ -175,7 +175,8 @@ class SpacePictureSettings:
     Attributes:
         most_triangles: of all bodies together; of more, small ones are left out.
         least_triangles: of one body, however many there are.
-        cell: width of the cells in which corners are joined first, as a share of the scene's extent.
+        cell: by how much surfaces may be off in a picture, before their corners are joined in cells of this width, as
+            a share of the scene's extent.
         round_sides: of balls and bars.
         fewest_sides: of them where there are so many bodies that each may have few triangles only.
         glass: opacity of one body.

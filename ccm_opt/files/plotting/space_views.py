@@ -11,10 +11,11 @@ from PIL import Image, ImageDraw
 
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePictureSettings
+from ccm_opt.files.scene_import.seen_surface import seen_surfaces
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.scene.round_bodies import seen_triangles
-from ccm_opt.space.scene.thin_surfaces import sharp_edges, within
+from ccm_opt.space.scene.thin_surfaces import sharp_edges
 
 
 @dataclass(frozen=True)
@@ -71,11 +72,18 @@ class SeenScene:
         """Corners, shape (v, 3) [m], and faces, shape (m, 3), of every body; the sides of the room are none."""
         obstacles = self.problem.workspace.obstacles
         extent = float(np.max(np.ptp(self.problem.workspace.extent, axis=0), initial=self.problem.arm.length))
-        most = max(self.settings.most_triangles // max(len(obstacles), 1), self.settings.least_triangles)
+        settings = self.settings
         # A ball of n sides has about n² triangles.
-        sides = self.settings.round_sides if most >= self.settings.round_sides**2 else self.settings.fewest_sides
+        fine = settings.most_triangles >= len(obstacles) * settings.round_sides**2
+        sides = settings.round_sides if fine else settings.fewest_sides
         surfaces = [seen_triangles(obstacle.body, sides) for obstacle in obstacles]
-        return [within(*surface, most, self.settings.cell * extent) for surface in surfaces]
+        return seen_surfaces(surfaces, settings.most_triangles, settings.least_triangles, settings.cell * extent)
+
+    @cached_property
+    def edges(self) -> list[FloatArray]:
+        """Ends of the sharp edges of every body, shape (k, 2, 3) [m]."""
+        sharp = self.settings.sharp
+        return [vertices[sharp_edges(vertices, faces, sharp)] for vertices, faces in self.bodies]
 
     def draw(self, axes: Axes, side: Side) -> None:
         """Draw every body as one sheet of glass with its edges; the limits of the axes must be set."""
@@ -84,15 +92,14 @@ class SeenScene:
         scale = self.settings.glass_pixels / float(np.max(high - low))
         size = (max(round(scale * (high[0] - low[0])), 1), max(round(scale * (high[1] - low[1])), 1))
         clear = np.ones(size[::-1])
-        for vertices, faces in self.bodies:
+        for (vertices, faces), sharp in zip(self.bodies, self.edges, strict=True):
             flat = scale * (side(vertices) - low)
             mask = Image.new("1", size)
             brush = ImageDraw.Draw(mask)
             for corners in flat[faces].reshape(-1, 6).tolist():
                 brush.polygon(corners, fill=1, outline=1)
             clear[np.asarray(mask)] *= 1.0 - self.settings.glass
-            lines = side(vertices[sharp_edges(vertices, faces, self.settings.sharp)])
-            edges = LineCollection(list(lines), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5)
+            edges = LineCollection(list(side(sharp)), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5)
             axes.add_collection(edges)
         picture = np.empty((*clear.shape, 4))
         picture[..., :3] = to_rgb(style.WALL_EDGE)
