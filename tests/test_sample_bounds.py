@@ -125,6 +125,32 @@ def test_a_straight_motion_in_joint_space_strays_nowhere() -> None:
     assert interpolation_deviation(plain_arm(6), trajectory) == pytest.approx(0.0, abs=1e-12)
 
 
+@given(*[st.floats(-1.0, 4.0)] * 2, *[st.floats(-15.0, 15.0)] * 2)
+@settings(max_examples=200)
+def test_along_a_way_a_smooth_curve_strays_by_what_it_leaves_at_the_ends(
+    start: float, end: float, first: float, last: float
+) -> None:
+    """All goes along one way: what passes its ends is within the bound, which is nought where no coefficient does."""
+    arm = plain_arm(6)
+    way = np.eye(1, 6) * 1e-3
+    step = 0.004
+    rates = np.array([[start], [end]]) * way / step
+    growth = np.array([[first], [last]]) * way / step**2
+    found = interpolation_deviation(
+        arm, JointTrajectory(np.array([0.0, step]), np.vstack((0 * way, way)), rates, growth)
+    )
+    cubic = BPoly.from_derivatives([0.0, 1.0], [[0.0, start], [1.0, end]])
+    quintic = BPoly.from_derivatives([0.0, 1.0], [[0.0, start, first], [1.0, end, last]])
+    inner = np.concatenate((cubic.c[1:-1, 0], quintic.c[1:-1, 0]))
+    if np.all(np.minimum(inner, 1.0 - inner) > 1e-9):
+        assert found <= 1e-12
+        return
+    places = np.concatenate([curve(np.linspace(0.0, 1.0, 201)) for curve in (cubic, quintic)])
+    passed = float(np.max(np.maximum(-places, places - 1.0)))
+    # The tip moves on a circle about the base, whose chords are a little shorter than its arcs.
+    assert (1.0 - 1e-3) * arm.length * 1e-3 * passed <= found + 1e-12
+
+
 def _smooth_step() -> list[np.polynomial.Polynomial]:
     step = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
     return [step, step.deriv(), step.deriv(2)]

@@ -25,6 +25,7 @@ from ccm_opt.verification.tolerance.error_model import (
     wall_errors,
 )
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors, worst_motion
+from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE
 from ccm_opt.verification.wall_clearance import check_walls
 
 from .arms import plain_arm
@@ -114,6 +115,22 @@ def test_motions_within_the_certified_joint_error_touch_nothing(seed: int, links
     if found.size > 0.0:
         shift = found.size * np.array(found.worst) if found.worst else np.zeros(links)
         assert perturbed_gap(arm, workspace, poses, np.tile(shift, (len(poses), 1))) >= -1e-9
+
+
+@settings(max_examples=10, deadline=None)
+@given(SEEDS, st.sampled_from((4, 10)))
+def test_what_is_not_settled_in_time_is_certified_for_less(seed: int, links: int) -> None:
+    """Where nothing may be halved, the error that is certified gives way, is no larger, and touches nothing either."""
+    rng = np.random.default_rng(seed)
+    arm, workspace, poses = drawn_case(rng, links)
+    model = joint_errors(arm)
+    hasty = survived_error(arm, workspace, motion_of(poses), model, replace(DEFAULT_TOLERANCE, depth=0))
+    patient = survived_error(arm, workspace, motion_of(poses), model)
+    # The upper end is what some pose allows, and what is certified falls short of it by the precision.
+    assert hasty.size <= patient.size / (1.0 - DEFAULT_TOLERANCE.precision) + 1e-12
+    for _ in range(4):
+        extreme = hasty.size * rng.choice((-1.0, 1.0), links)
+        assert perturbed_gap(arm, workspace, poses, np.tile(extreme, (len(poses), 1))) >= -1e-9
 
 
 @settings(max_examples=15, deadline=None)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -305,6 +306,24 @@ def test_falsified_rates_are_refused(field: str, names: set[str]) -> None:
     assert names <= failures(verify(problem, false, joints))
 
 
+@settings(max_examples=30)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 60))
+def test_velocities_that_accelerations_explain_need_no_allowance_but_rounding(seed: int, count: int) -> None:
+    """Steps of constant acceleration pass where nothing may stay unseen, and a step that gains more does not."""
+    rng = np.random.default_rng(seed)
+    problem, trajectory, _ = make_case()
+    time = np.append(0.0, np.cumsum(rng.uniform(1e-4, 4.9e-3, count - 1)))
+    value = np.tile(rng.uniform(-5.0, 5.0, problem.arm.links), (count, 1))
+    speed = np.cumsum(np.diff(time, prepend=0.0)[:, None] * value, axis=0)
+    seen = replace(trajectory, time=time, positions=speed, velocities=speed, accelerations=value)
+    strict = replace(DEFAULT_VERIFICATION, unseen_share=0.0, unseen_floor=0.0)
+    states = make_states(problem, seen)
+    name = "accelerations against velocities"
+    assert named(verify(problem, seen, states, strict), name).passed
+    jump = np.where(np.arange(count) < count // 2, 0.0, 1e-9)[:, None]
+    assert not named(verify(problem, replace(seen, velocities=speed + jump), states, strict), name).passed
+
+
 def test_a_motion_too_fast_is_refused_even_when_every_report_agrees() -> None:
     """Rates reported at half their true values everywhere cannot hide a broken velocity limit."""
     end = np.full(6, 1.9) * np.array([1, -1, 1, -1, 1, -1])
@@ -496,6 +515,21 @@ def test_runs_of_edges_contain_their_edges(seed: int, vertices: int) -> None:
         assert np.all(away + edges.rounding <= edges.runs.radius[place])
     if vertices < 60:
         assert len(edges.runs.radius) == len(edges.owner)
+
+
+@given(seed=st.integers(0, 2**32 - 1), power=st.integers(-17, 20))
+def test_what_no_coordinate_of_walls_exceeds_has_their_scale(seed: int, power: int) -> None:
+    """Walls of a room that is any power of two as large exceed nothing but as much more, small ones too."""
+    obstacles = random_obstacles(np.random.default_rng(seed))
+    sizes = []
+    for scale in (1.0, 2.0**power):
+        scaled = [shapely.affinity.scale(each.core, scale, scale, origin=(0.0, 0.0)) for each in obstacles]
+        room = shapely.box(-scale, -scale, scale, scale)
+        edges = wall_edges(Workspace(room, tuple(Obstacle(f"wall {k}", core) for k, core in enumerate(scaled))))
+        coordinates = np.concatenate([shapely.get_coordinates(each) for each in (room, *scaled)])
+        assert edges.size == np.abs(coordinates).max()
+        sizes.append(edges.size)
+    assert sizes[1] == sizes[0] * 2.0**power
 
 
 @settings(max_examples=40)
