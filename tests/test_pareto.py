@@ -9,20 +9,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from typer.testing import CliRunner
 
 from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
+from ccm_opt.diagnosis.in_space.possible_space_gap import possible_gap_in_space
 from ccm_opt.driver.pareto import _Judgement
 from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
+from ccm_opt.driver.space_room import room_in_space
 from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.files.plotting.pareto_picture import pareto_png
 from ccm_opt.files.problem_file import parse_problem
 from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
+from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.verification.room_over_time import room_over_time
 
 from .conftest import PROBLEMS, SMALL_PROBLEM, make_solution
@@ -31,7 +34,7 @@ FIGURES = st.lists(st.tuples(st.floats(0.5, 5.0), st.floats(0.0, 0.05)), min_siz
 """Durations [s] and least gaps [m] of some plans."""
 
 
-def made_up(problem: Problem, duration: float, gap: float) -> ParetoPlan:
+def made_up(problem: Problem, duration: float, gap: float) -> ParetoPlan[Solution]:
     """A plan of which only the duration and the least gap count."""
     solution = make_solution(problem, np.full(problem.arm.links, 0.3))
     trajectory = replace(solution.trajectory, time=duration * solution.trajectory.time)
@@ -103,6 +106,62 @@ def test_without_any_plan_there_is_a_reason(small_problem: Problem) -> None:
         pareto(replace(small_problem, goal=goal), explain=False)
 
 
+SMALL_IN_SPACE = """
+schema = 1
+space = 3
+name = "post"
+
+[workspace]
+bounds = [[-0.1, -0.5, -0.5], [1.0, 0.5, 0.5]]
+
+[[workspace.obstacles]]
+name = "post"
+cylinder = {{ from = [0.4, {aside}, -0.5], to = [0.4, {aside}, 0.5], radius = 0.05 }}
+
+[arm]
+links = 8
+link_length = 0.1
+radius = 0.02
+base = {{ position = [0.0, 0.0, 0.0], direction = [1.0, 0.0, 0.0], up = [0.0, 0.0, 1.0] }}
+joint_limit_deg = 60.0
+
+[limits]
+velocity = 1.0
+acceleration = 5.0
+
+[start]
+shape = "straight"
+
+[goal]
+position = [0.6, 0.3, {height}]
+"""
+"""An arm beside a post in space; where the post stands and how high the goal is are put in."""
+
+
+@settings(max_examples=3, deadline=None)
+@given(aside=st.floats(0.08, 0.2), height=st.floats(-0.2, 0.2))
+def test_no_motion_in_space_has_more_room_than_its_bound(aside: float, height: float) -> None:
+    """No wanted gap leads to a plan that keeps more than the bound, but for the tolerance of the goal."""
+    problem = parse_problem(SMALL_IN_SPACE.format(aside=aside, height=height), "post.toml")
+    assert isinstance(problem, SpaceProblem)
+    found = pareto(problem, explain=False, trade_off=ParetoSettings(shares=(0.5, 1.0)))
+    top = 4.0 * problem.default_gap
+    for plan in found.plans:
+        assert plan.solution is not None
+        room = room_in_space(with_gap(problem, top), plan.solution.trajectory)
+        bound = possible_gap_in_space(problem, room)
+        assert bound is not None
+        assert min(room.nearest.gap, top) <= bound.value + problem.tolerances.position
+        assert plan.wanted_gap <= bound.value + 1e-12
+    assert found.best.room is not None
+    assert found.plans[found.recommended - 1].duration <= 1.15 * found.fastest
+
+
+def with_gap(problem: SpaceProblem, gap: float) -> SpaceProblem:
+    """The problem with another wanted gap [m]."""
+    return replace(problem, planner=replace(problem.planner, wanted_gap=gap), source="")
+
+
 # ---------------------------------------------------------------- through the command line
 
 
@@ -112,13 +171,14 @@ def run(*arguments: object) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-@pytest.fixture(scope="module")
-def forked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """The folder of the fork with its plans, and what was printed."""
+@pytest.fixture(scope="module", params=["fork", "space/wing-box"])
+def forked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The folder of the fork, or of a problem in space, with its plans, and what was printed."""
     out = tmp_path_factory.mktemp("runs")
-    code, output = run("solve", "--pareto", PROBLEMS / "fork.toml", "--out", out)
+    file = PROBLEMS / f"{request.param}.toml"
+    code, output = run("solve", "--pareto", file, "--out", out)
     assert code == 0, output
-    return out / "fork", output
+    return out / file.stem, output
 
 
 @pytest.mark.slow
@@ -176,10 +236,11 @@ def test_every_plan_has_a_page_that_leads_to_the_others(forked: tuple[Path, str]
 @pytest.mark.slow
 def test_a_single_plan_takes_the_place_of_several(forked: tuple[Path, str], tmp_path: Path) -> None:
     """A later solve leaves none of the five plans behind, and keeps what the user put beside them."""
-    folder = tmp_path / "fork"
+    folder = tmp_path / forked[0].name
     shutil.copytree(forked[0], folder)
     (folder / "notes.txt").write_text("mine")
-    code, output = run("solve", PROBLEMS / "fork.toml", "--out", folder.parent, "--no-pictures")
+    file = next(PROBLEMS.rglob(f"{folder.name}.toml"))
+    code, output = run("solve", file, "--out", folder.parent, "--no-pictures")
     assert code == 0, output
     assert not (folder / "pareto").exists()
     assert not (folder / "pareto.json").exists()

@@ -49,7 +49,7 @@ def plan_pictures(
         plans: of which it is one, where there are several.
     """
     if isinstance(solution, SpaceSolution):
-        return space_pictures(solution, kind)
+        return space_pictures(solution, kind, plans)
     from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415
     from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
@@ -63,8 +63,10 @@ def plan_pictures(
     }
 
 
-def space_pictures(solution: SpaceSolution, kind: FigureKind = "png") -> Mapping[str, bytes]:
-    """The pictures of a plan in space that was just made, by file name."""
+def space_pictures(
+    solution: SpaceSolution, kind: FigureKind = "png", plans: "PlanPages | None" = None
+) -> Mapping[str, bytes]:
+    """The pictures of a plan in space that was just made, by file name; arguments as for ``plan_pictures``."""
     from ccm_opt.files.plotting.films import motion_gif  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415
     from ccm_opt.files.report.space_page_html import space_report_html  # noqa: PLC0415
@@ -72,16 +74,13 @@ def space_pictures(solution: SpaceSolution, kind: FigureKind = "png") -> Mapping
     return {
         f"plan.{kind}": space_plan_picture(solution, kind),
         "motion.gif": motion_gif(solution),
-        "report.html": space_report_html(solution, pictures=(f"plan.{kind}", "motion.gif")).encode(),
+        "report.html": space_report_html(solution, pictures=(f"plan.{kind}", "motion.gif"), plans=plans).encode(),
     }
 
 
-def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str, bytes]:
+def pareto_pictures(found: ParetoPlans[AnySolution], kind: FigureKind = "png") -> Mapping[str, bytes]:
     """The pictures of several plans: all of the recommended one, a picture and a page of each, and the trade-off."""
-    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
-    from ccm_opt.files.plotting.pareto_picture import pareto_png  # noqa: PLC0415
-    from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
-    from ccm_opt.files.report.page import report_html  # noqa: PLC0415
+    from ccm_opt.files.plotting.pareto_picture import pareto_png  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.files.report.plans_section import PlanPages  # noqa: PLC0415
 
     page = "report.html"
@@ -94,10 +93,26 @@ def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str
             continue
         still = f"plan.{kind}"
         beside = tuple(f"../{other}/{page}" if other != number else "" for other in numbers)
-        report = report_html(plan.solution, pictures=(still,), plans=PlanPages(found, beside))
-        pictures[f"{folder_of(number)}/{still}"] = plan_picture(DrawnPlan.from_solution(plan.solution), kind)
+        picture, report = _picture_and_page(plan.solution, kind, PlanPages(found, beside))
+        pictures[f"{folder_of(number)}/{still}"] = picture
         pictures[f"{folder_of(number)}/{page}"] = report.encode()
     return pictures
+
+
+def _picture_and_page(solution: AnySolution, kind: FigureKind, plans: "PlanPages") -> tuple[bytes, str]:
+    """The still picture of one of several plans, and its page, which shows no film."""
+    pictures = (f"plan.{kind}",)
+    if isinstance(solution, SpaceSolution):
+        from ccm_opt.files.plotting.space_plan import space_plan_picture  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.files.report.space_page_html import space_report_html  # noqa: PLC0415
+
+        return space_plan_picture(solution, kind), space_report_html(solution, pictures=pictures, plans=plans)
+    from ccm_opt.files.plotting.drawn_plan import DrawnPlan  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.files.plotting.plan import plan_picture  # noqa: PLC0415
+    from ccm_opt.files.report.page import report_html  # noqa: PLC0415
+
+    drawing = plan_picture(DrawnPlan.from_solution(solution), kind)
+    return drawing, report_html(solution, pictures=pictures, plans=plans)
 
 
 def draw_folders(folders: Sequence[Path], options: DrawOptions) -> int:

@@ -9,8 +9,7 @@ from ccm_opt.cli.mesh_notes import tell_of_meshes
 from ccm_opt.cli.outside_files import outside_allowed
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file import load_problem
-from ccm_opt.problem import Problem
-from ccm_opt.space.problem import AnyProblem, SpaceProblem, in_the_plane
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 
 
 @dataclass
@@ -24,18 +23,6 @@ class NamedProblems:
 
     changes: Sequence[str] = ()
     taken: dict[str, Path] = field(default_factory=dict)
-
-    def read_planar(self, file: Path, what: str) -> Problem:
-        """The problem of a file, which must be in the plane.
-
-        Args:
-            file: the problem file.
-            what: what knows the plane alone, for the refusal.
-
-        Raises:
-            ProblemError: as for ``read``, or it is in space.
-        """
-        return in_the_plane(self.read(file), what)
 
     def read(self, file: Path) -> AnyProblem:
         """The problem of a file; what became of its drawing, or of its meshes, is told.

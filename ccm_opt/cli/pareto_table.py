@@ -8,6 +8,7 @@ from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.cli.tables import columned_table, print_room, report_console, stage_line, units_of
 from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord
+from ccm_opt.space.space_solution import AnySolution
 
 COLUMNS = (
     "plan",
@@ -23,7 +24,7 @@ COLUMNS = (
 """Gaps are those beyond the clearance, with their unit."""
 
 
-def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
+def print_pareto(found: ParetoPlans[AnySolution], clock: StageClock, folder: str) -> None:
     """Print what came out of the trade-off between time and room, on stdout."""
     units = units_of(found.problem)
     table = columned_table(f"{found.problem.name}: from the fastest plan to the roomiest", COLUMNS)
@@ -38,7 +39,7 @@ def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
     console.print(escape(f"written to {folder}, every plan to its folder in {folder}/pareto"), soft_wrap=True)
 
 
-def _cells(plan: ParetoPlan, units: PageUnits) -> tuple[str, ...]:
+def _cells(plan: ParetoPlan[AnySolution], units: PageUnits) -> tuple[str, ...]:
     wanted = units.given(plan.wanted_gap, "m")
     if plan.solution is None:
         return (wanted, *[""] * 6)
@@ -61,7 +62,7 @@ def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace], units: 
     return f"{'' if near.link else '> '}{units.length(near.gap)}"
 
 
-def _note(found: ParetoPlans, plan: ParetoPlan, number: int) -> str:
+def _note(found: ParetoPlans[AnySolution], plan: ParetoPlan[AnySolution], number: int) -> str:
     """What there is to say of a plan beside its figures."""
     if plan.solution is None:
         return f"no plan: {plan.reason}"

@@ -18,7 +18,6 @@ from ccm_opt.cli.term_references import NO_TERMS, TermReferences
 from ccm_opt.cli.watchdog import ended_when_silent
 from ccm_opt.files.export.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.files.export.pareto_folder import pareto_files
-from ccm_opt.problem import Problem
 from ccm_opt.space.problem import AnyProblem
 
 
@@ -66,9 +65,8 @@ def solve_files(files: Sequence[Path], options: SolveOptions) -> int:
     problems = NamedProblems(options.changes)
 
     def solve_one(file: Path) -> int:
-        if options.several:
-            return _solve_several(problems.read_planar(file, "ccm-opt solve --pareto"), options)
-        return _solve(problems.read(file), options)
+        problem = problems.read(file)
+        return _solve_several(problem, options) if options.several else _solve(problem, options)
 
     return run_all(files, solve_one)
 
@@ -96,7 +94,7 @@ def _solve(problem: AnyProblem, options: SolveOptions) -> int:
     return print_result(lambda: print_solution(solution, clock, str(target)), code, lambda: _data(files, target))
 
 
-def _solve_several(problem: Problem, options: SolveOptions) -> int:
+def _solve_several(problem: AnyProblem, options: SolveOptions) -> int:
     """Plans from the fastest to the roomiest, all written, the recommended one in the place of the only one."""
     target = options.out / problem.name
     check_target(target)

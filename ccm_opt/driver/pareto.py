@@ -2,23 +2,28 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import overload
 
+from ccm_opt.diagnosis.in_space.possible_space_gap import possible_gap_in_space
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.call_arguments import expect_arguments
-from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.pareto_settings import DEFAULT_PARETO, ParetoSettings
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.space_room import room_in_space
 from ccm_opt.errors import CancelledWithPlan, NoPlanFound, ProblemError, VerificationError
 from ccm_opt.ground.expected import expect
+from ccm_opt.ground.length_words import words_in
 from ccm_opt.ground.progress import Progress
 from ccm_opt.problem import Problem
-from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
+from ccm_opt.solution import ParetoPlan, ParetoPlans, PossibleGap, Solution
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
+from ccm_opt.space.space_solution import AnySolution, SpaceSolution
 from ccm_opt.user_terms.terms import Constraint, Cost
 from ccm_opt.verification.room_over_time import room_over_time
 
 
-@in_words_of_its_file
+@overload
 def pareto(
     problem: Problem,
     *,
@@ -28,8 +33,46 @@ def pareto(
     explain: bool = True,
     settings: Settings | None = None,
     trade_off: ParetoSettings = DEFAULT_PARETO,
-) -> ParetoPlans:
-    """Plan a problem several times, from the fastest motion to the roomiest.
+) -> ParetoPlans[Solution]: ...
+
+
+@overload
+def pareto(
+    problem: SpaceProblem,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    explain: bool = True,
+    settings: Settings | None = None,
+    trade_off: ParetoSettings = DEFAULT_PARETO,
+) -> ParetoPlans[SpaceSolution]: ...
+
+
+@overload
+def pareto(
+    problem: AnyProblem,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    explain: bool = True,
+    settings: Settings | None = None,
+    trade_off: ParetoSettings = DEFAULT_PARETO,
+) -> ParetoPlans[AnySolution]: ...
+
+
+def pareto(
+    problem: AnyProblem,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    constraints: Sequence[Constraint] = (),
+    costs: Sequence[Cost] = (),
+    explain: bool = True,
+    settings: Settings | None = None,
+    trade_off: ParetoSettings = DEFAULT_PARETO,
+) -> ParetoPlans[AnySolution]:
+    """Plan a problem, in the plane or in space, several times, from the fastest motion to the roomiest.
 
     The first plan wants no gap. The others want gaps between the one that it keeps unasked and the largest that makes
     sense in the scene: some times the default, or, where that is less, what any motion can keep. Every plan has the
@@ -53,18 +96,23 @@ def pareto(
         VerificationError: the verifier refuses that plan.
         CancelledWithPlan: on Ctrl-C once there is the first plan, which it holds.
     """
-    Problem.expected(problem)
+    if not isinstance(problem, SpaceProblem):
+        Problem.expected(problem)
     expect_arguments(progress=progress, settings=settings, explain=explain)
     expect(trade_off, ParetoSettings, "ParetoSettings for trade_off=")
-    if problem.arm.base_axes or problem.planner.method != "nlp":
-        raise ProblemError(
-            f'{problem.name}: plans for several wanted gaps need a fixed base and planner.method "nlp"; '
-            "other planners do not know wanted gaps"
-        )
-    numbers = settings or DEFAULT_SETTINGS
-    run = _Run(problem, progress, constraints, costs, numbers)
+    _refuse_planners_without_gaps(problem)
+    run = _Run(problem, progress, constraints, costs, settings or DEFAULT_SETTINGS)
+    with words_in(problem.length_unit):
+        plans, most = _plans(run, trade_off, explain=explain)
+    judgement = _Judgement(plans, most, problem.arm.length, trade_off)
+    judged = tuple(replace(plan, dominated_by=judgement.dominator(plan)) for plan in plans)
+    return ParetoPlans(problem, judged, judgement.recommended(), trade_off.most_time)
+
+
+def _plans(run: "_Run", trade_off: ParetoSettings, *, explain: bool) -> tuple[list[ParetoPlan[AnySolution]], float]:
+    """All plans with their prices, in the order of their wanted gaps, and the largest of these [m]."""
     first = run.solved(0.0, 1, explain=explain)
-    plans = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
+    plans: list[ParetoPlan[AnySolution]] = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
     try:
         roomiest = run.roomiest(first, trade_off)
         # What the fastest keeps unasked is no wish.
@@ -74,23 +122,31 @@ def pareto(
     except KeyboardInterrupt as interrupt:
         raise CancelledWithPlan(first) from interrupt
     plans.append(roomiest)
-    plans = [_priced(plan, first.trajectory.duration) for plan in plans]
-    judgement = _Judgement(plans, roomiest.wanted_gap, problem.arm.length, trade_off)
-    judged = tuple(replace(plan, dominated_by=judgement.dominator(plan)) for plan in plans)
-    return ParetoPlans(problem, judged, judgement.recommended(), trade_off.most_time)
+    return [_priced(plan, first.trajectory.duration) for plan in plans], roomiest.wanted_gap
+
+
+def _refuse_planners_without_gaps(problem: AnyProblem) -> None:
+    """Refuse planners that know no wanted gaps; that of arms in space does, with a feed axis too."""
+    if isinstance(problem, SpaceProblem):
+        return
+    if problem.arm.base_axes or problem.planner.method != "nlp":
+        raise ProblemError(
+            f'{problem.name}: plans for several wanted gaps need a fixed base and planner.method "nlp"; '
+            "other planners do not know wanted gaps"
+        )
 
 
 @dataclass(frozen=True)
 class _Run:
     """Solves one problem with different wanted gaps; attributes as for ``pareto``."""
 
-    problem: Problem
+    problem: AnyProblem
     progress: Callable[[Progress], None] | None
     constraints: Sequence[Constraint]
     costs: Sequence[Cost]
     settings: Settings
 
-    def solved(self, wanted_gap: float, number: int, *, explain: bool = False) -> Solution:
+    def solved(self, wanted_gap: float, number: int, *, explain: bool = False) -> AnySolution:
         """The plan for a wanted gap [m]; raises as ``solve`` does."""
         options = replace(self.problem.planner, wanted_gap=wanted_gap)
 
@@ -107,7 +163,7 @@ class _Run:
             settings=self.settings,
         )
 
-    def tried(self, wanted_gap: float, number: int) -> ParetoPlan:
+    def tried(self, wanted_gap: float, number: int) -> ParetoPlan[AnySolution]:
         """The plan for a wanted gap [m], or the reason why there is none."""
         try:
             solution = self.solved(wanted_gap, number)
@@ -117,7 +173,7 @@ class _Run:
             return ParetoPlan(wanted_gap, None, "the verifier refuses the plan: " + "; ".join(failure.failures))
         return ParetoPlan(wanted_gap, solution, cpu=_planning_time(solution))
 
-    def roomiest(self, fastest: Solution, trade_off: ParetoSettings) -> ParetoPlan:
+    def roomiest(self, fastest: AnySolution, trade_off: ParetoSettings) -> ParetoPlan[AnySolution]:
         """The plan for the largest wanted gap that the scene has."""
         number = len(trade_off.shares) + 1
         top = largest_wanted_gap(fastest, self.settings, trade_off)
@@ -132,7 +188,7 @@ class _Run:
 
 
 def largest_wanted_gap(
-    plan: Solution, settings: Settings = DEFAULT_SETTINGS, trade_off: ParetoSettings = DEFAULT_PARETO
+    plan: AnySolution, settings: Settings = DEFAULT_SETTINGS, trade_off: ParetoSettings = DEFAULT_PARETO
 ) -> float:
     """The largest gap that is worth asking for [m]: some times the default, or what any motion can keep at most.
 
@@ -141,22 +197,30 @@ def largest_wanted_gap(
         settings: of all stages.
         trade_off: how many times the default.
     """
-    problem = plan.problem
-    usual = problem.default_gap
+    usual = plan.problem.default_gap
     most = trade_off.most * usual
-    room = room_over_time(problem, plan.trajectory, most, plan.checks, settings.room, settings.verification)
-    bound = possible_gap(problem, room, settings.diagnosis.passages)
+    bound = _bound_below(most, plan, settings)
     if bound is None or bound.value < trade_off.least_top * usual:
         return most
     return min(most, bound.value)
 
 
-def _planning_time(solution: Solution) -> float:
+def _bound_below(most: float, plan: AnySolution, settings: Settings) -> PossibleGap | None:
+    """What bounds the gap of every motion for a problem, as far as that is at most ``most`` [m]."""
+    if isinstance(plan, SpaceSolution):
+        options = replace(plan.problem.planner, wanted_gap=most)
+        of_most = room_in_space(replace(plan.problem, planner=options, source=""), plan.trajectory)
+        return possible_gap_in_space(plan.problem, of_most, settings.diagnosis.ways)
+    room = room_over_time(plan.problem, plan.trajectory, most, plan.checks, settings.room, settings.verification)
+    return possible_gap(plan.problem, room, settings.diagnosis.passages)
+
+
+def _planning_time(solution: AnySolution) -> float:
     """CPU time of everything but the simulation [s]."""
     return sum(seconds for stage, seconds in solution.timings.items() if stage != "simulation")
 
 
-def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
+def _priced(plan: ParetoPlan[AnySolution], fastest: float) -> ParetoPlan[AnySolution]:
     """The plan with what its wanted gap costs in time."""
     solution = plan.solution
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
@@ -176,12 +240,12 @@ class _Judgement:
         trade_off: what counts as equal, and how much slower the recommended plan may be.
     """
 
-    plans: Sequence[ParetoPlan]
+    plans: Sequence[ParetoPlan[AnySolution]]
     most_gap: float
     length: float
     trade_off: ParetoSettings
 
-    def dominator(self, plan: ParetoPlan) -> int:
+    def dominator(self, plan: ParetoPlan[AnySolution]) -> int:
         """Number of a plan that is no worse in time and room and better in one of them; 0 when there is none."""
         if plan.solution is None:
             return 0
@@ -210,9 +274,9 @@ class _Judgement:
         """Gaps that differ by less count as equal [m]."""
         return self.trade_off.same_gap * self.length
 
-    def worth(self, plan: ParetoPlan) -> float:
+    def worth(self, plan: ParetoPlan[AnySolution]) -> float:
         """Its least gap as far as it counts [m]."""
         return min(plan.gap, self.most_gap)
 
-    def _rank(self, plan: ParetoPlan) -> tuple[float, float]:
+    def _rank(self, plan: ParetoPlan[AnySolution]) -> tuple[float, float]:
         return self.worth(plan), -plan.duration

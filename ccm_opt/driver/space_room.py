@@ -23,8 +23,9 @@ def room_in_space(
     even = np.linspace(0, len(trajectory.time) - 1, min(settings.looks, len(trajectory.time))).round().astype(np.intp)
     samples = np.union1d(even, rests)
     points = joint_positions(problem.arm, trajectory.positions[samples])
-    # Far enough that the wanted gap can be told from more.
-    reach = max(problem.arm.link_length, settings.beyond_wanted * problem.wanted_gap) + problem.workspace.clearance
+    # Far enough that the wanted gap, or the usual one, can be told from more.
+    wanted = max(problem.wanted_gap, problem.default_gap)
+    reach = max(problem.arm.link_length, settings.beyond_wanted * wanted) + problem.workspace.clearance
     gaps = GapsAtSamples.of(problem, points, reach)
     walls = gaps.walls.gap - problem.workspace.clearance
     itself = gaps.itself.gap

@@ -1,15 +1,20 @@
 """Plans of one problem from the fastest to the roomiest, and which of them an engineer would run."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
-from ccm_opt.problem import Problem
-from ccm_opt.solution.stage_results import Solution
+if TYPE_CHECKING:
+    from ccm_opt.space.problem import AnyProblem
+    from ccm_opt.space.space_solution import AnySolution
+
+SolutionT_co = TypeVar("SolutionT_co", bound="AnySolution", covariant=True)
+"""What solves the problem: a plan in the plane, or one in space."""
 
 
 @dataclass(frozen=True, eq=False)
-class ParetoPlan:
+class ParetoPlan(Generic[SolutionT_co]):
     """A plan for one wanted gap.
 
     Attributes:
@@ -22,7 +27,7 @@ class ParetoPlan:
     """
 
     wanted_gap: float
-    solution: Solution | None
+    solution: SolutionT_co | None
     reason: str = ""
     cpu: float = 0.0
     dominated_by: int = 0
@@ -67,7 +72,7 @@ class ParetoPlan:
 
 
 @dataclass(frozen=True, eq=False)
-class ParetoPlans:
+class ParetoPlans(Generic[SolutionT_co]):
     """The trade-off between time and room.
 
     Attributes:
@@ -77,13 +82,13 @@ class ParetoPlans:
         most_time: share by which that plan may be slower than the fastest.
     """
 
-    problem: Problem
-    plans: tuple[ParetoPlan, ...]
+    problem: "AnyProblem"
+    plans: tuple[ParetoPlan[SolutionT_co], ...]
     recommended: int
     most_time: float
 
     @property
-    def best(self) -> Solution:
+    def best(self) -> SolutionT_co:
         """The plan to run."""
         solution = self.plans[self.recommended - 1].solution
         if solution is None:

@@ -171,18 +171,3 @@ class SpaceProblem:
 
 AnyProblem: TypeAlias = Problem | SpaceProblem
 """A problem in the plane or in space."""
-
-
-def in_the_plane(problem: AnyProblem, what: str) -> Problem:
-    """Refuse a problem in space where the plane alone is known.
-
-    Args:
-        problem: a problem.
-        what: what knows the plane alone, for example "ccm-opt pose".
-
-    Raises:
-        ProblemError: it is in space.
-    """
-    if isinstance(problem, SpaceProblem):
-        raise ProblemError(f"{what} works in the plane alone, and '{problem.name}' is in space (space = 3)")
-    return problem

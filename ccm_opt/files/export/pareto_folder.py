@@ -6,12 +6,13 @@ from ccm_opt.files.export.folder import PARETO_RECORD, solution_files
 from ccm_opt.files.export.room_json import place_data
 from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.solution import ParetoPlan, ParetoPlans
+from ccm_opt.space.space_solution import AnySolution
 
 SCHEMA = 1
 """Version of the layout of ``pareto.json``."""
 
 
-def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
+def pareto_files(found: ParetoPlans[AnySolution]) -> dict[str, bytes]:
     """Content of every file but the pictures, by file name.
 
     The recommended plan's are those that ``solve`` would write; those of all plans are in the folder ``pareto``.
@@ -30,7 +31,7 @@ def folder_of(number: int) -> str:
     return f"pareto/{number}"
 
 
-def pareto_json(found: ParetoPlans) -> str:
+def pareto_json(found: ParetoPlans[AnySolution]) -> str:
     """The record of the trade-off; lengths [m], times [s]."""
     plans = [_plan_data(plan, number) for number, plan in enumerate(found.plans, start=1)]
     record = {
@@ -43,7 +44,7 @@ def pareto_json(found: ParetoPlans) -> str:
     return strict_text(record)
 
 
-def _plan_data(plan: ParetoPlan, number: int) -> Mapping[str, object]:
+def _plan_data(plan: ParetoPlan[AnySolution], number: int) -> Mapping[str, object]:
     head = {"number": number, "wanted_gap": plan.wanted_gap}
     solution = plan.solution
     if solution is None or solution.room is None:

@@ -1,6 +1,8 @@
 """The picture ``pareto.png``: duration over room of several plans, and how each of them ends."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,13 +13,19 @@ from ccm_opt.files.plotting.arm_drawing import draw_body, draw_tip_path
 from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import PARETO_PICTURE, PICTURES, ParetoPictureSettings
 from ccm_opt.files.plotting.plan import draw_goal
+from ccm_opt.files.plotting.space_plan import draw_arm, draw_goals_in_space
+from ccm_opt.files.plotting.space_views import SLANTED, SeenScene, seen_window, window_of
 from ccm_opt.files.plotting.workspace_drawing import draw_workspace
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import METRES
 from ccm_opt.ground.length_words import file_length, words_in
+from ccm_opt.problem import Problem
 from ccm_opt.solution import ParetoPlan, ParetoPlans, Solution
+from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.space_solution import AnySolution, SpaceSolution
 
 
-def pareto_png(found: ParetoPlans, settings: ParetoPictureSettings = PARETO_PICTURE) -> bytes:
+def pareto_png(found: ParetoPlans[AnySolution], settings: ParetoPictureSettings = PARETO_PICTURE) -> bytes:
     """The picture of a trade-off.
 
     Args:
@@ -30,12 +38,11 @@ def pareto_png(found: ParetoPlans, settings: ParetoPictureSettings = PARETO_PICT
     return figure_png(lambda: pareto_figure(found, settings))
 
 
-def pareto_figure(found: ParetoPlans, settings: ParetoPictureSettings = PARETO_PICTURE) -> Figure:
+def pareto_figure(found: ParetoPlans[AnySolution], settings: ParetoPictureSettings = PARETO_PICTURE) -> Figure:
     """The same picture as a matplotlib figure, made without pyplot."""
-    xmin, ymin, xmax, ymax = found.problem.workspace.boundary.bounds
+    draw_motion, tall = _thumbnails(found)
     count = len(found.plans)
-    width = settings.width / count
-    thumbnail = min(width * (ymax - ymin) / (xmax - xmin), settings.most_thumbnail)
+    thumbnail = min(settings.width / count * tall, settings.most_thumbnail)
     rows = (settings.chart_height, thumbnail)
     figure = Figure(figsize=(settings.width, sum(rows) + settings.margins), dpi=settings.dots_per_inch)
     grid = figure.add_gridspec(
@@ -45,11 +52,25 @@ def pareto_figure(found: ParetoPlans, settings: ParetoPictureSettings = PARETO_P
     _draw_front(figure.add_subplot(grid[0, :]), found)
     for number, plan in enumerate(found.plans, start=1):
         with words_in(found.problem.length_unit):
-            _draw_plan(figure.add_subplot(grid[1, number - 1]), found, plan, number)
+            axes = figure.add_subplot(grid[1, number - 1])
+            draw_motion(axes, plan.solution)
+            _dress_plan(axes, found, plan, number)
     return figure
 
 
-def _draw_front(axes: Axes, found: ParetoPlans) -> None:
+def _thumbnails(found: ParetoPlans[AnySolution]) -> tuple[Callable[[Axes, AnySolution | None], None], float]:
+    """What draws the scene with how a plan ends, where there is one; and how tall that is, in its own widths."""
+    problem = found.problem
+    if isinstance(problem, SpaceProblem):
+        ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
+        limits = seen_window(SLANTED, window_of(problem, np.concatenate(ends)))
+        wide, high = np.ptp(limits, axis=0)
+        return partial(_draw_in_space, SeenScene(problem), limits), float(high / wide)
+    xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
+    return partial(_draw_in_plane, problem), (ymax - ymin) / (xmax - xmin)
+
+
+def _draw_front(axes: Axes, found: ParetoPlans[AnySolution]) -> None:
     """A point for each plan, a line through those that no other dominates, and what the recommended one may cost."""
     metres = METRES[found.problem.length_unit]
     plans = [(number, plan) for number, plan in enumerate(found.plans, start=1) if plan.solution is not None]
@@ -77,7 +98,7 @@ def _draw_front(axes: Axes, found: ParetoPlans) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _draw_point(axes: Axes, plan: ParetoPlan, metres: float, number: int, *, recommended: bool) -> None:
+def _draw_point(axes: Axes, plan: ParetoPlan[AnySolution], metres: float, number: int, *, recommended: bool) -> None:
     """A plan with its number: filled on the front, hollow when dominated, ringed when recommended."""
     place = (plan.duration, plan.gap / metres)
     face = "white" if plan.dominated_by else style.GOAL_ARM
@@ -94,9 +115,8 @@ def _draw_point(axes: Axes, plan: ParetoPlan, metres: float, number: int, *, rec
     )  # fmt: skip
 
 
-def _draw_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -> None:
-    """How a plan ends and where its tip goes, or that there is none."""
-    draw_workspace(axes, found.problem.workspace, replace(PICTURES, most_named_obstacles=0))
+def _dress_plan(axes: Axes, found: ParetoPlans[AnySolution], plan: ParetoPlan[AnySolution], number: int) -> None:
+    """Name a plan in its picture with its figures, or that there is none, and frame the recommended one."""
     axes.set_xticks([])
     axes.set_yticks([])
     recommended = number == found.recommended
@@ -108,17 +128,37 @@ def _draw_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) ->
     if plan.solution is None:
         lines.append("no plan")
     else:
-        _draw_motion(axes, plan.solution)
         note = " (dominated)" if plan.dominated_by else ""
         lines.append(f"{plan.duration:.2f} s, {file_length(plan.gap, 3)}{note}")
     colour = style.GOAL_MARK if recommended else "black"
     axes.set_title("\n".join(lines), fontsize=8, pad=5, color=colour)
 
 
-def _draw_motion(axes: Axes, solution: Solution) -> None:
+def _draw_in_plane(problem: Problem, axes: Axes, solution: AnySolution | None) -> None:
+    """The room in the plane, how a plan ends and where its tip goes."""
+    draw_workspace(axes, problem.workspace, replace(PICTURES, most_named_obstacles=0))
+    if not isinstance(solution, Solution):
+        return
     points = solution.joint_positions
-    radius = solution.problem.arm.radius
+    radius = problem.arm.radius
     draw_body(axes, points[0], radius, style.START, style.START_EDGE, label="", zorder=3)
     draw_body(axes, points[-1], radius, style.GOAL_ARM, style.GOAL_ARM_EDGE, label="", zorder=6)
     draw_tip_path(axes, points[:, -1])
     draw_goal(axes, solution.problem.goal, solution.problem.tolerances, points[-1], "")
+
+
+def _draw_in_space(scene: SeenScene, limits: FloatArray, axes: Axes, solution: AnySolution | None) -> None:
+    """The scene in space as a film shows it, how a plan ends and where its tip goes; limits of shape (2, 2) [m]."""
+    axes.set_xlim(*limits[:, 0])
+    axes.set_ylim(*limits[:, 1])
+    scene.draw_room(axes, SLANTED)
+    scene.draw(axes, SLANTED)
+    axes.set_aspect("equal", adjustable="box")
+    if not isinstance(solution, SpaceSolution):
+        return
+    points = solution.joint_positions
+    radius = scene.problem.arm.radius
+    draw_arm(axes, SLANTED(points[0]), radius, style.START_EDGE, 0.45, "")
+    draw_arm(axes, SLANTED(points[-1]), radius, style.GOAL_ARM, 0.85, "")
+    draw_tip_path(axes, SLANTED(points[:, -1]))
+    draw_goals_in_space(axes, solution, SLANTED, points)

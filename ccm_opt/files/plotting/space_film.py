@@ -10,7 +10,7 @@ from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.film import Backdrop, Film, PixelMap
 from ccm_opt.files.plotting.picture_settings import SPACE_FILM, SPACE_PICTURES, FilmSettings
 from ccm_opt.files.plotting.space_plan import draw_goals_in_space
-from ccm_opt.files.plotting.space_views import SLANTED, SeenScene, window_of
+from ccm_opt.files.plotting.space_views import SLANTED, SeenScene, seen_window, window_of
 from ccm_opt.space.space_solution import SpacePlan
 
 
@@ -23,11 +23,7 @@ def space_film(plan: SpacePlan, settings: FilmSettings = SPACE_FILM) -> Film:
 def _backdrop(plan: SpacePlan, settings: FilmSettings) -> Backdrop:
     """What is behind the arm: the room, the bodies, the way of its tip and its goals."""
     points = plan.joint_positions
-    window = window_of(plan.problem, points)
-    counted = np.arange(8)[:, None] >> np.arange(3) & 1
-    corners = SLANTED(np.where(counted == 1, window[1], window[0]))
-    low = corners.min(axis=0)
-    high = corners.max(axis=0)
+    low, high = seen_window(SLANTED, window_of(plan.problem, points))
     size = settings.longest_side * (high - low) / float(np.max(high - low))
     with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
         figure = Figure(figsize=tuple(size / 100.0), dpi=100)

@@ -139,7 +139,7 @@ def points_a_metre(axes: Axes) -> float:
     box = axes.get_window_extent()
     # The axes have the aspect of their limits only inside their box.
     pixels_a_metre = min(box.width / np.ptp(axes.get_xlim()), box.height / np.ptp(axes.get_ylim()))
-    return float(pixels_a_metre * 72.0 / SPACE_PICTURES.dots_per_inch)
+    return float(pixels_a_metre * 72.0 / axes.figure.dpi)
 
 
 def draw_goals_in_space(axes: Axes, plan: SpacePlan, side: Side, points: FloatArray) -> None:

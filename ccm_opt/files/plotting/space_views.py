@@ -112,11 +112,22 @@ class SeenScene:
         bounds = self.problem.workspace.bounds
         if bounds is None:
             return
-        counted = np.arange(8)[:, None] >> np.arange(3) & 1
-        corners = side(np.where(counted == 1, bounds[1], bounds[0]))
+        corners = side(_corners(bounds))
         edges = [(a, a | bit) for a in range(8) for bit in (1, 2, 4) if not a & bit]
         lines = [corners[list(edge)] for edge in edges]
         axes.add_collection(LineCollection(lines, colors=style.BOUNDARY, linewidths=0.6, alpha=0.5, zorder=0.5))
+
+
+def seen_window(side: Side, window: FloatArray) -> FloatArray:
+    """Lower left and upper right corner of what is seen of a box, shape (2, 3) [m], in the picture, shape (2, 2)."""
+    seen = side(_corners(window))
+    return np.stack((seen.min(axis=0), seen.max(axis=0)))
+
+
+def _corners(box: FloatArray) -> FloatArray:
+    """All corners of a box between two of them, shape (2, 3) [m], in the order of binary numbers, shape (8, 3)."""
+    counted = np.arange(8)[:, None] >> np.arange(3) & 1
+    return np.asarray(np.where(counted == 1, box[1], box[0]))
 
 
 def window_of(problem: SpaceProblem, points: FloatArray) -> FloatArray:

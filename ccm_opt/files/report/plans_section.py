@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from ccm_opt.files.report.markup import Markup, element, table
 from ccm_opt.files.report.page_units import NONE, PageUnits
 from ccm_opt.solution import ParetoPlan, ParetoPlans
+from ccm_opt.space.space_solution import AnySolution
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class PlanPages:
         links: to their pages, in their order; empty for that of the page itself, and where there is no plan.
     """
 
-    found: ParetoPlans
+    found: ParetoPlans[AnySolution]
     links: tuple[str, ...]
 
 
@@ -39,7 +40,9 @@ def plans_section(pages: PlanPages | None, units: PageUnits) -> Markup | None:
     )
 
 
-def _row(number: int, plan: ParetoPlan, link: str, pages: PlanPages, units: PageUnits) -> Sequence[Markup | str]:
+def _row(
+    number: int, plan: ParetoPlan[AnySolution], link: str, pages: PlanPages, units: PageUnits
+) -> Sequence[Markup | str]:
     wanted = units.length(plan.wanted_gap)
     if plan.solution is None:
         return str(number), wanted, NONE, NONE, plan.reason

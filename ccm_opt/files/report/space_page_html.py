@@ -16,6 +16,7 @@ from ccm_opt.files.report.motion_sections import joints_section, simulation_sect
 from ccm_opt.files.report.page import goal_times
 from ccm_opt.files.report.page_units import PageUnits, three_digits
 from ccm_opt.files.report.phase_data import phase_data
+from ccm_opt.files.report.plans_section import PlanPages, plans_section
 from ccm_opt.files.report.problem_section import Row, files_section, limit_rows, making_section
 from ccm_opt.files.report.report_settings import REPORT, ReportSettings
 from ccm_opt.files.report.room_section import room_section
@@ -41,6 +42,7 @@ def space_report_html(
     settings: ReportSettings = REPORT,
     *,
     pictures: Sequence[str] = ("plan.png", "motion.gif"),
+    plans: PlanPages | None = None,
 ) -> str:
     """The report of a plan in space.
 
@@ -48,6 +50,7 @@ def space_report_html(
         solution: the plan.
         settings: how large, how exact.
         pictures: names of the files beside the page that show the motion, the still one first.
+        plans: of which this is one, where a problem has several.
 
     Returns:
         A whole HTML page that loads nothing.
@@ -57,6 +60,7 @@ def space_report_html(
     data = _plan_data(solution, units, settings)
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
     facts = (
+        plans_section(plans, units),
         room_section(solution.room, units),
         timing_section(),
         joints_section(keys, curvature=False),

@@ -30,14 +30,17 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
     unknowns = motion.unknowns
     u = _parameters(motion)
     while left > 0 and not task.deadline.passed():
-        keyframes, u = thinned(task, motion, unknowns, u)
-        terms = None if task.user is None else UserKeyframes(task.user, u)
-        if terms is not None:
-            keyframes = terms.restored(stepper, keyframes)
-            if not terms.holds(SpaceSweep(stepper, keyframes)) or len(failing_edges(stepper, keyframes)) > 0:
-                return motion
-        many = len(keyframes) - 1 > settings.many * settings.intervals
+        few = _few_keyframes(task, stepper, motion, unknowns, u)
+        if few is None and left == settings.rounds:
+            return motion
+        if few is not None:
+            keyframes, u = few
+        else:
+            # No fewer keep the user's constraints: those of the round before do, and are optimised to the end.
+            keyframes = unknowns
+        many = few is not None and len(keyframes) - 1 > settings.many * settings.intervals
         taken = min(left, settings.first_rounds) if many else left
+        terms = None if task.user is None else UserKeyframes(task.user, u)
         better = SequentialConvex(task, stepper, end_fixed, terms).optimised(keyframes, taken)
         left -= taken
         stuck = np.array_equal(better, keyframes)
@@ -54,6 +57,20 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         motion.candidate,
         None if motion.u is None else u,
     )
+
+
+def _few_keyframes(
+    task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, unknowns: FloatArray, u: FloatArray
+) -> tuple[FloatArray, FloatArray] | None:
+    """The keyframes of ``thinned``, put onto the user's constraints; None where that cannot be done."""
+    keyframes, places = thinned(task, motion, unknowns, u)
+    if task.user is None:
+        return keyframes, places
+    terms = UserKeyframes(task.user, places)
+    keyframes = terms.restored(stepper, keyframes)
+    if not terms.holds(SpaceSweep(stepper, keyframes)) or len(failing_edges(stepper, keyframes)) > 0:
+        return None
+    return keyframes, places
 
 
 def _is_end_fixed(task: SpaceTask, stepper: SpaceStepper, end: FloatArray) -> bool:
