@@ -1,13 +1,20 @@
 """A few mutated files of each kind; ``python -m tests.soak`` reads tens of thousands."""
 
+import contextlib
 import random
 from itertools import islice
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.soak.hostile_files import drawings, problem_files
+from ccm_opt.errors import ProblemError
+from ccm_opt.files.scene_import import ImportOptions, import_scene
+from ccm_opt.files.scene_import.mesh_file import MESH_READERS, read_mesh_file
+from ccm_opt.freespace.obstacle import Obstacle
+from tests.fuzz.seeds import WORDS, seeds
+from tests.soak.hostile_files import drawings, meshes, problem_files
 
 COUNT = 40
 
@@ -32,3 +39,29 @@ def test_mutated_drawings_are_read_or_refused(suffix: str, seed: int) -> None:
     """Likewise for drawings of each format."""
     defects = [defect for defect in islice(drawings(suffix, drawn(seed)), COUNT) if defect]
     assert not defects
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".glb", ".3mf"])
+@settings(max_examples=3)
+@given(seed=st.integers(0, 2**32))
+def test_mutated_meshes_are_read_or_refused(suffix: str, seed: int) -> None:
+    """Likewise for meshes of each format."""
+    defects = [defect for defect in islice(meshes(suffix, drawn(seed)), COUNT) if defect]
+    assert not defects
+
+
+@pytest.mark.parametrize("suffix", WORDS)
+def test_engines_begin_with_files_that_are_read(tmp_path: Path, suffix: str) -> None:
+    """Of the files of each format from which others are made, one at least is read."""
+    count = 0
+    for content in seeds(suffix):
+        path = tmp_path / f"seed{suffix}"
+        path.write_bytes(content)
+        with contextlib.suppress(ProblemError):
+            count += len(read_mesh_file(path).mesh.faces if suffix in MESH_READERS else drawn_in(path))
+    assert count > 0
+
+
+def drawn_in(path: Path) -> tuple[Obstacle, ...]:
+    """The obstacles of a drawing."""
+    return import_scene(path, ImportOptions()).obstacles

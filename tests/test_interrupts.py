@@ -47,6 +47,26 @@ except KeyboardInterrupt:
     report_cancelled()
     leave_cancelled()
 """
+HALF_MADE = """
+import os, signal, time
+from ccm_opt.cli.cancelling import interrupts_insist, leave_cancelled, report_cancelled
+
+class Held:
+    def __init__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(60)
+        self.whole = True
+
+    def __del__(self):
+        self.whole
+
+interrupts_insist()
+try:
+    Held()
+except KeyboardInterrupt:
+    report_cancelled()
+leave_cancelled()
+"""
 HANDLED = "interrupt_met(); time.sleep(1); sys.exit(7)"
 """What answers an interrupt, and goes on for longer than it takes to look again."""
 
@@ -78,6 +98,11 @@ def test_an_interrupt_in_a_finaliser_is_not_told_of(tmp_path: Path) -> None:
     """Python can raise nothing there and prints it; it comes again soon, and one line says so."""
     script = f"import os, signal, time\n{IN_A_FINALISER}{LET_GO}"
     assert ended([sys.executable, "-c", script], tmp_path) == (130, "error: cancelled\n")
+
+
+def test_objects_that_an_interrupt_leaves_half_made_are_not_told_of(tmp_path: Path) -> None:
+    """What their finalisers stumble over, as those of archives do, is no news once Ctrl-C has struck."""
+    assert ended([sys.executable, "-c", HALF_MADE], tmp_path) == (130, "error: cancelled\n")
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.75])

@@ -59,11 +59,13 @@ class _Notes:
     Attributes:
         noted: whether it was pressed where it is only noted.
         met: whether whoever is to answer it has.
+        struck: whether it was ever raised.
         raised: the interrupt as it was raised last, or None once nobody holds it any more.
     """
 
     noted: bool = False
     met: bool = True
+    struck: bool = False
     raised: Callable[[], "Interrupted | None"] = lambda: None
 
 
@@ -93,8 +95,11 @@ def interrupts_insist() -> None:
 
 
 def _tell_of_others(lost: "sys.UnraisableHookArgs") -> None:
-    """Say nothing of an interrupt that Python cannot raise where it struck, as in a finaliser: it comes again."""
-    if not issubclass(lost.exc_type, Interrupted):
+    """Say nothing of an interrupt that Python cannot raise where it struck, as in a finaliser: it comes again.
+
+    Nor, once one was raised, of what finalisers of objects stumble over that it left half made.
+    """
+    if not _NOTES.struck and not issubclass(lost.exc_type, Interrupted):
         sys.__unraisablehook__(lost)
 
 
@@ -122,6 +127,7 @@ def _interrupt(_signal: int, frame: FrameType | None) -> None:
         signal.setitimer(signal.ITIMER_REAL, again, again)
         if later:
             return
+    _NOTES.struck = True
     # It has no name here: the frame would keep it, and be kept by it.
     raise _watched(Interrupted())
 

@@ -1,8 +1,8 @@
 """Everything at length, each part for its share of the time: ``python -m tests.soak --hours 1``.
 
-Plans of random problems of many families, swept densely by an oracle; corrupted solutions; mutated problem files and
-drawings; Ctrl-C at random moments; faults under every operation. What is wrong is told at once, with what repeats it,
-and files that were not dealt with are kept.
+Plans of random problems of many families, swept densely by an oracle; corrupted solutions; mutated problem files,
+drawings and meshes; Ctrl-C at random moments; faults under every operation. What is wrong is told at once, with what
+repeats it, and files that were not dealt with are kept.
 """
 
 # ruff: noqa: T201 - it prints what it finds
@@ -20,6 +20,7 @@ from tests.benchmarks.bench_soundness import SOURCES, outcome
 from tests.benchmarks.scene_families import NoSceneError
 from tests.soak import hostile_files, memory, signals
 
+MESHES = (".stl", ".obj", ".ply", ".glb", ".3mf")
 ENOUGH_TO_WARM = 100
 """Plans after which memory may not grow any more."""
 
@@ -83,9 +84,12 @@ def files(suffix: str) -> Callable[[random.Random], Iterator[str]]:
     """Mutated files of one kind; those that were not dealt with are kept in ``runs/soak``."""
 
     def tries(generator: random.Random) -> Iterator[str]:
-        each = (
-            hostile_files.problem_files(generator) if suffix == ".toml" else hostile_files.drawings(suffix, generator)
-        )
+        if suffix == ".toml":
+            each = hostile_files.problem_files(generator)
+        elif suffix in MESHES:
+            each = hostile_files.meshes(suffix, generator)
+        else:
+            each = hostile_files.drawings(suffix, generator)
         for number, defect in enumerate(each):
             if defect is None:
                 yield ""
@@ -110,6 +114,7 @@ PARTS = (
     Part("corrupted solutions", 0.1, corruptions),
     Part("problem files", 0.1, files(".toml")),
     *(Part(f"drawings {suffix}", 0.04, files(suffix)) for suffix in (".svg", ".dxf", ".wkt", ".geojson")),
+    *(Part(f"meshes {suffix}", 0.02, files(suffix)) for suffix in MESHES),
     Part("Ctrl-C", 0.1, signals.interrupted_commands),
     Part("faults", 0.04, faults),
 )

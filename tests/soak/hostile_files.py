@@ -1,4 +1,4 @@
-"""Mutated problem files and drawings: each is read, or refused by an error of ccm_opt, and soon."""
+"""Mutated problem files, drawings and meshes: each is read, or refused by an error of ccm_opt, and soon."""
 
 import random
 import tempfile
@@ -12,7 +12,10 @@ from pathlib import Path
 from ccm_opt import load_problem
 from ccm_opt.errors import CcmError
 from ccm_opt.files.scene_import import ImportOptions, import_scene
+from ccm_opt.files.scene_import.mesh_file import read_mesh_file
+from ccm_opt.files.scene_import.mesh_mending import mended_mesh
 from tests.conftest import PROBLEMS
+from tests.fuzz.seeds import seeds
 from tests.soak.mutations import mutated
 
 LONGEST = 5.0
@@ -46,6 +49,11 @@ def drawings(suffix: str, generator: random.Random) -> Iterator[Defect | None]:
     seeds = [path.read_bytes() for folder in (DRAWINGS, PROBLEMS) for path in sorted(folder.glob(f"*{suffix}"))]
     options = ImportOptions(scale=0.001)
     yield from _read_for_ever(seeds, suffix, lambda path: import_scene(path, options), generator)
+
+
+def meshes(suffix: str, generator: random.Random) -> Iterator[Defect | None]:
+    """Mutated meshes of one format without end; None for each that was dealt with."""
+    yield from _read_for_ever(seeds(suffix), suffix, lambda path: mended_mesh(read_mesh_file(path).mesh), generator)
 
 
 def _read_for_ever(
