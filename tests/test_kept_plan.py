@@ -6,6 +6,7 @@ import re
 import signal
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -204,6 +205,25 @@ def test_a_smaller_step_is_tried_first(swing: Solution, monkeypatch: pytest.Monk
     assert motion.verdict.followed
     assert motion.verdict.step == 0.25e-3
     assert "0.001 s, not simulated: too stiff" in motion.verdict.reason
+
+
+def test_where_a_step_too_long_leads_is_not_told_of_an_arm_that_follows(
+    swing: Solution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The verdict says which step was too long, and not how far off numbers were that mean nothing."""
+    once = closed_loop.simulated_once
+
+    def diverges(problem: Problem, *given: Any) -> closed_loop.JudgedMotion:  # noqa: ANN401 - as they come
+        judged = once(problem, *given)
+        if problem.simulation.step < 0.6e-3:
+            return judged
+        verdict = replace(judged.motion.verdict, outcome="diverged", reason="the simulated ball is 1e7 rad off")
+        return replace(judged, motion=replace(judged.motion, verdict=verdict))
+
+    monkeypatch.setattr(closed_loop, "simulated_once", diverges)
+    motion, _ = simulate_and_check(swing.problem, swing.trajectory, swing.joints)
+    assert motion.verdict.followed
+    assert motion.verdict.reason == "in steps of 0.0005 s; in those asked for, of 0.001 s, the integration diverged"
 
 
 def test_what_no_step_mends_is_a_verdict(swing: Solution, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -92,6 +92,8 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
         ("part.stl", binary_stl()[:300], "header says 12 triangles, but it ends after 4"),
         ("part.stl", b"solid x\nfacet normal 0 0 0\nouter loop\nvertex 1", "it holds no triangles"),
         ("part.stl", b"just some words", "not readable as STL"),
+        ("part.stl", b"v 0.0 0.0 0.0\n" * 10, "a text of another kind"),
+        ("part.stl", b"\x89PNG" + bytes(range(256)), "or is it of another format?"),
         ("part.stl", b"part".ljust(80) + bytes(4), "it holds no triangles"),
         ("part.stl", bytes(80) + (3_000_000).to_bytes(4, "little") + bytes(50), "cut short"),
         ("part.stl", NAN_STL, "vertices are no numbers"),
@@ -109,7 +111,7 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
         ("part.3mf", DEEP, "nested more than 20 deep"),
         ("part.step", b"ISO-10303-21;", "no mesh of a known kind; expected a file that ends in one of .stl, .obj"),
     ],
-    ids=range(20),
+    ids=range(22),
 )
 def test_a_broken_mesh_is_one_clear_error(tmp_path: Path, name: str, content: bytes, words: str) -> None:
     """A mesh that cannot be used is one defect of the file, under the key of the mesh and with its line."""

@@ -67,7 +67,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
 
     def show() -> None:
         console = report_console()
-        words = checks_in_words(checks, units_of(problem))
+        words = checks_in_words(checks, units_of(problem), in_space=isinstance(problem, SpaceProblem))
         told = [check for check in words if output().verbose or not check.of_itself or not check.passed]
         console.print(checks_table(f"{problem.name}: {verdict}", told))
         if len(told) < len(words):

@@ -11,6 +11,7 @@ from ccm_opt.cli.drawing_notes import tell_of_drawing
 from ccm_opt.cli.mesh_notes import tell_of_meshes
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.outside_files import outside_allowed
+from ccm_opt.cli.rate_notes import tell_of_odd_rates
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.files.problem_file.problem_data import problem_data
@@ -47,6 +48,7 @@ def _describe(problem: AnyProblem) -> int:
         tell_of_meshes(problem)
     else:
         tell_of_drawing(problem)
+    tell_of_odd_rates(problem)
 
     def show() -> None:
         console = report_console()

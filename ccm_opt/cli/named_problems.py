@@ -7,6 +7,7 @@ from pathlib import Path
 from ccm_opt.cli.drawing_notes import tell_of_drawing
 from ccm_opt.cli.mesh_notes import tell_of_meshes
 from ccm_opt.cli.outside_files import outside_allowed
+from ccm_opt.cli.rate_notes import tell_of_odd_rates
 from ccm_opt.errors import ProblemError
 from ccm_opt.files.problem_file import load_problem
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
@@ -38,4 +39,5 @@ class NamedProblems:
             tell_of_meshes(problem)
         else:
             tell_of_drawing(problem)
+        tell_of_odd_rates(problem)
         return problem

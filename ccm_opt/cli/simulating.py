@@ -113,7 +113,10 @@ def _print(problem: AnyProblem, motion: SavedMotion, simulated: SimulatedMotion,
         words, _, unit = name.rpartition("_")
         limit = f"≥ {units.given(problem.workspace.clearance, 'm')}" if "wall" in name else ""
         table.add_row(words.replace("_", " "), units.shown(value, unit), limit, "")
-    peak, bound, _, where = peak_torque(simulated.torques, problem.limits.torque, motion.joints.names)
+    in_space = isinstance(problem, SpaceProblem)
+    peak, bound, _, where = peak_torque(
+        simulated.torques, problem.limits.torque, motion.joints.names, in_space=in_space
+    )
     table.add_row("peak torque", peak, bound, where)
     outcome, _, _, reason = verdict_cells(simulated.verdict)
     table.add_row("simulation", outcome, "", reason)

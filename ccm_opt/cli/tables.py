@@ -11,12 +11,12 @@ from rich.table import Table
 from ccm_opt.cli.display_settings import DISPLAY
 from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import StageClock
-from ccm_opt.files.report.check_words import CheckWords, checks_in_words
+from ccm_opt.files.report.check_words import CheckWords, checks_in_words, joint_in_words
 from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.files.report.room_words import room_sentences
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import RoomRecord, SimulationVerdict
-from ccm_opt.space.problem import AnyProblem
+from ccm_opt.space.problem import AnyProblem, SpaceProblem
 from ccm_opt.space.space_solution import AnySolution
 
 
@@ -34,12 +34,14 @@ def print_solution(solution: AnySolution, clock: StageClock, folder: str) -> Non
     """Print what came out of a solved problem, on stdout."""
     problem = solution.problem
     units = units_of(problem)
-    words = checks_in_words(solution.checks, units)
+    in_space = isinstance(problem, SpaceProblem)
+    words = checks_in_words(solution.checks, units, in_space=in_space)
     told = words if output().verbose else [check for check in words if not check.of_itself]
     table = checks_table(f"{problem.name}: solved", told)
     table.add_row("Duration", f"{solution.trajectory.duration:.4g} s", "", "", "")
     if problem.limits.torque is None:
-        table.add_row("Peak torque", *peak_torque(solution.joints.torques, None, solution.joints.names))
+        peak = peak_torque(solution.joints.torques, None, solution.joints.names, in_space=in_space)
+        table.add_row("Peak torque", *peak)
     verdict = solution.simulation.verdict
     table.add_row("Simulated arm", *verdict_cells(verdict))
     if verdict.followed:
@@ -137,17 +139,21 @@ def stage_line(clock: StageClock) -> str:
     return "time in s (CPU): " + ", ".join([*stages, total])
 
 
-def peak_torque(torques: FloatArray, limit: FloatArray | None, names: Sequence[str]) -> tuple[str, str, str, str]:
+def peak_torque(
+    torques: FloatArray, limit: FloatArray | None, names: Sequence[str], *, in_space: bool
+) -> tuple[str, str, str, str]:
     """Peak torque, its limit, how much of it is used, and where it is met, as cells of a table.
 
     Args:
         torques: shape (samples, revolutes) [N m].
         limit: shape (revolutes,), or None without limits [N m].
         names: of the revolutes.
+        in_space: whether joints have two bends, which are told apart.
     """
     magnitudes = np.abs(torques)
     joint = int(np.unravel_index(np.argmax(magnitudes), magnitudes.shape)[1])
     peak = float(magnitudes[:, joint].max())
     bound = "none" if limit is None else f"≤ {limit[joint]:.3g} N m"
     used = "" if limit is None else f"{100.0 * peak / limit[joint]:.0f} %"
-    return f"{peak:.3g} N m", bound, used, escape(names[joint])
+    where = joint_in_words(f"joint {joint // 3 + 1} ({names[joint]})", in_space=in_space)
+    return f"{peak:.3g} N m", bound, used, escape(where)

@@ -141,6 +141,11 @@ def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
 def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> SimulatedMotion:
     """A run with a smaller step than asked for, whose verdict says so."""
     verdict = motion.verdict
+    if verdict.followed:
+        # Where a step that is too long leads says nothing of an arm that follows.
+        failed = "the integration diverged" if asked.outcome == "diverged" else f"{asked.outcome}: {asked.reason}"
+        reason = f"in steps of {verdict.step:g} s; in those asked for, of {asked.step:g} s, {failed}"
+        return replace(motion, verdict=replace(verdict, reason=reason))
     before = f"at the step asked for, {asked.step:g} s, {asked.outcome}: {asked.reason}"
     return replace(motion, verdict=replace(verdict, reason=f"{verdict.reason}; {before}" if verdict.reason else before))
 

@@ -16,9 +16,10 @@ _WORDS = {
     "joint jerk": "Joint jerks",
     "joint torque": "Joint torques",
     "feed range": "Feed axis beyond its range",
-    "joints inside the guide": "Joints held straight in the guide",
+    "joints inside the guide": "Bends in guide, of allowed",
     "goal position": "Tip at the goal, off by",
     "goal heading": "Heading at the goal, off by",
+    "goal direction": "Direction at the goal, off by",
     "goal joints": "Joints at the goal, off by",
     "goal feed": "Feed axis at the goal, off by",
     "free side": "Links beyond a wall",
@@ -39,6 +40,8 @@ _OF_ITSELF = re.compile(
 _PATH = re.compile(r"u = (\d+(?:\.\d+)?)")
 """Where on the path a constraint comes nearest to its bounds, which says something only where there is no time."""
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
+_PAUSE = re.compile(r"stop (\d+) pause")
+"""The only check whose value must be no less than its limit."""
 
 
 _BOUND = 1e-5
@@ -70,15 +73,16 @@ class CheckWords:
     of_itself: bool
 
 
-def checks_in_words(checks: Iterable[Check], units: PageUnits) -> list[CheckWords]:
+def checks_in_words(checks: Iterable[Check], units: PageUnits, *, in_space: bool = False) -> list[CheckWords]:
     """All checks for people, the most important first, those of the plan against itself last.
 
     Args:
         checks: of the verifier.
         units: of the page.
+        in_space: whether joints have two bends, which are told apart.
     """
     ordered = sorted(checks, key=lambda check: (_of_itself(check), check.passed, _rank(check.name)))
-    return [_in_words(check, units) for check in ordered]
+    return [_in_words(check, units, in_space=in_space) for check in ordered]
 
 
 def _of_itself(check: Check) -> bool:
@@ -89,8 +93,21 @@ def _rank(name: str) -> int:
     return next((k for k, begin in enumerate(_ORDER) if name.startswith(begin)), len(_ORDER))
 
 
-def _in_words(check: Check, units: PageUnits) -> CheckWords:
+def joint_in_words(where: str, *, in_space: bool) -> str:
+    """A place with its revolutes' names as people say them: in the plane a joint has one bend, in space a and b.
+
+    Args:
+        where: such as ``joint 3 (ball03_yaw)``.
+        in_space: whether joints have two bends.
+    """
+    if in_space:
+        return re.sub(r" \(ball\d+_(yaw|bend)\)", lambda name: " a" if name[1] == "yaw" else " b", where)
+    return re.sub(r" \(ball\d+_bend\)", "", where)
+
+
+def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     gap = check.name in {"wall clearance", "self-collision"}
+    rest = _PAUSE.fullmatch(check.name) is not None
     bound = units.given(check.limit, check.unit)
     if "constraint " in check.name:
         # A constraint's value is by how much its bounds are passed, in a unit that only the user knows.
@@ -100,15 +117,18 @@ def _in_words(check: Check, units: PageUnits) -> CheckWords:
         # Only what is beyond the clearance is told, as everywhere else; the limit is the clearance.
         worst = units.shown(check.worst - check.limit, check.unit, check.limit)
         limit = "no contact"
+    elif check.unit == "tolerances":
+        worst = units.shown(check.worst, "of the limit")
+        limit = "at most 100 %"
     else:
         worst = units.shown(check.worst, check.unit, check.limit)
-        limit = "none" if check.limit == 0.0 else f"at most {bound}"
-    bounded = 0.0 < check.limit < float("inf") and not gap and "constraint " not in check.name
+        limit = f"at least {bound}" if rest else f"at most {bound}"
+    bounded = 0.0 < check.limit < float("inf") and not gap and not rest and "constraint " not in check.name
     used = abs(check.worst) / check.limit if bounded else None
     when = _TIME.search(check.where)
-    # The time is a field of its own; the revolute's name says no more than the joint's number.
+    # The time is a field of its own.
     where = _PATH.sub(lambda u: "" if when else f"{100.0 * float(u[1]):.0f} % of the path", check.where)
-    where = re.sub(r"\s*,?\s*(at )?t = \S+ s| \(ball\d+_bend\)", "", where)
+    where = joint_in_words(re.sub(r"\s*,?\s*((at|from) )?t = \S+ s", "", where), in_space=in_space)
     return CheckWords(
         title=f"{title_of(check.name)} beyond {bound}" if gap and check.limit else title_of(check.name),
         worst=worst if check.worst != float("inf") else "nothing near",
@@ -125,11 +145,13 @@ def title_of(name: str) -> str:
     """The name of a check for people."""
     if name in _WORDS:
         return _WORDS[name]
-    if stop := re.fullmatch(r"stop (\d+) pause", name):
+    if stop := _PAUSE.fullmatch(name):
         return f"Rest at goal {stop[1]}"
-    if stop := re.fullmatch(r"stop (\d+) (position|heading|joints|feed)", name):
-        what = {"position": "Tip", "heading": "Heading", "joints": "Joints", "feed": "Feed axis"}[stop[2]]
+    if stop := re.fullmatch(r"stop (\d+) (position|heading|direction|joints|feed)", name):
+        what = {"position": "Tip", "feed": "Feed axis"}.get(stop[2], stop[2].capitalize())
         return f"{what} at goal {stop[1]}, off by"
+    if way := re.fullmatch(r"(?:goal|stop (\d+)) via (\d+)", name):
+        return f"Tip from via {way[2]}" + (f" of goal {way[1]}" if way[1] else "")
     for begin, words in (("constraint ", "Your constraint"), ("soft constraint ", "Your soft constraint")):
         if name.startswith(begin):
             return f"{words} “{name.removeprefix(begin)}”"

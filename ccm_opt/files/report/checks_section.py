@@ -6,6 +6,7 @@ from ccm_opt.files.report.check_words import CheckWords, checks_in_words
 from ccm_opt.files.report.markup import Child, Markup, element, joined, table
 from ccm_opt.files.report.page_units import PageUnits
 from ccm_opt.solution import SimulationVerdict
+from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.space_solution import AnySolution
 
 
@@ -16,7 +17,7 @@ def checks_section(solution: AnySolution, units: PageUnits) -> Markup:
         solution: the plan.
         units: of the page.
     """
-    checks = checks_in_words(solution.checks, units)
+    checks = checks_in_words(solution.checks, units, in_space=isinstance(solution.problem, SpaceProblem))
     asked = [check for check in checks if not check.of_itself]
     own = [check for check in checks if check.of_itself]
     failed = sum(not check.passed for check in own)

@@ -55,7 +55,7 @@ class _RoomWords:
         """The least gap of the motion and where it is."""
         near = room.nearest
         if not near.link:
-            return f"least gap more than {self._chosen(room.reach)}"
+            return f"least gap more than {self._chosen(room.reach)}, the farthest that the room is measured"
         # Where there is no clearance, or another link is nearest, a gap is a distance and needs no more words.
         counted = room.clearance and not near.second_link
         beyond = f" beyond the clearance of {self._chosen(room.clearance)}" if counted else ""

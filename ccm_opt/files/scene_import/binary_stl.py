@@ -29,9 +29,12 @@ def read_binary_stl(content: bytes, settings: MeshSettings) -> RawMesh:
         raise ProblemError(f"not readable as STL: it has {len(content)} bytes, and its header alone has {start}")
     count = int.from_bytes(content[_HEADER:start], "little")
     held = (len(content) - start) // _TRIANGLE.itemsize
+    if held < count and content[:start].isascii() and b"\0" not in content[:start]:
+        raise ProblemError("not readable as STL: it is a text of another kind, without 'solid' and 'facet' in front")
     if held < count:
         raise ProblemError(
-            f"not readable as STL: its header says {count} triangles, but it ends after {held}; was it cut short?"
+            f"not readable as STL: its header says {count} triangles, but it ends after {held}; was it cut short, or "
+            "is it of another format?"
         )
     if count > settings.most_triangles:
         raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} can be used; simplify it")

@@ -38,7 +38,8 @@ def read_by_trimesh(content: bytes, kind: str) -> RawMesh:
             found = [RawMesh(np.asarray(each.vertices, np.float64), np.asarray(each.faces, np.intp)) for each in meshes]
     # Whatever a broken file leads a reader of a dozen formats into, to people it is a broken file.
     except Exception as error:  # noqa: BLE001
-        reason = " ".join(str(error).split())[:LONGEST_REASON] or type(error).__name__
+        missing = " is missing" if isinstance(error, KeyError) else ""
+        reason = f"{' '.join(str(error).split())[:LONGEST_REASON] or type(error).__name__}{missing}"
         name = kind.partition("_")[0].upper()
         raise ProblemError(f"not readable as {name}: the file is damaged or cut short ({reason})") from None
     return RawMesh.joined(found)

@@ -1,0 +1,67 @@
+"""Checks of arms in space, and of goals on the way, in words: as a user says them, and never as the verifier does."""
+
+import pytest
+
+from ccm_opt.files.report.check_words import checks_in_words
+from ccm_opt.files.report.page_units import PageUnits
+from ccm_opt.solution import Check
+
+MILLIMETRES = PageUnits("mm", 1e-3, 2)
+
+
+@pytest.mark.parametrize(
+    ("check", "words"),
+    [
+        (
+            Check("goal direction", 0.001, 0.0175, "rad", "last link at t = 1.0 s", passed=True),
+            ("Direction at the goal, off by", "0.06°", "at most 1°", "last link"),
+        ),
+        (
+            Check("stop 2 direction", 0.0, 0.0175, "rad", "last link at t = 1.0 s", passed=True),
+            ("Direction at goal 2, off by", "0.00°", "at most 1°", "last link"),
+        ),
+        (
+            Check("goal via 1", 0.0217, 0.03, "m", "tip at t = 3.2 s", passed=True),
+            ("Tip from via 1", "21.7 mm", "at most 30 mm", "tip"),
+        ),
+        (
+            Check("stop 1 via 2", 0.0217, 0.03, "m", "tip at t = 3.2 s", passed=True),
+            ("Tip from via 2 of goal 1", "21.7 mm", "at most 30 mm", "tip"),
+        ),
+        (
+            Check("joints inside the guide", 0.25, 1.0, "tolerances", "joint 1 at t = 0.0 s", passed=True),
+            ("Bends in guide, of allowed", "25.0 %", "at most 100 %", "joint 1"),
+        ),
+        (
+            Check("feed range", 0.0, 0.0, "m", "t = 0.0 s", passed=True),
+            ("Feed axis beyond its range", "0.00 mm", "at most 0 mm", ""),
+        ),
+        (
+            Check("joint velocity", 0.4, 0.5, "rad/s", "joint 3 (ball03_yaw) at t = 0.5 s", passed=True),
+            ("Joint velocities", "0.400 rad/s", "at most 0.5 rad/s", "joint 3 a"),
+        ),
+        (
+            Check("joint torque", 4.0, 5.0, "N m", "joint 3 (ball03_bend) at t = 0.5 s", passed=True),
+            ("Joint torques", "4.00 N m", "at most 5 N m", "joint 3 b"),
+        ),
+    ],
+    ids=lambda value: value.name if isinstance(value, Check) else "",
+)
+def test_checks_in_space_are_in_words(check: Check, words: tuple[str, str, str, str]) -> None:
+    """Title, worst value, limit and place; the two bends of a joint are a and b, as in a problem file."""
+    (row,) = checks_in_words((check,), MILLIMETRES, in_space=True)
+    assert (row.title, row.worst, row.limit, row.where) == words
+
+
+def test_a_rest_must_be_no_shorter_than_asked_for() -> None:
+    """It is the one limit that is a least value: no share of it is used, and nothing is left of where but the time."""
+    check = Check("stop 1 pause", 1.2, 1.0, "s", "from t = 10.74 s", passed=True)
+    (row,) = checks_in_words((check,), MILLIMETRES)
+    assert (row.title, row.limit, row.used, row.where, row.time) == ("Rest at goal 1", "at least 1 s", None, "", 10.74)
+
+
+def test_a_joint_in_the_plane_has_one_bend() -> None:
+    """Its revolute's name says no more than its number."""
+    check = Check("joint velocity", 0.4, 0.5, "rad/s", "joint 3 (ball03_bend) at t = 0.5 s", passed=True)
+    (row,) = checks_in_words((check,), MILLIMETRES)
+    assert row.where == "joint 3"
