@@ -213,7 +213,7 @@ def test_where_a_step_too_long_leads_is_not_told_of_an_arm_that_follows(
     """The verdict says which step was too long, and not how far off numbers were that mean nothing."""
     once = closed_loop.simulated_once
 
-    def diverges(problem: Problem, *given: Any) -> closed_loop.JudgedMotion:  # noqa: ANN401 - as they come
+    def diverges(problem: Problem, *given: Any) -> closed_loop.JudgedMotion:
         judged = once(problem, *given)
         if problem.simulation.step < 0.6e-3:
             return judged
