@@ -85,6 +85,18 @@ def test_no_error_leads_a_chain_past_its_bound(seed: int, vectors: int, width: f
     assert np.all(along <= bound + 1e-12)
 
 
+@given(SEEDS, st.floats(1e-4, 0.5))
+def test_lengths_bring_an_end_no_farther_than_they_are_off(seed: int, width: float) -> None:
+    """However vectors turn, their stretches add to the bound no more than their sum, and no less than nothing."""
+    rng = np.random.default_rng(seed)
+    chain = rng.uniform(0.0, 0.2, (1, 8)), rng.uniform(-3.0, 3.0, (1, 8)), width * rng.uniform(0.0, 1.0, (1, 8))
+    stretches = rng.uniform(0.0, 0.05, (1, 8))
+    directions = rng.uniform(-4.0, 4.0, (1, 5))
+    added = chain_support(*chain, stretches, directions) - chain_support(*chain, np.zeros((1, 8)), directions)
+    assert np.all(added >= -1e-12)
+    assert np.all(added <= stretches.sum() + 1e-12)
+
+
 @given(SEEDS)
 def test_the_bound_is_exact_for_small_errors(seed: int) -> None:
     """For small errors the bound exceeds what the worst errors reach by their square alone."""
