@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.motion.chain import Chains
-from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.curve_map import CurveMap, feed_to_next_stop, free_before
 from tests.snakes_in_space import snake
 
 seeds = st.integers(0, 2**32 - 1)
@@ -86,6 +86,30 @@ def test_joints_in_the_guide_tube_are_straight(seed: int, feed: float) -> None:
     v[curve.feed_column] = feed / curve.scale[curve.feed_column]
     q = curve.configuration(v)
     assert np.all(q[:48][arm.held_bends(feed)] == 0.0)
+
+
+@given(st.integers(4, 30), st.floats(0.02, 1.0))
+@settings(max_examples=40, deadline=None)
+def test_a_joint_bent_close_to_the_tube_is_straight_before_it_is_held(links: int, near: float) -> None:
+    """On its way back from where a start bends it, a joint is straight on half of that way, not at the end alone."""
+    arm = snake(links, feed=fed)
+    usual = free_before(arm)
+    # The last joint but one is outside the tube, by a share of what is usual.
+    feed = arm.hole - arm.link_length * (links - 2) + near * usual
+    q = np.zeros(2 * links + 1)
+    q[-1] = feed
+    q[2 * (links - 2)] = 0.3
+    curve, v = CurveMap.through(arm, q)
+    assert curve.configuration(v) == pytest.approx(q, abs=1e-12)
+    straight = curve.straight_before
+    assert 0.4 * near * usual < straight <= 0.5 * near * usual + 1e-12
+    for share in (0.0, 0.5, 0.99):
+        back = v.copy()
+        back[curve.feed_column] -= (near * usual - share * straight) / curve.scale[curve.feed_column]
+        assert np.all(curve.configuration(back)[: 2 * (links - 1)] == 0.0)
+    # Carried back in pieces it stops where it is straight already.
+    room = feed_to_next_stop(curve, feed, forward=False)
+    assert 0.0 < near * usual - room < straight
 
 
 def test_a_fed_arm_follows_its_own_shape() -> None:

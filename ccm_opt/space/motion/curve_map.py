@@ -221,10 +221,26 @@ class CurveMap:
         if not self.arm.base_axes:
             return turns
         # Between a joint in the guide tube and the first one outside that is bent, turns grow from where they may.
-        first = float(self.offset_at[np.flatnonzero(np.any(values != 0.0, axis=1))[0]])
-        straight = free_before(self.arm) if first > free_before(self.arm) else 0.0
+        first = self._first_bent(values)
+        straight = self.straight_before
         gate = np.clip((places - straight) / max(first - straight, 1e-9 * self.arm.length), 0.0, 1.0)
         return np.asarray(turns * gate[:, None])
+
+    def _first_bent(self, values: FloatArray) -> float:
+        """Arc length of the first joint that has a turn [m]; infinite where none has."""
+        bent = np.flatnonzero(np.any(values != 0.0, axis=1))
+        return float(self.offset_at[bent[0]]) if len(bent) else np.inf
+
+    @cached_property
+    def straight_before(self) -> float:
+        """Arc length beyond the end of the guide tube on which joints stay straight [m].
+
+        A start that bends a joint nearer to the tube leaves half of what there is: that joint has to be straight again
+        before the tube holds it, and a smooth path needs some way on which it is.
+        """
+        usual = free_before(self.arm)
+        first = min(self._first_bent(values) for values in (self.offset, self.blend) if values is not None)
+        return usual if first > usual else 0.5 * max(first, 0.0)
 
     def _shapes(self, places: FloatArray) -> FloatArray:
         """Turns of joints at places by a unit of curvature at each knot, shape (links, knots) [m]."""
@@ -278,12 +294,13 @@ def free_before(arm: SpaceArm) -> float:
     return STRAIGHT_BEFORE * arm.length / NOMINAL_LINKS
 
 
-def feed_to_next_stop(arm: SpaceArm, feed: float, *, forward: bool) -> float:
+def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
     """How far the base may be carried in one piece until a joint has to stop just outside the guide tube [m].
 
     In a piece all coordinates change evenly. A joint that is inside at one end may not be bent at the other.
     """
-    straight = free_before(arm)
+    arm = curve.arm
+    straight = curve.straight_before
     places = feed + arm.link_length * np.arange(arm.links) - arm.hole
     if forward:
         inside = places[places < 0.0]

@@ -21,7 +21,7 @@ def pieces(stepper: SpaceStepper, before: FloatArray, after: FloatArray) -> list
     share = 0.0
     places = [before]
     while share < 1.0:
-        room = feed_to_next_stop(arm, start + share * way, forward=way > 0.0)
+        room = feed_to_next_stop(stepper.curve, start + share * way, forward=way > 0.0)
         share = 1.0 if abs(way) * (1.0 - share) <= room else share + room / abs(way)
         places.append(before + share * (after - before))
     return places

@@ -115,7 +115,7 @@ class SpaceStepper:
         if arm.base_axes:
             fed = float(pose.slopes[-1] @ delta)
             feed = float(pose.q[-1])
-            most = min(feed_to_next_stop(arm, feed, forward=fed > 0.0), settings.feed * self.unit)
+            most = min(feed_to_next_stop(self.curve, feed, forward=fed > 0.0), settings.feed * self.unit)
             excess = max(excess, abs(fed) / most)
         return delta / max(excess, 1.0)
 
