@@ -77,6 +77,7 @@ def task_of(
         goal=goal,
         goal_pose=goal_pose,
         via=via,
+        via_reach=arm.link_length,
         clearance=0.0,
         wanted_gap=0.25 * arm.radius,
         box=tip_box(arm, None),

@@ -1,4 +1,4 @@
-"""Inverse kinematics in space: what can be reached is, within limits, and what cannot as nearly as by scipy."""
+"""Inverse kinematics in space: what can be reached is, within limits, and what cannot is missed by no more than has to be."""
 
 import numpy as np
 import pytest
@@ -45,8 +45,8 @@ def test_what_some_pose_reaches_is_reached_from_the_straight_arm(seed: int, fed:
 
 @given(SEEDS)
 @settings(max_examples=10, deadline=None)
-def test_what_is_out_of_reach_is_missed_by_as_much_as_scipy_misses_it(seed: int) -> None:
-    """With tight limits the least error is that of scipy's bounded least squares from the same start."""
+def test_what_is_out_of_reach_is_missed_by_no_more_than_scipy_can_mend(seed: int) -> None:
+    """With tight limits: there are several least errors, and scipy's bounded least squares finds none beside this."""
     random = np.random.default_rng(seed)
     arm = space_arm(6, 0.1, joint_limit=0.2, base_limit=0.3)
     space = CurveSpace.of_every_bend(arm)
@@ -55,10 +55,10 @@ def test_what_is_out_of_reach_is_missed_by_as_much_as_scipy_misses_it(seed: int)
     def error(q: FloatArray) -> FloatArray:
         return np.asarray(joint_positions(arm, q)[-1] - target.position)
 
-    start = random.normal(0.0, 0.02, space.dimension)
-    wanted = least_squares(error, start, bounds=(arm.lower_limits, arm.upper_limits), xtol=1e-14, gtol=1e-14)
-    found = TipNewton.within_limits(space).solve(start, target)
-    assert found.position_error <= np.linalg.norm(wanted.fun) + 2e-3 * arm.length
+    found = TipNewton.within_limits(space).solve(random.normal(0.0, 0.02, space.dimension), target)
+    inside = np.clip(found.q, arm.lower_limits + 1e-9, arm.upper_limits - 1e-9)
+    mended = least_squares(error, inside, bounds=(arm.lower_limits, arm.upper_limits), xtol=1e-14, gtol=1e-14)
+    assert found.position_error <= np.linalg.norm(mended.fun) + 2e-4 * arm.length
 
 
 @given(SEEDS)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from ccm_opt.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.ground.arrays import FloatArray
@@ -18,6 +19,7 @@ from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
+from ccm_opt.space.motion.passed_places import first_missed
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
 from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
@@ -133,6 +135,7 @@ def space_task(
         goal=None if isinstance(goal, SpaceJointPose) else tip_pose(problem, goal),
         goal_pose=goal.configuration(arm) if isinstance(goal, SpaceJointPose) else None,
         via=() if isinstance(goal, SpaceJointPose) else goal.via,
+        via_reach=problem.via_reach,
         clearance=problem.workspace.clearance,
         wanted_gap=problem.wanted_gap,
         box=tip_box(arm, problem.workspace.bounds),
@@ -327,9 +330,11 @@ def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> Jo
     Raises:
         MotionNotFound: no smooth path near the motion can be certified.
     """
+    missed = None
     for motion in motions:
         spline = certified_path(task, motion)
-        if spline is not None:
+        missed = None if spline is None else _missed_on(task, spline)
+        if spline is not None and missed is None:
             # Of what is certified to be spared timing may use nothing where constraints are kept exactly.
             kept = task.user is not None and task.user.terms.hard
             spare = 0.0 if kept else task.certificate.pair_gap
@@ -338,6 +343,8 @@ def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> Jo
                 # Drawn in the unknowns, the path of a fed arm may pass configurations of the motion by.
                 keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
             return JointPath(spline, keyframes, (), motion.candidate, spare=spare)
+    if missed is not None:
+        raise MotionNotFound(missed)
     if task.user is None or not task.user.terms.hard:
         raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion"))
     names = " and ".join(f"'{name}'" for name in task.user.names)
@@ -346,3 +353,21 @@ def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> Jo
     if task.user.shapes_path and task.arm.base_axes:
         advice.append("leave arm.feed out: equations that are not linear hold for arms with a fixed base")
     raise MotionNotFound(Diagnosis(reason, "constraints", tuple(advice)))
+
+
+def _missed_on(task: SpaceTask, spline: BSpline) -> Diagnosis | None:
+    """Which place the tip does not pass on a path, in words; None where it passes all."""
+    if not task.via:
+        return None
+    spans = len(spline.t) - 2 * spline.k - 1
+    u = np.linspace(0.0, 1.0, spans * task.settings.smooth_path.samples + 1)
+    tips = joint_positions(task.arm, np.asarray(spline(u)))[:, -1]
+    missed = first_missed(tips, np.stack(task.via), task.via_reach)
+    if missed is None:
+        return None
+    number, away = missed
+    reason = (
+        f"the tip comes within {short_length(away)} of goal.via {number + 1}, "
+        f"{short_length(away - task.via_reach)} too far off to pass it"
+    )
+    return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))

@@ -133,6 +133,11 @@ class SpaceProblem:
     source: str = ""
     length_unit: LengthUnit = "m"
 
+    @property
+    def via_reach(self) -> float:
+        """How near the tip has to come to a place of ``goal.via`` to pass it [m]: it names a bore or a gap."""
+        return max(self.tolerances.position, self.arm.link_length)
+
     def __post_init__(self) -> None:
         # What has the wrong type would only fail in some check of its values.
         found = tuple(wrong_types(self, IN_SPACE)) or tuple(space_defects(self))

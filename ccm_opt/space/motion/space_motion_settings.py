@@ -299,6 +299,7 @@ class SpaceOptimisationSettings:
         slack_curvature: curvature of slack, so that the Hessian is definite.
         tolerance: of the program's solution.
         iterations: of the program.
+        passing: how near the tip stays to the places that it passes, as a share of what counts as passing.
     """
 
     intervals: int = 20
@@ -339,6 +340,7 @@ class SpaceOptimisationSettings:
     slack_curvature: float = 1e-6
     tolerance: float = 1e-5
     iterations: int = 60
+    passing: float = 0.5
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,19 @@
 """Finds a motion: one tactic after the other, the cheap ones first; every step of each is certified as it is taken."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
+from ccm_opt.errors import MotionNotFound
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.progress import tell_candidate
 from ccm_opt.space.motion.candidates import SpaceTipWays, TipWay
 from ccm_opt.space.motion.connect import Connect
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.goal_poses import goal_poses
+from ccm_opt.space.motion.passed_places import passings
 from ccm_opt.space.motion.pieces import edge_is_safe, pieces
 from ccm_opt.space.motion.pose_led import PoseLed
 from ccm_opt.space.motion.space_continuation import SpaceGuide, SpaceStalled, follow, settle
@@ -37,22 +39,39 @@ def find_motion(task: SpaceTask) -> SpaceMotion:
     return _Search(task).run()
 
 
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """Where the search for a part of a motion begins.
+
+    Attributes:
+        curve: of the whole motion.
+        start: unknowns, shape (p,).
+    """
+
+    curve: CurveMap
+    start: FloatArray
+
+
 @dataclass(eq=False)
 class _Search:
     """One search, with what has failed so far.
 
     Args:
         task: what is asked.
+        stage: where a longer motion has come to; None for one that begins at the task's start.
     """
 
     task: SpaceTask
+    stage: "_Stage | None" = None
     _failures: list[SpaceFailure] = field(default_factory=list)
     _tried: int = 0
 
     def run(self) -> SpaceMotion:
         """The first motion that a tactic finds; see ``find_motion``."""
-        back = (self._by_withdrawing, self._by_other_ways)
-        tactics = (self._by_first_ways, *back, self._to_poses, self._by_connecting)
+        ways = (self._by_first_ways, self._by_withdrawing, self._by_other_ways)
+        # What is not led by the tip passes no place on its way.
+        rest = (self._by_stages,) if self.task.via else (self._to_poses, self._by_connecting)
+        tactics: tuple[Callable[[], SpaceMotion | None], ...] = (*ways, *rest)
         for tactic in tactics:
             motion = tactic()
             if motion is not None:
@@ -78,7 +97,7 @@ class _Search:
         """Back along the arm's own shape into its guide tube, and in anew."""
         task = self.task
         curve, start, end = self._spaces()
-        if not task.arm.base_axes or task.start[-1] - task.arm.base_range[0] < task.unit:
+        if not task.arm.base_axes or curve.configuration(start)[-1] - task.arm.base_range[0] < task.unit:
             return None
         poses = withdrawn(task.stepper(curve, 0.0), start, task.deadline)
         if len(poses) < 2:
@@ -122,17 +141,35 @@ class _Search:
         task = self.task
 
         def lead(stepper: SpaceStepper, pose: SpacePose) -> list[SpacePose]:
-            settings = task.settings
-            track = SpaceTipTrack.along(pose.chain.points, way.corners)
-            guide: SpaceGuide = SpaceTipLed(track, task.unit, settings.step.follow, settings.guide)
-            if way.followed:
-                guide = SpaceTrackLed(track, track.end, task.unit, settings.guide)
-            poses = follow(stepper, guide, pose, task.deadline)
+            poses = [pose]
+            for corners, place in self._legs(way):
+                track = SpaceTipTrack.along(poses[-1].chain.points, corners)
+                guide: SpaceGuide = SpaceTipLed(track, task.unit, task.settings.step.follow, task.settings.guide)
+                if way.followed:
+                    guide = SpaceTrackLed(track, track.end, task.unit, task.settings.guide)
+                poses += follow(stepper, guide, poses[-1], task.deadline)[1:]
+                if place is not None:
+                    poses += settle(stepper, place, poses[-1], task.deadline)[1:]
             if end is None:
                 return [*poses, *settle(stepper, goal, poses[-1], task.deadline)[1:]]
             return [*poses, *self._moved_to(end, stepper, poses[-1])[1:]]
 
         return lead
+
+    def _legs(self, way: TipWay) -> Iterator[tuple[FloatArray, SpaceTipPose | None]]:
+        """A way from place to place that the tip passes, each with the place at its end, and from the last on."""
+        task = self.task
+        before = way.corners[:0]
+        first = 0
+        # What the user asks for at the goal would be asked for at a place too.
+        if task.via and task.user is None:
+            legs = passings(way.corners, np.stack(task.via)).leg
+            for leg, place in zip(legs, task.via, strict=True):
+                corners = np.vstack((before, way.corners[first : leg + 1], place))
+                yield corners, SpaceTipPose(place, tolerance=0.5 * task.via_reach)
+                before = place[None]
+                first = int(leg) + 1
+        yield np.vstack((before, way.corners[first:])), None
 
     # ------------------------------------------------------------ led to poses of the whole arm
     def _to_poses(self) -> SpaceMotion | None:
@@ -191,9 +228,33 @@ class _Search:
             return None
         return SpaceMotion.of(curve, poses, "a sampler")
 
+    # ------------------------------------------------------------ from place to place
+    def _by_stages(self) -> SpaceMotion | None:
+        """To each place on the way as a goal of its own, by whatever tactic leads there, and then to the goal."""
+        task = self.task
+        # The user's terms of a motion are written for the whole of it.
+        if task.user is not None:
+            return None
+        curve, now, _ = self._spaces()
+        places = (SpaceTipPose(place, tolerance=0.5 * task.via_reach) for place in task.via)
+        parts: list[SpaceMotion] = []
+        for goal in (*places, task.goal):
+            asked = replace(task, via=(), goal=goal, refuse=None)
+            stage = _Search(asked, _Stage(curve, now))
+            try:
+                parts.append(stage.run())
+            except MotionNotFound:
+                return None
+            now = parts[-1].unknowns[-1]
+        unknowns = np.vstack((parts[0].unknowns, *(part.unknowns[1:] for part in parts[1:])))
+        configurations = np.vstack((parts[0].configurations, *(part.configurations[1:] for part in parts[1:])))
+        return SpaceMotion(curve, unknowns, configurations, "from place to place")
+
     # ------------------------------------------------------------ what all share
     def _spaces(self) -> tuple[CurveMap, FloatArray, SpacePose | None]:
         """The curve's map, the unknowns of the start, and the pose at the goal where a whole pose is asked."""
+        if self.stage is not None:
+            return self.stage.curve, self.stage.start, None
         task = self.task
         curve, start = CurveMap.through(task.arm, task.start)
         if task.goal_pose is None:

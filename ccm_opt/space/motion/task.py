@@ -30,6 +30,7 @@ class SpaceTask:
         goal: where the tip shall end; None where a whole pose is asked.
         goal_pose: configuration at which it shall end, shape (c,); None where the tip alone counts.
         via: places that the tip passes in this order, each of shape (3,) [m].
+        via_reach: how near the tip has to come to pass them [m].
         clearance: gap that the user asks for beyond the arm's radius [m].
         wanted_gap: room beyond that which motions keep where there is so much [m].
         box: where the tip may go, lower and upper corner, shape (2, 3) [m].
@@ -49,6 +50,7 @@ class SpaceTask:
     goal: SpaceTipPose | None
     goal_pose: FloatArray | None
     via: tuple[FloatArray, ...]
+    via_reach: float
     clearance: float
     wanted_gap: float
     box: FloatArray

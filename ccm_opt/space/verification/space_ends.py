@@ -9,7 +9,6 @@ from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceStop, SpaceTipGoal
 from ccm_opt.space.verification.link_frames import LinkFrames
 from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion
-from ccm_opt.space.verification.space_proof_settings import DEFAULT_SPACE_PROOF, SpaceProofSettings
 from ccm_opt.verification.bend_layout import joint_of_bend, revolutes_of_bends
 from ccm_opt.verification.verification_settings import VerificationSettings
 
@@ -22,7 +21,6 @@ def check_space_ends(
     motion: SpaceChainMotion,
     trajectory: JointTrajectory,
     settings: VerificationSettings,
-    proof: SpaceProofSettings = DEFAULT_SPACE_PROOF,
 ) -> list[Check]:
     """Check start, places on the way, stops and goal, and that the arm rests at start, stops and goal."""
     bends = motion.positions[0, trajectory.coordinates.bends]
@@ -33,7 +31,7 @@ def check_space_ends(
     for name, stop, sample in _goals(problem, trajectory):
         checks += _goal(name, problem, motion, trajectory, stop, sample, settings)
         if isinstance(stop.goal, SpaceTipGoal):
-            checks += _places(name, motion, stop.goal, before, sample, stop.tolerances.position, proof)
+            checks += _places(name, motion, stop.goal, before, sample, stop.tolerances.position)
         before = sample
     return checks
 
@@ -130,10 +128,9 @@ def _places(
     begin: int,
     end: int,
     tolerance: float,
-    proof: SpaceProofSettings,
 ) -> list[Check]:
     """Whether the tip passes the places on its way to a goal, one after the other."""
-    bound = max(tolerance, proof.via * motion.arm.link_length)
+    bound = max(tolerance, motion.arm.link_length)
     tip = motion.points[begin : end + 1, -1]
     checks = []
     first = 0

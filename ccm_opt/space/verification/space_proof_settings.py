@@ -11,12 +11,10 @@ class SpaceProofSettings:
         block: intervals between samples that make the first stretches. Taste: a third of a second, in which an arm
             moves by about the room that it has.
         probes: moments at which the nearest surface is looked for first. Taste.
-        via: distance at which the tip passes a place on its way, in link lengths. Taste: a place names a bore or a gap.
     """
 
     block: int = 64
     probes: int = 8
-    via: float = 1.0
 
 
 DEFAULT_SPACE_PROOF = SpaceProofSettings()

@@ -9,9 +9,10 @@ import scipy.sparse as sp
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.motion.optimisation.cost import SpaceMotionCost
+from ccm_opt.space.motion.optimisation.keyframe_rows import KeyframeRows
 from ccm_opt.space.motion.optimisation.rows import SpaceRows
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
-from ccm_opt.space.motion.optimisation.user_keyframes import CostWithTerms, UserKeyframeRows
+from ccm_opt.space.motion.optimisation.user_keyframes import CostWithTerms
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
 
@@ -45,7 +46,7 @@ class SpaceKeyframeProgram:
         damping: weight on the squared turns of the links.
         goal: where the tip has to stay; None where the last keyframe is fixed.
         settings: of the optimisation.
-        of_user: rows of the user on keyframes; None where there are none.
+        held: rows on keyframes that hold without slack; None where there are none.
     """
 
     sweep: SpaceSweep
@@ -55,7 +56,7 @@ class SpaceKeyframeProgram:
     damping: float
     goal: SpaceTipPose | None
     settings: SpaceOptimisationSettings
-    of_user: UserKeyframeRows | None = None
+    held: KeyframeRows | None = None
 
     def solve(self) -> SpaceQuadraticStep | None:
         """The step, or None where the solver finds none."""
@@ -67,11 +68,11 @@ class SpaceKeyframeProgram:
         linear = np.column_stack((gradient[1:], self.prices)).ravel()
         equal = self._end_rows()
         matrix, lower, upper = self._inequalities()
-        if self.of_user is not None:
-            own = self._user_rows(self.of_user)
-            equal = sp.vstack((equal, own[: self.of_user.equal])).tocsc()
-            matrix = sp.vstack((matrix, own[self.of_user.equal :])).tocsc()
-            least_gain = self.of_user.lower[self.of_user.equal :]
+        if self.held is not None:
+            own = self._held_rows(self.held)
+            equal = sp.vstack((equal, own[: self.held.equal])).tocsc()
+            matrix = sp.vstack((matrix, own[self.held.equal :])).tocsc()
+            least_gain = self.held.lower[self.held.equal :]
             lower = np.concatenate((lower, least_gain))
             upper = np.concatenate((upper, np.full(len(least_gain), _FAR)))
         least = np.full((count, p + 1), -_FAR)
@@ -135,13 +136,13 @@ class SpaceKeyframeProgram:
         whole[:, size - p - 1 : size - 1] = rows
         return sp.csc_matrix(whole)
 
-    def _user_rows(self, of_user: UserKeyframeRows) -> Any:
-        """Matrix of the user's rows."""
+    def _held_rows(self, held: KeyframeRows) -> Any:
+        """Matrix of the rows on keyframes."""
         count, p = self.sweep.intervals, self.sweep.unknowns.shape[1]
-        m = len(of_user.keyframe)
-        places = ((of_user.keyframe - 1) * (p + 1))[:, None] + np.arange(p)
+        m = len(held.keyframe)
+        places = ((held.keyframe - 1) * (p + 1))[:, None] + np.arange(p)
         lines = np.repeat(np.arange(m), p)
-        return sp.csr_matrix((of_user.rows.ravel(), (lines, places.ravel())), shape=(m, count * (p + 1)))
+        return sp.csr_matrix((held.rows.ravel(), (lines, places.ravel())), shape=(m, count * (p + 1)))
 
     def _inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
         """Matrix and bounds of the rows over intervals, and of the limits of coordinates that are near them."""

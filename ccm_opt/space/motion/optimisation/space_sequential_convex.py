@@ -10,6 +10,8 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.motion.optimisation.cost import SpaceMotionCost
+from ccm_opt.space.motion.optimisation.keyframe_rows import KeyframeRows
+from ccm_opt.space.motion.optimisation.passing_keyframes import PassingKeyframes
 from ccm_opt.space.motion.optimisation.program import SpaceKeyframeProgram, SpaceQuadraticStep
 from ccm_opt.space.motion.optimisation.rows import SpaceRows, motion_rows, room_lacking, tightest
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
@@ -49,12 +51,14 @@ class SequentialConvex:
         stepper: of its unknowns.
         end_fixed: whether the last keyframe has to stay.
         terms: the user's, over the keyframes; None where there are none.
+        passing: keyframes at which the tip passes places; None where it need not.
     """
 
     task: SpaceTask
     stepper: SpaceStepper
     end_fixed: bool
     terms: UserKeyframes | None = None
+    passing: PassingKeyframes | None = None
     _cost: SpaceMotionCost | CostWithTerms = field(init=False)
 
     def __post_init__(self) -> None:
@@ -113,10 +117,10 @@ class SequentialConvex:
         group = max(1, -(-task.arm.links // settings.groups))
         active = rows.take(near).take(tightest(rows.take(near), values[near], group))
         goal = None if self.end_fixed else task.goal
-        of_user = None if self.terms is None else self.terms.rows(sweep)
+        held = self._held_rows(sweep)
         for _ in range(settings.tries):
             program = SpaceKeyframeProgram(
-                sweep, self._cost, active, iterate.prices, iterate.damping, goal, settings, of_user
+                sweep, self._cost, active, iterate.prices, iterate.damping, goal, settings, held
             )
             step = program.solve()
             following = None
@@ -150,7 +154,7 @@ class SequentialConvex:
             if self.terms is not None:
                 unknowns = self.terms.restored(self.stepper, unknowns)
             sweep = SpaceSweep(self.stepper, unknowns)
-            if self.terms is not None and not self.terms.holds(sweep):
+            if not self._holds(sweep):
                 continue
             after = self._cost.value(sweep)
             worst_after = self._worst(rows, sweep)
@@ -167,6 +171,14 @@ class SequentialConvex:
                 return self._iterate(sweep, self._damped(iterate.damping, share, gain), prices), failed
             failed = failing
         return None, failed
+
+    def _held_rows(self, sweep: SpaceSweep) -> KeyframeRows | None:
+        """What single keyframes have to keep, by the user's terms and by the places that the tip passes."""
+        return KeyframeRows.joined([part.rows(sweep) for part in (self.terms, self.passing) if part is not None])
+
+    def _holds(self, sweep: SpaceSweep) -> bool:
+        """Whether the keyframes of a motion keep that."""
+        return all(part.holds(sweep) for part in (self.terms, self.passing) if part is not None)
 
     def _worst(self, rows: SpaceRows, sweep: SpaceSweep) -> FloatArray:
         """By how much the worst row of every interval is not kept, at least 0, in nominal links, shape (K,)."""

@@ -9,29 +9,13 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.motion.onto_terms import moved_onto_terms
 from ccm_opt.space.motion.optimisation.cost import SpaceMotionCost
+from ccm_opt.space.motion.optimisation.keyframe_rows import KeyframeRows
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.space_user_limit import SpaceUserLimit
 
 if TYPE_CHECKING:
     from ccm_opt.user_terms.functions import CompiledCost
-
-
-@dataclass(frozen=True, eq=False)
-class UserKeyframeRows:
-    """Rows on keyframes that have to hold, without slack.
-
-    Attributes:
-        keyframe: of each row, at least 1, shape (m,).
-        rows: by the unknowns of that keyframe, shape (m, p).
-        lower: what they have to gain at least, shape (m,).
-        equal: how many of them, the first ones, may gain no more either.
-    """
-
-    keyframe: IntArray
-    rows: FloatArray
-    lower: FloatArray
-    equal: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +36,7 @@ class UserKeyframes:
             return self.user.placed_at_goal()
         return self.user.placed(float(self.u[keyframe]))
 
-    def rows(self, sweep: SpaceSweep) -> UserKeyframeRows:
+    def rows(self, sweep: SpaceSweep) -> KeyframeRows:
         """Equations of every keyframe, and gaps that are not far from closing, as turns of the whole arm."""
         settings = self.user.settings
         p = sweep.unknowns.shape[1]
@@ -73,7 +57,7 @@ class UserKeyframes:
             rows[1].append(now.gap_slopes[near] @ pose.slopes / scale[near, None])
             # Without slack: a gap inside its margin may only not shrink, or there would be no step at all.
             lower[1].append(np.minimum(settings.margin - now.gaps[near] / scale[near], 0.0))
-        return UserKeyframeRows(
+        return KeyframeRows(
             np.array([*numbers[0], *numbers[1]], dtype=np.intp),
             np.vstack((*rows[0], *rows[1])),
             np.concatenate((*lower[0], *lower[1])),
