@@ -130,6 +130,10 @@ def exchanges(code: str) -> list[Exchange]:
 
 
 def matches(shown: str, printed: str) -> bool:
-    """Whether a page shows what was printed; blanks are alike, and "…" stands for anything."""
+    """Whether a page shows what was printed; blanks are alike, and "…" stands for anything.
+
+    How far a command has come is told on slow machines only, and not shown.
+    """
+    printed = re.sub(r"^\S+: [a-z ]+(, \d+ candidates?)?, [\d.]+ of [\d.]+ s$", "", printed, flags=re.MULTILINE)
     words = [re.escape(" ".join(piece.split())) for piece in shown.split("…")]
     return re.fullmatch(".*".join(words), " ".join(printed.split())) is not None

@@ -1,4 +1,4 @@
-"""Inverse kinematics in space: what can be reached is, within limits, and what cannot is missed by no more than has to be."""
+"""Inverse kinematics in space: what can be reached is, and what cannot is missed by no more than limits ask for."""
 
 import numpy as np
 import pytest
