@@ -134,6 +134,6 @@ def matches(shown: str, printed: str) -> bool:
 
     How far a command has come is told on slow machines only, and not shown.
     """
-    printed = re.sub(r"^\S+: [a-z ]+(, \d+ candidates?)?, [\d.]+ of [\d.]+ s$", "", printed, flags=re.MULTILINE)
+    printed = re.sub(r"^\S+: [^,\n]+, [\d.]+ of [\d.]+ s(, candidate .*)?$", "", printed, flags=re.MULTILINE)
     words = [re.escape(" ".join(piece.split())) for piece in shown.split("…")]
     return re.fullmatch(".*".join(words), " ".join(printed.split())) is not None

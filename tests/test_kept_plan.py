@@ -324,6 +324,7 @@ def test_ctrl_c_when_the_folder_is_all_but_done_is_too_late(
 ) -> None:
     """The problem is solved, with pictures, and its exit code says so; the file after it is not tried."""
     usual = getattr(solving, step)
+    handler = signal.getsignal(signal.SIGINT)
 
     def interrupted(*arguments: object) -> object:
         os.kill(os.getpid(), signal.SIGINT)
@@ -338,4 +339,4 @@ def test_ctrl_c_when_the_folder_is_all_but_done_is_too_late(
     code, _, said = run("solve", *files, "--out", str(tmp_path / "runs"), "--no-pictures")
     assert (code, "cancelled" in said) == (130, True)
     assert not (tmp_path / "runs" / "other").exists()
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is handler

@@ -146,6 +146,10 @@ def test_without_slack_planes_are_those_of_the_nearest_first(seed: int, count: i
     rng = np.random.default_rng(seed)
     scene = random_triangles(rng, count)
     segments = random_segments(rng, 6)
+    # Of several that a segment touches none is the nearest, and which comes first is left to rounding.
+    ordered = longest_edge_first(scene.triangles)
+    pairs = (nearest_pairs(np.repeat(segment[None], count, axis=0), ordered)[0] for segment in segments)
+    alike = np.array([np.sum(apart - scene.rounding < 1e-9) < 2 for apart in pairs])
     kept = []
     for tree in trees(scene):
         exact = replace(tree, settings=replace(DEFAULT_DISTANCES, slack=0.0))
@@ -153,9 +157,11 @@ def test_without_slack_planes_are_those_of_the_nearest_first(seed: int, count: i
         for k in range(len(segments)):
             assert np.all(np.diff(rows.gap[rows.link == k]) >= 0.0)
         kept.append(rows)
+    compared = alike[kept[0].link]
     for rows in kept[1:]:
-        np.testing.assert_array_equal(rows.link, kept[0].link)
-        np.testing.assert_allclose(rows.gap, kept[0].gap, atol=1e-8)
+        same = alike[rows.link]
+        np.testing.assert_array_equal(rows.link[same], kept[0].link[compared])
+        np.testing.assert_allclose(rows.gap[same], kept[0].gap[compared], atol=1e-8)
 
 
 @settings(max_examples=30)
