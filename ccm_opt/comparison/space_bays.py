@@ -92,7 +92,8 @@ def bays(rng: np.random.Generator, wider: float) -> Site | None:
     # The box lies along z; the arm comes in across.
     depth = skin + half
     apart = 0.16 + float(rng.uniform(0.0, 0.03))
-    low, high = -apart + 0.02, 2.4 * apart
+    low = -apart + 0.02
+    high = 2.4 * apart
     thick = 0.003
     bodies: list[tuple[str, Body]] = [
         ("lower skin", holed_plate(skin * X, X, hole, 0.45)),

@@ -117,7 +117,8 @@ def _chorded(route: Route, start: float, arm: SpaceArm) -> tuple[FloatArray, flo
     points = [route.at(np.array(start))]
     s = start
     for _ in range(arm.links):
-        low, high = s, s + 2.0 * arm.link_length
+        low = s
+        high = s + 2.0 * arm.link_length
         for _ in range(60):
             middle = 0.5 * (low + high)
             if float(np.linalg.norm(route.at(np.array(middle)) - points[-1])) < arm.link_length:

@@ -95,7 +95,8 @@ def _whole_length(bodies: list[tuple[str, Body]], route: Route, width: float, rn
     side = rng.normal(size=3) * np.array([0.0, 1.0, 1.0])
     side[1] = -abs(side[1])
     side /= np.linalg.norm(side)
-    low, high = 0.0, 0.5
+    low = 0.0
+    high = 0.5
     for _ in range(40):
         height = 0.5 * (low + high)
         bowed = _bowed(route, width, height, side)

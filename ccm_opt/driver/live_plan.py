@@ -159,13 +159,19 @@ class LivePlan:
         limited = time_limit is None or (is_number(time_limit) and time_limit > 0.0)
         expect_that(lambda: limited, time_limit, "a time limit above 0 [s]")
         begin = time.process_time()
-        followed, plan, verified, planner = self.current, self.plan, self._verified, self._planner
+        followed = self.current
+        plan = self.plan
+        verified = self._verified
+        planner = self._planner
         self._planner = ResumingPlanner(self._thorough)
         self._attempt(self._within(self.problem.planner.time_limit if time_limit is None else time_limit))
         shorter = self.current and self.plan.trajectory.duration < plan.trajectory.duration
         if followed and not shorter:
-            self.current, self.reason = True, ""
-            self.plan, self._verified, self._planner = plan, verified, planner
+            self.current = True
+            self.reason = ""
+            self.plan = plan
+            self._verified = verified
+            self._planner = planner
         elif not self.current:
             self._planner = planner
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
@@ -198,9 +204,11 @@ class LivePlan:
             refuse_impossible(problem)
             self._make(problem)
         except NoPlanFound as failure:
-            self.current, self.reason = False, failure.diagnosis.reason
+            self.current = False
+            self.reason = failure.diagnosis.reason
         except VerificationError as failure:
-            self.current, self.reason = False, "the verifier refuses the plan: " + "; ".join(failure.failures)
+            self.current = False
+            self.reason = "the verifier refuses the plan: " + "; ".join(failure.failures)
 
     @on_one_thread
     def _make(self, problem: Problem) -> None:
@@ -214,7 +222,8 @@ class LivePlan:
         planner = OwnUnitsPlanner(self._planner)
         self._verified = verified_plan(problem, planner, stages, None, self._terms, self.settings)
         self.plan = as_it_stands(self.problem, self._verified, stages)
-        self.current, self.reason = True, ""
+        self.current = True
+        self.reason = ""
 
 
 def _place(position: Sequence[float] | FloatArray) -> FloatArray:

@@ -119,10 +119,13 @@ class LivePlanInSpace:
         begin = time.process_time()
         options = self.problem.planner
         limited = replace(options, time_limit=options.time_limit if time_limit is None else time_limit)
-        followed, plan = self.current, self.plan
+        followed = self.current
+        plan = self.plan
         self._attempt(replace(self.problem, planner=limited), thorough=True)
         if followed and not (self.current and self.plan.trajectory.duration < plan.trajectory.duration):
-            self.current, self.reason, self.plan = True, "", plan
+            self.current = True
+            self.reason = ""
+            self.plan = plan
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
     @on_one_thread
@@ -132,11 +135,14 @@ class LivePlanInSpace:
         try:
             path = SpacePlanner().plan(problem) if thorough else self._found(problem)
             self.plan = self._verified(problem, path)
-            self.current, self.reason = True, ""
+            self.current = True
+            self.reason = ""
         except NoPlanFound as failure:
-            self.current, self.reason = False, failure.diagnosis.reason
+            self.current = False
+            self.reason = failure.diagnosis.reason
         except VerificationError as failure:
-            self.current, self.reason = False, "the verifier refuses the plan: " + "; ".join(failure.failures)
+            self.current = False
+            self.reason = "the verifier refuses the plan: " + "; ".join(failure.failures)
 
     def _found(self, problem: SpaceProblem) -> JointPath:
         """The first motion that is found."""

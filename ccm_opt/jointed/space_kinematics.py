@@ -58,8 +58,10 @@ def bend_rotations(bends: FloatArray) -> FloatArray:
     """Rz(a) Ry(b) of pairs of bends, shape (..., 2) to (..., 3, 3)."""
     cos = np.cos(bends)
     sin = np.sin(bends)
-    ca, cb = cos[..., 0], cos[..., 1]
-    sa, sb = sin[..., 0], sin[..., 1]
+    ca = cos[..., 0]
+    cb = cos[..., 1]
+    sa = sin[..., 0]
+    sb = sin[..., 1]
     turns = np.empty((*bends.shape[:-1], 3, 3))
     turns[..., 0, :] = np.stack((ca * cb, -sa, ca * sb), axis=-1)
     turns[..., 1, :] = np.stack((sa * cb, ca, sa * sb), axis=-1)

@@ -45,13 +45,6 @@ class ParetoPlan(Generic[SolutionT_co]):
         return self.solution.room.nearest.gap
 
     @property
-    def goal_gap(self) -> float:
-        """Least gap of its last pose [m]; -inf without one."""
-        if self.solution is None or self.solution.room is None:
-            return -np.inf
-        return self.solution.room.at_goal.gap
-
-    @property
     def energy(self) -> float:
         """Work that the drives do and take back, the integral of effort times speed without its sign [J].
 

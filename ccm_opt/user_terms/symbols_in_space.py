@@ -152,7 +152,10 @@ class SpaceQuantities(ArmQuantities):
 
 def _turn(a: Any, b: Any) -> Any:
     """Rz(a) Ry(b), shape (3, 3)."""
-    ca_, sa, cb, sb = ca.cos(a), ca.sin(a), ca.cos(b), ca.sin(b)
+    ca_ = ca.cos(a)
+    sa = ca.sin(a)
+    cb = ca.cos(b)
+    sb = ca.sin(b)
     return ca.vertcat(
         ca.horzcat(ca_ * cb, -sa, ca_ * sb),
         ca.horzcat(sa * cb, ca_, sa * sb),

@@ -179,7 +179,8 @@ class SampleMeans:
 
     def _torque_error(self, k: int, i: int) -> float:
         arm = self._arm
-        before, after = self._steps[0][k], self._steps[1][k]
+        before = self._steps[0][k]
+        after = self._steps[1][k]
         longest = max(before, after)
         within = slice(k, k + 3)
         # How fast links may turn and speed up between the samples, by the limits on accelerations.

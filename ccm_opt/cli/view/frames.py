@@ -67,7 +67,8 @@ class MotionFrames:
     @cached_property
     def _gaps(self) -> FloatArray:
         """Gap of every link at some times, shape (F, links) [m]."""
-        arm, workspace = self.problem.arm, self.problem.workspace
+        arm = self.problem.arm
+        workspace = self.problem.workspace
         chosen = np.searchsorted(self.trajectory.time, self._gap_times)
         points = self.points[chosen]
         links = shapely.linestrings(np.stack((points[:, :-1], points[:, 1:]), axis=2))

@@ -61,7 +61,8 @@ class SpaceScene:
     def look(self, client: viser.ClientHandle) -> None:
         """Put a client's camera before the arm and what is about it."""
         points = self.frames.points.reshape(-1, 3) / self.unit
-        low, high = points.min(axis=0), points.max(axis=0)
+        low = points.min(axis=0)
+        high = points.max(axis=0)
         middle = 0.5 * (low + high)
         away = max(float(np.max(high - low)), 0.5)
         client.camera.position = middle + 1.2 * away * np.array([0.35, -0.85, 0.4])

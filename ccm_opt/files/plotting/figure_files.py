@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from io import BytesIO
-from typing import Literal, get_args
+from typing import Literal
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from ccm_opt.files.plotting import style
 
 FigureFormat = Literal["png", "svg", "pdf"]
-FORMATS: tuple[FigureFormat, ...] = get_args(FigureFormat)
 """What still pictures can be written as."""
 
 

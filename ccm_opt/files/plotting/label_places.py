@@ -96,7 +96,8 @@ class LabelPlaces:
         return window
 
     def _to_points(self, places: FloatArray) -> FloatArray:
-        (left, right), (low, high) = self.axes.get_xlim(), self.axes.get_ylim()
+        left, right = self.axes.get_xlim()
+        low, high = self.axes.get_ylim()
         pixels = min(self.axes.bbox.width / (right - left), self.axes.bbox.height / (high - low))
         scale = 72.0 / float(self.axes.figure.dpi) * pixels
         return np.asarray(scale * (np.asarray(places) - np.array([left, low])))

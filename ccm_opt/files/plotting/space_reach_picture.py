@@ -112,7 +112,8 @@ def _draw_cloud(axes: Axes, found: SpaceReachMap, scene: SeenScene, window: Floa
     side: Side = SLANTED
     counted = np.arange(8)[:, None] >> np.arange(3) & 1
     corners = side(np.where(counted == 1, window[1], window[0]))
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    low = corners.min(axis=0)
+    high = corners.max(axis=0)
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     scene.draw(axes, side)

@@ -73,7 +73,8 @@ def _frame(axes: Axes, boundary: shapely.Polygon, window: tuple[float, float, fl
 
 def _name(axes: Axes, obstacle: Obstacle) -> None:
     """The obstacle's name in the part of it that is seen, upright when that is; none where it has no room."""
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    left, right = axes.get_xlim()
+    low, high = axes.get_ylim()
     outline = obstacle.outline()
     seen = shapely.intersection(outline, shapely.box(left, low, right, high))
     if seen.is_empty:

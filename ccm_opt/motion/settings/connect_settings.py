@@ -127,7 +127,3 @@ class ConnectSettings:
     turn: float = 0.15
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     goals: GoalDrawSettings = field(default_factory=GoalDrawSettings)
-
-
-DEFAULT_CONNECT = ConnectSettings()
-"""The numbers that are used unless others are given."""

@@ -44,7 +44,9 @@ def carried(twists: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatAr
         Rotations (m, 3, 3) and translations (m, 3), in the axes of the frame at the beginning of its step.
     """
     h = widths[:, None]
-    one, two, three = twists[:, 0], twists[:, 1], twists[:, 2]
+    one = twists[:, 0]
+    two = twists[:, 1]
+    three = twists[:, 2]
     value = h * two
     slope = h * (np.sqrt(15.0) / 3.0) * (three - one)
     bend = h * (10.0 / 3.0) * (three - 2.0 * two + one)

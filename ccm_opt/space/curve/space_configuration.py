@@ -64,7 +64,8 @@ class SpaceConfiguration:
         """
         segments = []
         for segment in curve.segments:
-            c, s = np.cos(segment.heading), np.sin(segment.heading)
+            c = np.cos(segment.heading)
+            s = np.sin(segment.heading)
             frame = rotation @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
             values = np.column_stack((segment.curvature, np.zeros(5)))
             moments = (segment.moments, (0.0, 0.0))

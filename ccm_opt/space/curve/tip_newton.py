@@ -74,7 +74,10 @@ class TipNewton:
                 damping *= settings.stiffened
                 continue
             damping *= settings.relaxed
-            v, state, error, rows = trial, ahead, error_ahead, rows_ahead
+            v = trial
+            state = ahead
+            error = error_ahead
+            rows = rows_ahead
         return self._solution(v, state, target, steps)
 
     @cached_property

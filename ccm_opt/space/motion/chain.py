@@ -105,7 +105,8 @@ class Chains:
         before = self._base
         turned = np.zeros((3, p))
         for j in range(n):
-            a, b = q[2 * j], q[2 * j + 1]
+            a = q[2 * j]
+            b = q[2 * j + 1]
             about_z = np.array([[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]])
             about_y = np.array([[np.cos(b), 0.0, np.sin(b)], [0.0, 1.0, 0.0], [-np.sin(b), 0.0, np.cos(b)]])
             after = before @ about_z @ about_y

@@ -47,7 +47,9 @@ class CurveNumbers:
 
     def segment_values(self) -> tuple[list[float], list[FloatArray], list[tuple[float, float, float]]]:
         """Lengths, curvatures (5, 2) and inner knots of the segments."""
-        lengths, values, shares = [], [], []
+        lengths = []
+        values = []
+        shares = []
         for segment in range(self.segments):
             inside = slice(PIECES * segment, PIECES * (segment + 1) + 1)
             arcs = self.arcs[inside]

@@ -62,7 +62,8 @@ class CheckedSurfaces:
 
     def bounds(self, node: IntArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
         """How far segments (P, 3) are from what is in boxes, at least and at most, without rounding, each (P,) [m]."""
-        low, high = self.low[node], self.high[node]
+        low = self.low[node]
+        high = self.high[node]
         beyond = np.maximum(low - np.maximum(start, end), np.minimum(start, end) - high)
         apart = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
         line = end - start
@@ -80,7 +81,8 @@ class CheckedSurfaces:
 
 def _by_size_and_place(triangles: FloatArray) -> IntArray:
     """An order in which neighbours are alike in size and near each other, shape (m,)."""
-    low, high = triangles.min(axis=1), triangles.max(axis=1)
+    low = triangles.min(axis=1)
+    high = triangles.max(axis=1)
     extent = high.max(axis=0) - low.min(axis=0)
     span = max(float(extent.max()), np.finfo(np.float64).tiny)
     # Walls of few large triangles would blow up the boxes of fine meshes beside them.

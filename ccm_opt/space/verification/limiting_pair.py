@@ -51,7 +51,8 @@ class LimitingPair:
     def distances(self, poses: FloatArray) -> FloatArray:
         """Between the axes of both, or of the link and the triangle, in configurations (N, c), shape (N,) [m]."""
         points = chain_of(self.arm, poses)
-        start, end = points[:, self.link], points[:, self.link + 1]
+        start = points[:, self.link]
+        end = points[:, self.link + 1]
         if self.triangle is None:
             return axis_distances(start, end, points[:, self.other], points[:, self.other + 1])
         return separations(start, end, np.broadcast_to(self.triangle, (len(poses), 3, 3)))[1]

@@ -84,7 +84,8 @@ class SurfaceProof:
     ) -> Measured:
         """What is known of the gaps of pairs; beyond the cutoff, one number or of shape (P,) [m], not exactly."""
         travels = self.motion.travels(stretches)
-        k, link = pairs.stretch, pairs.link
+        k = pairs.stretch
+        link = pairs.link
         travel = np.maximum(travels[k, link], travels[k, link + 1])
         end = poses[k, link + 1]
         start = poses[k, link] + self._exposed[link, None] * (end - poses[k, link])

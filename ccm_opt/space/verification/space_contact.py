@@ -54,7 +54,9 @@ def _prove(
     lost = 2.0 * motion.rounding + distance_rounding(float(np.max(np.abs(motion.points))))
 
     def measure(some: TimeStretches, poses: FloatArray, which: StretchPairs, _cutoff: float) -> Measured:
-        k, i, j = which.stretch, which.link, which.other
+        k = which.stretch
+        i = which.link
+        j = which.other
         distance = axis_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - thickness
         travel = relative_travels(motion, some, which)
         return Measured(distance - lost, distance, travel, np.ones(len(which), dtype=bool))
@@ -65,7 +67,9 @@ def _prove(
 def relative_travels(motion: SpaceChainMotion, stretches: TimeStretches, pairs: StretchPairs) -> FloatArray:
     """How much nearer two links may come than they are at the middle, shape (P,) [m]."""
     travels = motion.travels(stretches)
-    k, i, j = pairs.stretch, pairs.link, pairs.other
+    k = pairs.stretch
+    i = pairs.link
+    j = pairs.other
     apart = np.maximum(travels[k, i], travels[k, i + 1]) + np.maximum(travels[k, j], travels[k, j + 1])
     # Within an interval what both do alike does not count.
     within = np.flatnonzero((stretches.high - stretches.low)[k] <= 1.0)
@@ -87,7 +91,9 @@ def axis_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -
     The squared distance is convex in both shares: either it is least inside of both, or on an end of one of them.
     """
     ends = [_from_segment(point, start, end) for point, start, end in ((a, c, d), (b, c, d), (c, a, b), (d, a, b))]
-    line, other, offset = b - a, d - c, a - c
+    line = b - a
+    other = d - c
+    offset = a - c
     normal = np.cross(line, other)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)

@@ -147,7 +147,9 @@ class _LinksWithErrors:
 
     def _measure(self, stretches: TimeStretches, poses: FloatArray, pairs: StretchPairs, _: float) -> Measured:
         motion = self.motion
-        k, i, j = pairs.stretch, pairs.link, pairs.other
+        k = pairs.stretch
+        i = pairs.link
+        j = pairs.other
         apart = axis_distances(poses[k, i], poses[k, i + 1], poses[k, j], poses[k, j + 1]) - 2.0 * motion.arm.radius
         lost = 2.0 * motion.rounding + distance_rounding(float(np.max(np.abs(motion.points))))
         travels = motion.travels(stretches)

@@ -138,7 +138,8 @@ class SpaceKeyframeProgram:
 
     def _held_rows(self, held: KeyframeRows) -> Any:
         """Matrix of the rows on keyframes."""
-        count, p = self.sweep.intervals, self.sweep.unknowns.shape[1]
+        count = self.sweep.intervals
+        p = self.sweep.unknowns.shape[1]
         m = len(held.keyframe)
         places = ((held.keyframe - 1) * (p + 1))[:, None] + np.arange(p)
         lines = np.repeat(np.arange(m), p)
