@@ -18,7 +18,8 @@ from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.followable_search import FollowSearch, InterpretedSearch, WayArcs, WayEnd
 from ccm_opt.space.motion.followable_ways import FollowableWays
 from ccm_opt.space.motion.grid_ways import TipGrid
-from ccm_opt.space.motion.space_motion_settings import FollowableWaySettings, SpaceMotionSettings
+from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.withdrawal import withdrawn
 from ccm_opt.space.planner import space_task, tip_box

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.settings.space_proof_settings import SpaceCertificateSettings
 from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.motion.space_link_motion import LinkMotion, segment_distances
-from ccm_opt.space.motion.space_motion_settings import SpaceCertificateSettings
 from ccm_opt.space.scene.surfaces import SurfaceSoup
 from tests.snakes_in_space import balls, boxes, least_gaps, snake
 

@@ -14,7 +14,7 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.planner import space_task
 from ccm_opt.space.problem import SpaceTipGoal
 from ccm_opt.space.space_reach_map import SpaceReachMap, even_directions

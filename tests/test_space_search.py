@@ -15,9 +15,9 @@ from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.goal_poses import goal_poses
 from ccm_opt.space.motion.grid_ways import TipGrid, shortened
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
+from ccm_opt.space.motion.settings.space_end_settings import SpaceConnectSettings
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
-from ccm_opt.space.motion.space_motion_settings import SpaceConnectSettings
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_smooth_path import certified_path
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask

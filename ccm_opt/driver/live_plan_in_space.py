@@ -18,7 +18,7 @@ from ccm_opt.ground.expected import expect, refusal
 from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.solution import Check, JointPath, JointStates, JointTrajectory
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.planner import SpacePlanner, joint_path, refuse_ends, space_task
 from ccm_opt.space.pose_beginnings import any_motion
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal

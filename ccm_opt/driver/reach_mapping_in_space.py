@@ -16,7 +16,7 @@ from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.task import SpaceTask
 from ccm_opt.space.planner import contact_words, reach_box, space_task
 from ccm_opt.space.pose_beginnings import any_motion

@@ -20,9 +20,9 @@ from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
 from ccm_opt.space.motion.passed_places import first_missed
+from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
-from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_smooth_path import certified_path
 from ccm_opt.space.motion.space_user_limit import SpaceUserLimit

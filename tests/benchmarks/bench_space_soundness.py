@@ -22,7 +22,7 @@ from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.solution import JointPath
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.space_motion_settings import SpaceMotionSettings
+from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.planner import SpacePlanner, joint_path, refuse_ends, space_task
 from ccm_opt.space.problem import SpaceProblem

@@ -11,7 +11,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.space.motion.pieces import edge_is_safe, in_pieces
-from ccm_opt.space.motion.space_motion_settings import SpaceConnectSettings
+from ccm_opt.space.motion.settings.space_end_settings import SpaceConnectSettings
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper, moved_metric
 

@@ -15,7 +15,7 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.space.curve.biarc import Biarc
-from ccm_opt.space.motion.space_motion_settings import FollowableWaySettings
+from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
 
 
 @dataclass(frozen=True, eq=False)

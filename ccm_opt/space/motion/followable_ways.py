@@ -17,7 +17,7 @@ from ccm_opt.ground.deadline import Deadline
 from ccm_opt.space.motion.compiled_followable_search import compiled_arcs, searched_in_c
 from ccm_opt.space.motion.followable_search import FollowSearch, InterpretedSearch, WayArcs, WayEnd
 from ccm_opt.space.motion.grid_ways import TipGrid
-from ccm_opt.space.motion.space_motion_settings import FollowableWaySettings
+from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,8 @@ from ccm_opt.space.distances.segment_pairs import segment_distances
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.chain import Chains
 from ccm_opt.space.motion.interval_proof import IntervalProof, interval_proof
+from ccm_opt.space.motion.settings.space_proof_settings import SpaceCertificateSettings
 from ccm_opt.space.motion.space_link_motion import LinkMotion
-from ccm_opt.space.motion.space_motion_settings import SpaceCertificateSettings
 
 
 class EdgeCondition(Protocol):

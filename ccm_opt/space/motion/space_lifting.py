@@ -14,8 +14,8 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.motion.chain import Chains
 from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap
 from ccm_opt.space.motion.pieces import failing_edges, in_pieces
+from ccm_opt.space.motion.settings.space_lifting_settings import LiftingSettings
 from ccm_opt.space.motion.space_goal import onto_goal
-from ccm_opt.space.motion.space_motion_settings import LiftingSettings
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 

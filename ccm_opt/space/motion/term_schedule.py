@@ -8,7 +8,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.polyline import arc_lengths
-from ccm_opt.space.motion.space_motion_settings import ScheduleSettings
+from ccm_opt.space.motion.settings.schedule_settings import ScheduleSettings
 from ccm_opt.space.motion.space_user_limit import SpaceUserLimit
 from ccm_opt.space.motion.task import SpaceMotion
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
-from ccm_opt.space.motion.space_motion_settings import SpaceObjectiveSettings
+from ccm_opt.space.motion.settings.space_optimisation_settings import SpaceObjectiveSettings
 
 
 @dataclass(frozen=True, eq=False)

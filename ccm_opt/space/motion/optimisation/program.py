@@ -13,8 +13,8 @@ from ccm_opt.space.motion.optimisation.keyframe_rows import KeyframeRows
 from ccm_opt.space.motion.optimisation.rows import SpaceRows
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
 from ccm_opt.space.motion.optimisation.user_keyframes import CostWithTerms
+from ccm_opt.space.motion.settings.space_optimisation_settings import SpaceOptimisationSettings
 from ccm_opt.space.motion.space_goal import SpaceTipPose
-from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
 
 _FAR = 1e30
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
-from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
+from ccm_opt.space.motion.settings.space_optimisation_settings import SpaceOptimisationSettings
 
 
 @dataclass(frozen=True, eq=False)

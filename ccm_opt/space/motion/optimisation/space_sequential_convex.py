@@ -17,8 +17,8 @@ from ccm_opt.space.motion.optimisation.rows import SpaceRows, motion_rows, room_
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
 from ccm_opt.space.motion.optimisation.user_keyframes import CostWithTerms, UserKeyframes
 from ccm_opt.space.motion.pieces import failing_edges
+from ccm_opt.space.motion.settings.space_optimisation_settings import SpaceOptimisationSettings
 from ccm_opt.space.motion.space_goal import onto_goal
-from ccm_opt.space.motion.space_motion_settings import SpaceOptimisationSettings
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceTask
 

@@ -1,0 +1,48 @@
+"""Numbers of poses at the goal and of the sampler that joins them; turns and edges are in radians."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class GoalPoseSettings:
+    """Of poses at the goal by drawn curves.
+
+    Attributes:
+        draws: at most so many.
+        steps: of each towards the goal.
+        polish_turn: largest turn of a link in a step of Newton's method onto the goal [rad].
+        wanted: poses that are moved to in turn before the sampler is tried.
+    """
+
+    draws: int = 200
+    steps: int = 40
+    polish_turn: float = 0.3
+    wanted: int = 8
+
+
+@dataclass(frozen=True)
+class EndingSettings:
+    """Of the pose in which a motion ends.
+
+    Attributes:
+        iterations: most iterations of the NLP; where it succeeds it takes some fifteen.
+        enough: share of the wanted gap that its pose has to have for the end to be settled.
+    """
+
+    iterations: int = 25
+    enough: float = 0.9
+
+
+@dataclass(frozen=True)
+class SpaceConnectSettings:
+    """Of the sampler, RRT-Connect in the unknowns of the curve.
+
+    Attributes:
+        extension: longest edge, in the norm of turns of the links [rad].
+        draws: of targets, at most.
+        goals: poses at the goal that the second tree grows from.
+    """
+
+    extension: float = 2.0
+    draws: int = 5000
+    goals: int = 8

@@ -1,0 +1,46 @@
+"""All numbers of the search for a motion in space in one object, a part for every stage."""
+
+from dataclasses import dataclass, field
+
+from ccm_opt.space.motion.settings.schedule_settings import ScheduleSettings
+from ccm_opt.space.motion.settings.space_end_settings import EndingSettings, GoalPoseSettings, SpaceConnectSettings
+from ccm_opt.space.motion.settings.space_lifting_settings import LiftingSettings
+from ccm_opt.space.motion.settings.space_optimisation_settings import SpaceObjectiveSettings, SpaceOptimisationSettings
+from ccm_opt.space.motion.settings.space_proof_settings import SpaceCertificateSettings, SpaceSmoothPathSettings
+from ccm_opt.space.motion.settings.space_step_settings import SpaceGuideSettings, SpaceStepSettings
+from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings, WaySettings
+
+
+@dataclass(frozen=True)
+class SpaceMotionSettings:
+    """All numbers of the search.
+
+    Attributes:
+        certificate: of proofs.
+        step: of single steps.
+        guide: of what leads the tip.
+        ways: that the tip may take.
+        followable: ways for arms that follow their tip.
+        goal_poses: by drawn curves.
+        connect: the last resort.
+        lifting: of arms of many links.
+        ending: of the pose in which a motion ends.
+        schedule: of the path parameter along a motion.
+        objective: of the optimisation.
+        optimisation: of a found motion.
+        smooth_path: through joint space.
+    """
+
+    certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
+    step: SpaceStepSettings = field(default_factory=SpaceStepSettings)
+    guide: SpaceGuideSettings = field(default_factory=SpaceGuideSettings)
+    ways: WaySettings = field(default_factory=WaySettings)
+    followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
+    goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
+    connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
+    lifting: LiftingSettings = field(default_factory=LiftingSettings)
+    ending: EndingSettings = field(default_factory=EndingSettings)
+    schedule: ScheduleSettings = field(default_factory=ScheduleSettings)
+    objective: SpaceObjectiveSettings = field(default_factory=SpaceObjectiveSettings)
+    optimisation: SpaceOptimisationSettings = field(default_factory=SpaceOptimisationSettings)
+    smooth_path: SpaceSmoothPathSettings = field(default_factory=SpaceSmoothPathSettings)

@@ -1,0 +1,46 @@
+"""Numbers of the proof of a motion and of the smooth path that is proved.
+
+Lengths are in nominal links u = L / 24 unless said otherwise.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SpaceCertificateSettings:
+    """Of the proof that a motion touches nothing.
+
+    Attributes:
+        depth: how often an interval may be halved; taste: at twelve a step has been cut into four thousand.
+        step_depth: the same for a step of the search, of which a shorter one is tried instead; measured in clutter.
+        spare: gap that is proved beyond contact, for the path between its samples [u].
+        slack: share of a link's motion by which distances may be told too small at first; walks along finely meshed
+            walls are shorter so, and where it does not prove enough they are made again without.
+    """
+
+    depth: int = 12
+    step_depth: int = 5
+    spare: float = 0.002
+    slack: float = 0.3
+
+
+@dataclass(frozen=True)
+class SpaceSmoothPathSettings:
+    """Of the smooth path through joint space.
+
+    Attributes:
+        samples: of a span between which the path is proved as if it were linear.
+        feed: of the base over a span, at most; less than half of what joints stay straight beyond the guide tube,
+            so that none is bent on a span on which the tube holds it [u].
+        user_samples: of a span at which users' constraints are looked at, which are not proved between; taste.
+        refinements: how often legs of the control polygon are halved.
+        most_control: control points beyond which none are added.
+        limit_slack: by how much rounding may carry coordinates beyond their limits [rad, m].
+    """
+
+    samples: int = 4
+    user_samples: int = 32
+    feed: float = 0.12
+    refinements: int = 16
+    most_control: int = 400
+    limit_slack: float = 1e-8
