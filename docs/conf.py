@@ -48,7 +48,7 @@ nitpick_ignore_regex = [
     # Classes that no page documents.
     ("py:class", r"ccm_opt\.hill_climbing\.distance\.Precision"),
     ("py:class", r"ccm_opt\.freespace\.walls\.Walls"),
-    ("py:class", r"(SpaceArmPose|AnySolution)"),
+    ("py:class", r"AnySolution"),
     # Python's own.
     ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
 ]

@@ -150,7 +150,7 @@ def test_poses_are_at_the_goal_within_limits_and_have_room(seed: int) -> None:
     assert np.all(np.abs(arm.bends(pose.headings)) <= arm.bend_limits)
     assert search.gap(pose.headings) >= pose.gap - 1e-6 * arm.length
     assert pose.gap >= min(search.wanted_gap, search.gap(scene.goal)) - 1e-6 * arm.length
-    assert sum(pose.costs.values()) == pytest.approx(pose.cost)
+    assert sum(pose.answer.costs.values()) == pytest.approx(pose.answer.cost)
 
 
 def test_parts_of_the_objective_are_what_they_are_called() -> None:
@@ -161,10 +161,10 @@ def test_parts_of_the_objective_are_what_they_are_called() -> None:
     assert pose is not None
     settings = search.settings
     turned = search.problem.arm.bends(pose.headings) - search.problem.arm.bends(search.near)
-    assert pose.costs["distance"] == pytest.approx(settings.distance_weight * np.sum(turned**2))
+    assert pose.answer.costs["distance"] == pytest.approx(settings.distance_weight * np.sum(turned**2))
     arcs = np.linspace(0.0, pose.curve.length, 20_001)
     bending = np.trapezoid(pose.curve.curvature_at(arcs) ** 2, arcs) * pose.curve.length
-    assert pose.costs["bending"] == pytest.approx(settings.bending_weight * bending, rel=1e-4)
+    assert pose.answer.costs["bending"] == pytest.approx(settings.bending_weight * bending, rel=1e-4)
 
 
 def test_sides_that_are_left_out_follow_from_those_that_are_kept() -> None:
@@ -225,8 +225,8 @@ def test_a_users_constraint_is_a_row_with_a_multiplier() -> None:
     held = GoalPoseSearch(problem, ends, ends.start, terms).best(scene.goal)
     assert held is not None
     assert problem.arm.joint_positions(held.headings)[12, 1] >= middle[1] + 0.01 - 1e-6
-    assert held.multipliers["user: middle aside"] > 0.0
-    assert held.cost > free.cost
+    assert held.answer.multipliers["user: middle aside"] > 0.0
+    assert held.answer.cost > free.answer.cost
 
 
 def test_a_users_cost_shapes_the_pose() -> None:
@@ -241,7 +241,7 @@ def test_a_users_cost_shapes_the_pose() -> None:
     assert costly is not None
     height = problem.arm.joint_positions(free.headings)[12, 1]
     assert problem.arm.joint_positions(costly.headings)[12, 1] < height - 1e-3
-    assert "user: low middle" in costly.costs
+    assert "user: low middle" in costly.answer.costs
 
 
 def test_a_contradiction_names_the_row() -> None:
@@ -251,4 +251,4 @@ def test_a_contradiction_names_the_row() -> None:
     far = Constraint("tip far away", lambda q: q.tip[0], lower=100.0, where="goal")
     search = GoalPoseSearch(problem, resolve_ends(problem), scene.start, compile_terms(problem.arm, [far], []))
     assert search.best(scene.goal) is None
-    assert search.improved(scene.goal)[0].worst_row == "user: tip far away"
+    assert search.improved(scene.goal)[0].answer.worst_row == "user: tip far away"

@@ -135,10 +135,10 @@ def test_candidates_are_feasible_and_of_different_classes(seed: int, polygons: i
     own = search.best(scene.goal)
     candidates = search.candidates(scene.goal)
     poses = [candidate.pose for candidate in candidates]
-    costs = [pose.cost for pose in poses]
+    costs = [pose.answer.cost for pose in poses]
     assert own is not None
     assert costs == sorted(costs)
-    assert costs[0] <= own.cost * (1.0 + 1e-6)
+    assert costs[0] <= own.answer.cost * (1.0 + 1e-6)
     assert all(search.feasible(pose) for pose in poses)
     assert sum(candidate.same_class for candidate in candidates) <= 1
     workspace = search.problem.workspace
@@ -155,7 +155,7 @@ def test_a_pose_in_a_bad_class_is_improved_upon() -> None:
     wound = search.candidates(scene.goal + WHOLE_TURN)
     assert direct is not None
     best = wound[0].pose
-    assert best.cost - best.costs["distance"] < 1.1 * direct.cost
+    assert best.answer.cost - best.answer.costs["distance"] < 1.1 * direct.answer.cost
     assert not wound[0].same_class
 
 

@@ -70,7 +70,7 @@ def test_a_found_pose_is_at_its_goal_within_limits_and_has_more_room(solved: tup
     after = least_gap(scene, found.q)
     assert after >= min(found.gap, before) - 1e-6
     assert after > before
-    assert found.cost == pytest.approx(sum(found.costs.values()))
+    assert found.answer.cost == pytest.approx(sum(found.answer.costs.values()))
 
 
 def test_links_point_as_the_curve_does_over_their_length(solved: tuple[Clutter, SpaceArmPose]) -> None:
@@ -108,7 +108,7 @@ def test_a_turned_scene_gives_the_turned_pose() -> None:
     first, second = answers
     assert first is not None
     assert second is not None
-    assert second.cost == pytest.approx(first.cost, rel=1e-3)
+    assert second.answer.cost == pytest.approx(first.answer.cost, rel=1e-3)
     np.testing.assert_allclose(second.q, first.q, atol=1e-2)
 
 
@@ -185,7 +185,7 @@ def test_drives_can_hold_the_pose_that_is_found() -> None:
     held = goal_pose(limited, scene.seed, scene.tree)
     assert held is not None
     assert np.abs(bears(held.q)).max() <= 0.9 * 1.08 * worst * (1.0 + 1e-6)
-    assert held.costs["torque"] > 0.0
+    assert held.answer.costs["torque"] > 0.0
 
 
 def test_a_goal_out_of_reach_is_no_pose_and_says_which_row_fails() -> None:
@@ -196,8 +196,8 @@ def test_a_goal_out_of_reach_is_no_pose_and_says_which_row_fails() -> None:
     poses = SpaceGoalPoses(far, scene.tree)
     (found,) = poses.improved(scene.seed)
     assert not poses.feasible(found)
-    assert found.broken
-    assert found.worst_row in found.broken
+    assert found.answer.broken
+    assert found.answer.worst_row in found.answer.broken
     assert goal_pose(far, scene.seed, scene.tree) is None
 
 

@@ -47,14 +47,14 @@ def assert_sound(found: SpaceStaticPose) -> None:
     arm = problem.arm
     goal = problem.goal
     assert isinstance(goal, SpaceTipGoal)
-    q = found.pose.q[None]
+    q = found.pose.configuration[None]
     points = chain_of(arm, q)[0]
     assert points[-1] == pytest.approx(goal.position, abs=1e-6 * arm.length)
     if goal.direction is not None:
         assert LinkFrames.of(arm, q).along[0, -1] @ goal.direction == pytest.approx(1.0, abs=1e-10)
     lower, upper = arm.limits_at(found.feed)
-    assert np.all(found.pose.q >= lower - 1e-9)
-    assert np.all(found.pose.q <= upper + 1e-9)
+    assert np.all(found.pose.configuration >= lower - 1e-9)
+    assert np.all(found.pose.configuration <= upper + 1e-9)
     first, share = arm.mount_end
     segments = np.stack((points[:-1], points[1:]), axis=1)[first:]
     segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
@@ -70,7 +70,7 @@ def test_the_best_of_all_beginnings_is_a_sound_pose_with_the_gap_it_says(seed: i
     costs = [outcome.cost for outcome in found.outcomes if outcome.cost is not None]
     assert found.pose.cost == min(costs)
     assert found.pose.cost == pytest.approx(sum(found.pose.costs.values()))
-    assert sum(segment.length for segment in found.pose.curve.segments) == pytest.approx(found.problem.arm.length)
+    assert sum(segment.length for segment in found.curve.segments) == pytest.approx(found.problem.arm.length)
 
 
 def test_a_goal_behind_holes_is_found_on_a_feed_axis_and_written(tmp_path: Path, run: CommandLine) -> None:

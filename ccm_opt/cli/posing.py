@@ -123,8 +123,7 @@ def _print(found: AnyStaticPose, clock: StageClock, folder: Path) -> None:
     pose = found.pose
     units = units_of(found.problem)
     table = value_table(f"{found.problem.name}: best pose at the goal")
-    wanted = found.wanted_gap if isinstance(found, SpaceStaticPose) else found.pose.wanted_gap
-    table.add_row("gap", units.length(pose.gap), f"≥ {units.given(wanted, 'm')}", escape(found.nearest))
+    table.add_row("gap", units.length(pose.gap), f"≥ {units.given(pose.wanted_gap, 'm')}", escape(found.nearest))
     if isinstance(found, SpaceStaticPose):
         _add_ends(table, found)
     table.add_row("cost", f"{pose.cost:.4g}", "", escape(_parts(pose.costs)))
@@ -158,7 +157,7 @@ def _add_ends(table: Table, found: SpaceStaticPose) -> None:
 def _segments(found: AnyStaticPose) -> list[tuple[float, str]]:
     """Length [m] of every segment of the curve, and its type, or in space where it turns, in words."""
     if isinstance(found, SpaceStaticPose):
-        return [(segment.length, _space_segment_words(segment)) for segment in found.pose.curve.segments]
+        return [(segment.length, _space_segment_words(segment)) for segment in found.curve.segments]
     return [(segment.length, segment_words(segment)) for segment in found.pose.curve.segments]
 
 

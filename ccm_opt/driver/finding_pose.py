@@ -17,10 +17,11 @@ from ccm_opt.ground.progress import Progress
 from ccm_opt.ground.stages import Stages
 from ccm_opt.ground.threads import on_one_thread
 from ccm_opt.planners.binding_sides import binding_sides
+from ccm_opt.planners.end_poses import pose_record
 from ccm_opt.planners.own_units import OwnUnits
 from ccm_opt.planners.pose_over_routes import PoseTry, brought_tries, drawn_tries, pose_search, pose_tries
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.solution import GoalPoseRecord, PoseOutcome, StaticPose
+from ccm_opt.solution import PoseOutcome, StaticPose
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
 from ccm_opt.space.space_static_pose import AnyStaticPose, SpaceStaticPose
 from ccm_opt.user_terms.compiled_terms import UserTerms
@@ -170,23 +171,9 @@ def _answer(problem: Problem, tries: Sequence[PoseTry], terms: UserTerms | None,
     first = tries[0]
     number = first.best or 0
     pose = first.poses[number]
-    record = GoalPoseRecord(
-        reached=True,
-        reason="",
-        headings=pose.headings,
-        curve=pose.curve,
-        gap=pose.gap,
-        wanted_gap=first.search.wanted_gap,
-        costs=pose.costs,
-        multipliers=pose.multipliers,
-        iterations=pose.iterations,
-        size=pose.size,
-        status=pose.status,
-        tried=len(tries),
-    )
     return StaticPose(
         problem=problem,
-        pose=record,
+        pose=pose_record(first.search, pose, len(tries)),
         nearest=first.search.nearest(pose.headings),
         binding=binding_sides(first.search, pose, first.starts[number]),
         residuals={} if terms is None else terms.residuals_at_goal(pose.headings),
@@ -199,4 +186,4 @@ def _outcome(each: PoseTry) -> PoseOutcome:
     if each.best is None:
         return PoseOutcome(each.start, reason=failure_words(each))
     pose = each.poses[each.best]
-    return PoseOutcome(each.start, pose.cost, pose.gap)
+    return PoseOutcome(each.start, pose.answer.cost, pose.gap)

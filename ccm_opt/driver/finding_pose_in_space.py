@@ -20,6 +20,7 @@ from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSetti
 from ccm_opt.space.motion.task import SpaceTask
 from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
 from ccm_opt.space.nlp.space_pose_solver import SpaceArmPose
+from ccm_opt.space.nlp_ending import pose_record
 from ccm_opt.space.planner import refuse_goal, space_task
 from ccm_opt.space.pose_beginnings import PoseBeginning, PoseBeginnings
 from ccm_opt.space.pose_search_settings import DEFAULT_POSE_SEARCH, PoseSearchSettings
@@ -49,9 +50,9 @@ class _PoseTry:
         """Why there is no pose; empty where there is one."""
         if self.feasible:
             return ""
-        worst = [_row_words(name, by) for name, by in list(self.pose.broken.items())[:3]]
+        worst = [_row_words(name, by) for name, by in list(self.pose.answer.broken.items())[:3]]
         if not worst:
-            return f"the program ends with {self.pose.status}, and the pose touches something"
+            return f"the program ends with {self.pose.answer.status}, and the pose touches something"
         return f"it does not keep {', '.join(worst)}"
 
     @property
@@ -59,7 +60,7 @@ class _PoseTry:
         """The same as a record."""
         if not self.feasible:
             return PoseOutcome(self.beginning.name, reason=self.reason)
-        return PoseOutcome(self.beginning.name, self.pose.cost, self.pose.gap)
+        return PoseOutcome(self.beginning.name, self.pose.answer.cost, self.pose.gap)
 
 
 @on_one_thread
@@ -102,8 +103,8 @@ def find_pose_in_space(
     best = tries[0]
     return SpaceStaticPose(
         problem=problem,
-        pose=best.pose,
-        wanted_gap=asked.wanted_gap,
+        pose=pose_record(asked.wanted_gap, best.pose, len(tries)),
+        curve=best.pose.curve,
         nearest=_nearest(problem, best.pose),
         residuals=_residuals(terms, best.pose),
         outcomes=tuple(each.outcome for each in tries),
@@ -122,11 +123,11 @@ def _tries(asked: SpaceGoalPoses, task: SpaceTask, search: PoseSearchSettings) -
     for beginning in beginnings:
         poses = asked.improved(beginning.q, task.deadline)
         feasible = [pose for pose in poses if asked.feasible(pose)]
-        best = min(feasible, key=lambda pose: pose.cost, default=poses[-1])
+        best = min(feasible, key=lambda pose: pose.answer.cost, default=poses[-1])
         tries.append(_PoseTry(beginning, best, bool(feasible)))
         if task.deadline.passed() and any(each.feasible for each in tries):
             break
-    tries.sort(key=lambda each: each.pose.cost if each.feasible else np.inf)
+    tries.sort(key=lambda each: each.pose.answer.cost if each.feasible else np.inf)
     if not tries or not tries[0].feasible:
         raise _no_pose(tries, beginnings)
     return tries

@@ -138,7 +138,7 @@ def _worst_misses(terms: UserTerms, softened: UserTerms, headings: FloatArray, s
 
 
 def _miss(each: PoseTry) -> float:
-    return min((pose.violation for pose in each.poses), default=np.inf)
+    return min((pose.answer.violation for pose in each.poses), default=np.inf)
 
 
 def failure_words(each: PoseTry) -> str:
@@ -147,9 +147,9 @@ def failure_words(each: PoseTry) -> str:
         return ""
     if not each.poses:
         return each.reason
-    pose = min(each.poses, key=lambda pose: pose.violation)
-    if pose.violation > each.search.settings.feasible:
-        worst = list(pose.broken.items())[:3]
+    pose = min(each.poses, key=lambda pose: pose.answer.violation)
+    if pose.answer.violation > each.search.settings.feasible:
+        worst = list(pose.answer.broken.items())[:3]
         return f"it misses {', '.join(_row_words(name, by, each) for name, by in worst)}"
     return f"it touches something: {each.search.nearest(pose.headings)}"
 

@@ -25,7 +25,7 @@ def binding_sides(search: GoalPoseSearch, pose: ArmPose, start: FloatArray) -> t
     points = arm.joint_positions(pose.headings)
     drawn = [joint_regions(arm, search.problem.workspace, start, settings) for settings in search.settings.widening]
     sides = []
-    for name, multiplier in pose.multipliers.items():
+    for name, multiplier in pose.answer.multipliers.items():
         row = _ROW.fullmatch(name)
         if row is None:
             continue

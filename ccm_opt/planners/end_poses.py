@@ -62,7 +62,7 @@ class EndPoses:
             return
         with self.stages("configuration"):
             others = [each.pose for each in search.candidates(headings, self.deadline)]
-            poses_of_all = sorted(others if own is None else [own, *others], key=lambda pose: pose.cost)
+            poses_of_all = sorted(others if own is None else [own, *others], key=lambda pose: pose.answer.cost)
         for pose in poses_of_all:
             if pose is not own:
                 self.said.append((search, pose))
@@ -79,27 +79,39 @@ class EndPoses:
             return None
         taken = [each for each in self.said if reached is not None and np.array_equal(each[1].headings, reached)]
         search, pose = taken[-1] if taken else self.said[-1]
-        return GoalPoseRecord(
-            reached=bool(taken),
-            reason="" if taken else _why_not(search, pose),
-            headings=pose.headings,
-            curve=pose.curve,
-            gap=pose.gap,
-            wanted_gap=search.wanted_gap,
-            costs=pose.costs,
-            multipliers=pose.multipliers,
-            iterations=pose.iterations,
-            size=pose.size,
-            status=pose.status,
-            tried=len(self.said),
-        )
+        return pose_record(search, pose, len(self.said), "" if taken else _why_not(search, pose))
+
+
+def pose_record(search: GoalPoseSearch, pose: ArmPose, tried: int, reason: str = "") -> GoalPoseRecord:
+    """What is kept of a pose of the NLP.
+
+    Args:
+        search: that asked for it.
+        pose: the pose.
+        tried: how many poses were asked for, this one among them.
+        reason: why the motion does not end in it; empty when it does, or when there is none.
+    """
+    return GoalPoseRecord(
+        reached=not reason,
+        reason=reason,
+        headings=pose.headings,
+        curve=pose.curve,
+        gap=pose.gap,
+        wanted_gap=search.wanted_gap,
+        costs=pose.answer.costs,
+        multipliers=pose.answer.multipliers,
+        iterations=pose.answer.iterations,
+        size=pose.answer.size,
+        status=pose.answer.status,
+        tried=tried,
+    )
 
 
 def _why_not(search: GoalPoseSearch, pose: ArmPose) -> str:
     """Why a motion does not end in the pose that was asked for last."""
     if not search.feasible(pose):
         return (
-            f"the nonlinear program ended with {pose.status}, its row '{pose.worst_row}' off by {pose.violation:.2g}; "
-            "the motion ends where the search arrived"
+            f"the nonlinear program ended with {pose.answer.status}, its row '{pose.answer.worst_row}' off by "
+            f"{pose.answer.violation:.2g}; the motion ends where the search arrived"
         )
     return "no certified way leads from where the search arrived to this pose, so the motion ends where it arrived"

@@ -81,7 +81,7 @@ class GoalPoseSearch:
         """
         own = self._feasible_pose(start)
         found = [] if own is None else [own]
-        known = self.draw_settings.unknown_cost if own is None else own.cost
+        known = self.draw_settings.unknown_cost if own is None else own.answer.cost
         draws = self._draws(start)
         cheapest = draws.cheapest_below(known)
         enough = (1.0 + self.draw_settings.close_enough) * min((pose.cost for pose in cheapest), default=np.inf)
@@ -120,13 +120,13 @@ class GoalPoseSearch:
             pose = self._feasible_pose(start)
             if pose is not None:
                 found.append(pose)
-                known = min(known, pose.cost)
+                known = min(known, pose.answer.cost)
         return found
 
     def _one_a_class(self, start: FloatArray, poses: list[ArmPose]) -> tuple[PoseCandidate, ...]:
         """The best pose of every class, the best first."""
         kept: list[ArmPose] = []
-        for pose in sorted(poses, key=lambda pose: pose.cost):
+        for pose in sorted(poses, key=lambda pose: pose.answer.cost):
             if not any(self._alike(pose.headings, other.headings) for other in kept):
                 kept.append(pose)
         return tuple(PoseCandidate(pose, self._alike(pose.headings, start)) for pose in kept)
@@ -142,12 +142,12 @@ class GoalPoseSearch:
         """A pose solved for again in regions drawn anew about it, as long as that pays."""
         best = pose
         for _ in range(self.draw_settings.further_rounds):
-            if not _bounded(best) or best.cost <= enough or (deadline is not None and deadline.passed()):
+            if not _bounded(best) or best.answer.cost <= enough or (deadline is not None and deadline.passed()):
                 break
             again = self._feasible_pose(best.headings)
-            if again is None or again.cost >= best.cost:
+            if again is None or again.answer.cost >= best.answer.cost:
                 break
-            gain = 1.0 - again.cost / best.cost
+            gain = 1.0 - again.answer.cost / best.answer.cost
             best = again
             if gain < self.settings.worthwhile:
                 break
@@ -192,7 +192,7 @@ class GoalPoseSearch:
         for _ in range(settings.rounds):
             pose = self.solved(start)
             if found:
-                gain = 1.0 - pose.cost / found[-1].cost
+                gain = 1.0 - pose.answer.cost / found[-1].answer.cost
                 growth = pose.gap - found[-1].gap
             found.append(pose)
             wide = pose.gap >= settings.enough * self.wanted_gap
@@ -209,7 +209,7 @@ class GoalPoseSearch:
     def best_of(self, poses: tuple[ArmPose, ...]) -> ArmPose | None:
         """The feasible pose that costs least; None when there is none."""
         feasible = [pose for pose in poses if self.feasible(pose)]
-        return min(feasible, key=lambda pose: pose.cost, default=None)
+        return min(feasible, key=lambda pose: pose.answer.cost, default=None)
 
     def solved(self, start: FloatArray) -> ArmPose:
         """One solution of the NLP, feasible or not, with regions about the pose that it starts from.
@@ -234,7 +234,7 @@ class GoalPoseSearch:
         for settings in self.settings.widening:
             pose = self._solved_within(start, settings)
             # Else a link has strayed beyond what its region was drawn for, and met something there.
-            if pose.violation > settings.feasible or self.gap(pose.headings) >= pose.gap - allowed:
+            if pose.answer.violation > settings.feasible or self.gap(pose.headings) >= pose.gap - allowed:
                 break
         return pose
 
@@ -265,7 +265,7 @@ class GoalPoseSearch:
 
     def feasible(self, pose: ArmPose) -> bool:
         """Whether a pose keeps every row, and touches nothing by the contacts that motions are planned with."""
-        if pose.violation > self.settings.feasible:
+        if pose.answer.violation > self.settings.feasible:
             return False
         return self.gap(pose.headings) > -self.settings.feasible * self.problem.arm.length
 
@@ -324,7 +324,7 @@ class GoalPoseSearch:
 
 def _bounded(pose: ArmPose) -> bool:
     """Whether a side of a region shapes the pose, so that it may be better in regions drawn anew."""
-    return any("of its region" in name for name in pose.multipliers)
+    return any("of its region" in name for name in pose.answer.multipliers)
 
 
 def _winding_of(heading: float | None, headings: FloatArray) -> float | None:

@@ -49,12 +49,12 @@ class PoseTry:
     def best(self) -> int | None:
         """Which of the poses is the best feasible one; None when none is."""
         feasible = [k for k, pose in enumerate(self.poses) if self.search.feasible(pose)]
-        return min(feasible, key=lambda k: self.poses[k].cost, default=None)
+        return min(feasible, key=lambda k: self.poses[k].answer.cost, default=None)
 
     @property
     def cost(self) -> float:
         """That of the best pose; infinite without one."""
-        return float("inf") if self.best is None else self.poses[self.best].cost
+        return float("inf") if self.best is None else self.poses[self.best].answer.cost
 
 
 def pose_search(

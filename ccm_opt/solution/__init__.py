@@ -1,7 +1,6 @@
 """Frozen results of every stage, from the curve's keyframes to the simulated arm."""
 
-from ccm_opt.solution.goal_pose_in_space import SpaceGoalPoseRecord
-from ccm_opt.solution.goal_pose_record import GoalPoseRecord
+from ccm_opt.solution.goal_pose_record import GoalPoseRecord, SpaceGoalPoseRecord
 from ccm_opt.solution.pareto_plans import ParetoPlan, ParetoPlans
 from ccm_opt.solution.reach_record import ReachMap
 from ccm_opt.solution.room_record import NearPlace, PossibleGap, RoomRecord, ShortStretch

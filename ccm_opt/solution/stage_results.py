@@ -13,8 +13,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_words import short_length, words_in
 from ccm_opt.jointed.coordinates import Coordinates, planar_coordinates
 from ccm_opt.problem import Problem
-from ccm_opt.solution.goal_pose_in_space import SpaceGoalPoseRecord
-from ccm_opt.solution.goal_pose_record import GoalPoseRecord
+from ccm_opt.solution.goal_pose_record import GoalPoseRecord, SpaceGoalPoseRecord
 from ccm_opt.solution.presenting import presenter
 from ccm_opt.solution.room_record import NearPlace, RoomRecord
 from ccm_opt.solution.simulation_verdict import FOLLOWED, SimulationVerdict

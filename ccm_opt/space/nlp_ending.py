@@ -3,7 +3,6 @@
 The pose is taken as the motion's own curve shows it, and put onto the goal: so joints in a guide tube stay straight.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -60,10 +59,10 @@ def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) ->
     feasible = [pose for pose in answers if asked.feasible(pose)]
     if not feasible:
         worst = answers[-1]
-        reason = f"the program found none; of its rows '{worst.worst_row}' is missed most"
-        return Ending(task, motion, _record(problem, worst, answers, reason))
-    best = min(feasible, key=lambda pose: pose.cost)
-    refused = partial(_record, problem, best, answers)
+        reason = f"the program found none; of its rows '{worst.answer.worst_row}' is missed most"
+        return Ending(task, motion, pose_record(problem.wanted_gap, worst, len(answers), reason))
+    best = min(feasible, key=lambda pose: pose.answer.cost)
+    refused = partial(pose_record, problem.wanted_gap, best, len(answers))
     stepper = task.stepper(motion.curve, 0.0)
     last = onto_goal(stepper, task.goal, stepper.pose(motion.curve.fitted(best.q)))
     if last is None or not keeps_terms_at_goal(stepper, last):
@@ -84,25 +83,30 @@ def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) ->
     )
     # With room to spare the end is settled; else the optimisation may move it on.
     settled = replace(task, goal=None, goal_pose=last.q) if room >= enough else task
-    return Ending(settled, whole, _record(problem, best, answers))
+    return Ending(settled, whole, pose_record(problem.wanted_gap, best, len(answers)))
 
 
-def _record(
-    problem: SpaceProblem, pose: SpaceArmPose, answers: Sequence[SpaceArmPose], reason: str = ""
-) -> SpaceGoalPoseRecord:
-    """What is kept of a pose of the NLP, the motion ending in it unless there is a reason why not."""
+def pose_record(wanted_gap: float, pose: SpaceArmPose, tried: int, reason: str = "") -> SpaceGoalPoseRecord:
+    """What is kept of a pose of the NLP.
+
+    Args:
+        wanted_gap: room beyond radius and clearance that was asked for [m].
+        pose: the pose.
+        tried: how many poses were asked for, this one among them.
+        reason: why the motion does not end in it; empty when it does, or when there is none.
+    """
     return SpaceGoalPoseRecord(
         reached=not reason,
         reason=reason,
         configuration=pose.q,
         gap=pose.gap,
-        wanted_gap=problem.wanted_gap,
-        costs=pose.costs,
-        multipliers=pose.multipliers,
-        iterations=pose.iterations,
-        size=pose.size,
-        status=pose.status,
-        tried=len(answers),
+        wanted_gap=wanted_gap,
+        costs=pose.answer.costs,
+        multipliers=pose.answer.multipliers,
+        iterations=pose.answer.iterations,
+        size=pose.answer.size,
+        status=pose.answer.status,
+        tried=tried,
     )
 
 

@@ -96,9 +96,9 @@ def patient(search: GoalPoseSearch, start: FloatArray) -> ArmPose | None:
     best: ArmPose | None = None
     for _ in range(ROUNDS):
         pose = search.solved(start)
-        if not search.feasible(pose) or (best is not None and pose.cost > best.cost):
+        if not search.feasible(pose) or (best is not None and pose.answer.cost > best.answer.cost):
             break
-        gained = np.inf if best is None else 1.0 - pose.cost / best.cost
+        gained = np.inf if best is None else 1.0 - pose.answer.cost / best.answer.cost
         best = pose
         start = pose.headings
         if gained < WORTH:
@@ -108,7 +108,7 @@ def patient(search: GoalPoseSearch, start: FloatArray) -> ArmPose | None:
 
 def cost_of(pose: ArmPose | None) -> float:
     """The objective; infinite for no pose."""
-    return np.inf if pose is None else pose.cost
+    return np.inf if pose is None else pose.answer.cost
 
 
 def measured(seed: int, polygons: int) -> Measured | None:
@@ -234,10 +234,11 @@ def hard(seeds: range) -> None:
         ends = resolve_ends(problem)
         search = GoalPoseSearch(problem, ends, ends.start)
         pose = search.solved(goal)
-        statuses[pose.status] += 1
+        said = pose.answer
+        statuses[said.status] += 1
         total += 1
         if not search.feasible(pose):
-            failures.append(f"{name}: {pose.status}, {pose.worst_row} by {pose.violation:.1e}, {pose.iterations} it.")
+            failures.append(f"{name}: {said.status}, {said.worst_row} by {said.violation:.1e}, {said.iterations} it.")
             print(failures[-1], flush=True)
     print(f"\n{total - len(failures)} of {total} feasible; {dict(statuses)}")
 

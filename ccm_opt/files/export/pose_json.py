@@ -12,6 +12,7 @@ from ccm_opt.files.export.strict_json import strict_text
 from ccm_opt.files.problem_file.problem_data import recorded_data
 from ccm_opt.problem import Problem
 from ccm_opt.solution import StaticPose
+from ccm_opt.space.space_static_pose import AnyStaticPose
 
 __all__ = ["SCHEMA", "curve_record", "pose_failure_json", "pose_json", "segment_words"]
 
@@ -28,13 +29,21 @@ def pose_json(found: StaticPose) -> str:
     Returns:
         JSON text; numbers that are not finite stand as null.
     """
+    record = _record(found.problem, "solved") | answer_record(found)
+    record |= {
+        "curve": curve_record(found.pose.curve),
+        "binding": [asdict(side) for side in found.binding],
+    }
+    return strict_text(record)
+
+
+def answer_record(found: AnyStaticPose) -> dict[str, object]:
+    """What the records of poses have in common, in the plane and in space."""
     pose = found.pose
     variables, rows = pose.size
-    record = _record(found.problem, "solved")
-    record |= {
+    return {
         "joints_deg": np.rad2deg(found.bends).tolist(),
         "joint_positions": found.joint_positions.tolist(),
-        "curve": curve_record(pose.curve),
         "gap": pose.gap,
         "wanted_gap": pose.wanted_gap,
         "nearest": found.nearest,
@@ -42,12 +51,10 @@ def pose_json(found: StaticPose) -> str:
         "costs": dict(pose.costs),
         "multipliers": dict(pose.multipliers),
         "residuals": dict(found.residuals),
-        "binding": [asdict(side) for side in found.binding],
         "nlp": {"variables": variables, "rows": rows, "iterations": pose.iterations, "status": pose.status},
         "tries": [asdict(outcome) for outcome in found.outcomes],
         "timings": dict(found.timings),
     }
-    return strict_text(record)
 
 
 def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ccm_opt.errors import Diagnosis
 from ccm_opt.files.export.arrays_npz import arrays_npz
 from ccm_opt.files.export.folder import POSE_ARRAYS, POSE_RECORD, write_folder
-from ccm_opt.files.export.pose_json import SCHEMA
+from ccm_opt.files.export.pose_json import SCHEMA, answer_record
 from ccm_opt.files.export.space_record import mesh_data, space_recorded_data
 from ccm_opt.files.export.space_scene import kept_meshes
 from ccm_opt.files.export.strict_json import strict_text
@@ -47,26 +47,12 @@ def space_pose_json(found: SpaceStaticPose) -> str:
     Returns:
         JSON text; numbers that are not finite stand as null.
     """
-    pose = found.pose
-    variables, rows = pose.size
-    record = pose_record_of(found.problem, "solved")
+    record = pose_record_of(found.problem, "solved") | answer_record(found)
     record |= {
-        "joints_deg": np.rad2deg(found.bends).tolist(),
         "feed": found.feed,
-        "joint_positions": found.joint_positions.tolist(),
         "goal": asdict(found.goal_errors),
-        "curve": space_curve_record(pose.curve),
-        "gap": pose.gap,
-        "wanted_gap": found.wanted_gap,
-        "nearest": found.nearest,
-        "cost": pose.cost,
-        "costs": dict(pose.costs),
-        "multipliers": dict(pose.multipliers),
-        "residuals": dict(found.residuals),
-        "nlp": {"variables": variables, "rows": rows, "iterations": pose.iterations, "status": pose.status},
-        "tries": [asdict(outcome) for outcome in found.outcomes],
+        "curve": space_curve_record(found.curve),
         "meshes": mesh_data(found.problem),
-        "timings": dict(found.timings),
     }
     return strict_text(record)
 
@@ -97,7 +83,7 @@ def space_curve_record(curve: SpaceConfiguration) -> dict[str, object]:
 
 def space_pose_arrays(found: SpaceStaticPose) -> dict[str, npt.NDArray[np.generic]]:
     """The arrays of a pose in space under the names of the file format; angles [rad], lengths [m]."""
-    curve = found.pose.curve
+    curve = found.curve
     arrays: dict[str, npt.NDArray[np.generic]] = {
         "bend_angles": found.bends,
         "joint_positions": found.joint_positions,

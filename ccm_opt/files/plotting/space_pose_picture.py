@@ -41,7 +41,7 @@ def space_pose_figure(found: SpaceStaticPose, settings: SpacePictureSettings = S
     window = window_of(problem, points[None])
     sheet = sheet_of_sides(window, settings)
     scene = SeenScene(problem, settings)
-    curve = found.pose.curve
+    curve = found.curve
     line = curve.positions_at(np.linspace(0.0, curve.length, 8 * problem.arm.links))
     ends = curve.positions_at(curve.boundaries[1:-1])
     for side, axes in zip(SIDES, sheet.views, strict=True):
@@ -57,7 +57,7 @@ def space_pose_figure(found: SpaceStaticPose, settings: SpacePictureSettings = S
         dress_view(axes, side, problem)
     draw_section(sheet.section, problem, points, settings)
     with words_in(problem.length_unit):
-        gap = f"{short_length(found.pose.gap)} of {short_length(found.wanted_gap)} wanted"
+        gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
     figure = sheet.figure
     figure.suptitle(f"{problem.name}: best pose at the goal, gap {gap}", x=0.02, ha="left", fontsize=10)
     legend_below_views(figure, settings)

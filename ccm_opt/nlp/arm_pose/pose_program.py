@@ -1,14 +1,11 @@
 """The goal-pose NLP as data: symbols, named rows and cost parts, built once for a number of links and sides."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.arm_pose import pose_costs
 from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve
 from ccm_opt.nlp.arm_pose.link_mapping import mapping_rows
@@ -21,7 +18,7 @@ from ccm_opt.nlp.arm_pose.pose_rows import (
     torque_rows,
 )
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
-from ccm_opt.nlp.constraints import RowBlock
+from ccm_opt.nlp.row_program import RowProgram
 
 PARTS = ("room", "bending", "distance", "torque", "knots", "bows")
 """Names of the parts of the objective, in the order of their weights among the parameters."""
@@ -113,8 +110,8 @@ class PoseParameters:
         return ca.vertcat(*(ca.vec(value) for value in vars(self).values()))
 
 
-@dataclass(frozen=True, eq=False)
-class PoseProgram:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PoseProgram(RowProgram):
     """The symbolic part of the goal-pose NLP.
 
     Attributes:
@@ -123,10 +120,6 @@ class PoseProgram:
         link_headings: φ, shape (links, 1) [rad].
         points: joint and tip positions, shape (2, links + 1).
         gap: g, scalar.
-        parameters: what changes from question to question.
-        rows: all blocks of rows.
-        parts: the parts of the objective by name, unweighted, in the order of ``PARTS``; the user's behind them.
-        objective: their weighted sum.
     """
 
     size: PoseSize
@@ -135,37 +128,11 @@ class PoseProgram:
     points: ca.SX
     gap: ca.SX
     parameters: PoseParameters
-    rows: tuple[RowBlock, ...]
-    parts: Mapping[str, ca.SX]
-    objective: ca.SX
 
     @property
     def variables(self) -> ca.SX:
         """The curve, φ, P and g in one column."""
         return ca.vertcat(self.curve.variables, self.link_headings, ca.vec(self.points), self.gap)
-
-    @property
-    def constraints(self) -> ca.SX:
-        """All rows in one column."""
-        return ca.vertcat(*(block.expression for block in self.rows))
-
-    @cached_property
-    def parts_function(self) -> ca.Function:
-        """(variables, parameters) to the parts of the objective, unweighted, in one column."""
-        parts = ca.vertcat(*self.parts.values())
-        return ca.Function("parts", [self.variables, self.parameters.column], [parts])
-
-    @property
-    def row_names(self) -> tuple[str, ...]:
-        """What each row says."""
-        return tuple(name for block in self.rows for name in block.names)
-
-    @property
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bounds of the rows."""
-        lower = np.concatenate([block.lower for block in self.rows])
-        upper = np.concatenate([block.upper for block in self.rows])
-        return lower, upper
 
 
 # Few sizes are met in one problem, and a program keeps a built solver of some megabytes alive.
@@ -198,5 +165,14 @@ def pose_program(size: PoseSize) -> PoseProgram:
         rows.append(torque_rows(torques, given.torque_limits))
         parts["torque"] = pose_costs.holding_effort(torques, given.torque_limits)
     parts = {name: parts[name] for name in PARTS}
-    objective = ca.dot(given.weights, ca.vertcat(*parts.values()))
-    return PoseProgram(size, curve, link_headings, points, gap, given, tuple(rows), parts, objective)
+    return PoseProgram(
+        size=size,
+        curve=curve,
+        link_headings=link_headings,
+        points=points,
+        gap=gap,
+        parameters=given,
+        rows=tuple(rows),
+        parts=parts,
+        objective=ca.dot(given.weights, ca.vertcat(*parts.values())),
+    )

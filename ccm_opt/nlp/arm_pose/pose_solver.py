@@ -1,12 +1,10 @@
 """Solves the goal-pose NLP: numbers for its symbols, a start from a pose of the arm, IPOPT, and what came of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
-from weakref import WeakKeyDictionary
 
-import casadi as ca
 import numpy as np
 
 from ccm_opt.continuum.configuration import Configuration
@@ -14,10 +12,12 @@ from ccm_opt.continuum.segment import PIECES
 from ccm_opt.continuum.spline import second_derivatives
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.ipopt_call import ipopt_answer
-from ccm_opt.nlp.arm_pose.pose_program import PARTS, PoseProgram
+from ccm_opt.nlp.arm_pose.pose_program import PoseProgram
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.arm_pose.pose_task import PoseTask, free_from
 from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
+from ccm_opt.nlp.row_answer import RowAnswer, RowReading
+from ccm_opt.nlp.row_program import built_solver
 
 _SWITCHES: dict[str, Any] = {
     **IPOPT_SWITCHES,
@@ -27,7 +27,6 @@ _SWITCHES: dict[str, Any] = {
     # What the links' chain leaves open adds up along the arm, to 200 times as much at the tip.
     "ipopt.constr_viol_tol": 1e-10,
 }
-_solvers: WeakKeyDictionary[PoseProgram, dict[PoseSettings, ca.Function]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,33 +37,13 @@ class ArmPose:
         headings: of the links, shape (links,) [rad].
         curve: the curve whose mean headings they are.
         gap: least room of any link in its region beyond radius and clearance, at most the wanted gap [m].
-        costs: weighted parts of the objective by name; they sum to it.
-        multipliers: of the rows that shape the pose, by name: how much the objective would fall for one unit of the
-            row (one arm's length, one radian, one unit of the user's); the largest first.
-        status: the solver's own word for how it stopped.
-        iterations: of the solver.
-        violation: largest violation of any row, in units of the arm's length.
-        worst_row: name of that row.
-        size: numbers of variables and rows.
-        broken: rows that are violated by more than what counts as kept, by name, and by how much each; the worst first.
+        answer: how the program was answered.
     """
 
     headings: FloatArray
     curve: Configuration
     gap: float
-    costs: Mapping[str, float]
-    multipliers: Mapping[str, float]
-    status: str
-    iterations: int
-    violation: float
-    worst_row: str
-    size: tuple[int, int] = field(default=(0, 0))
-    broken: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def cost(self) -> float:
-        """The objective."""
-        return float(sum(self.costs.values()))
+    answer: RowAnswer
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +75,7 @@ class PoseQuestion:
         row_lower, row_upper = self.program.bounds
         start = np.clip(self._start(curve), lower, upper)
         bounds = {"lbx": lower, "ubx": upper, "lbg": row_lower, "ubg": row_upper}
-        solver = partial(built_solver, self.program, self.settings)
+        solver = partial(built_solver, self.program, _options(self.settings))
         return self._read(*ipopt_answer(solver, start, p=self._parameters(), **bounds))
 
     @cached_property
@@ -174,27 +153,15 @@ class PoseQuestion:
         return np.concatenate((*knots, task.start, from_base.ravel(), [gap]))
 
     def _read(self, answer: Mapping[str, Any], statistics: Mapping[str, Any]) -> ArmPose:
-        program = self.program
-        variables = np.asarray(answer["x"], dtype=np.float64).ravel()
-        rows = np.asarray(answer["g"], dtype=np.float64).ravel()
-        lower, upper = program.bounds
-        violation = np.nan_to_num(np.maximum(lower - rows, rows - upper), nan=np.inf)
-        worst = int(np.argmax(violation))
-        names = program.row_names
-        curve_size = program.curve.variables.numel()
-        links = program.size.links
+        reading = RowReading(self.program, answer, statistics)
+        variables = reading.variables
+        costs = self.program.costs(variables, self._parameters(), self.weights)
+        curve_size = self.program.curve.variables.numel()
         return ArmPose(
-            variables[curve_size : curve_size + links],
-            self._curve(variables[:curve_size]),
-            float(variables[-1]) * self._length,
-            self._costs(variables),
-            _largest(names, np.asarray(answer["lam_g"], dtype=np.float64).ravel(), self.settings.binding),
-            str(statistics["return_status"]),
-            int(statistics["iter_count"]),
-            max(float(violation[worst]), 0.0),
-            names[worst],
-            (len(variables), len(rows)),
-            _broken(names, violation, self.settings.feasible),
+            headings=variables[curve_size : curve_size + self.program.size.links],
+            curve=self._curve(variables[:curve_size]),
+            gap=float(variables[-1]) * self._length,
+            answer=reading.says(costs, binding=self.settings.binding, feasible=self.settings.feasible),
         )
 
     def _curve(self, variables: FloatArray) -> Configuration:
@@ -214,48 +181,12 @@ class PoseQuestion:
             shares.append((float(inner[0]), float(inner[1]), float(inner[2])))
         return Configuration.chain(self.task.arm.base, float(variables[2 * knots]), lengths, values, shares)
 
-    def _costs(self, variables: FloatArray) -> dict[str, float]:
-        program = self.program
-        weights = [*self.weights, *np.ones(len(program.parts) - len(PARTS))]
-        amounts = np.asarray(program.parts_function(variables, self._parameters()), dtype=np.float64).ravel() * weights
-        return dict(zip(program.parts, amounts.tolist(), strict=True))
 
-
-def built_solver(program: PoseProgram, settings: PoseSettings) -> ca.Function:
-    """The IPOPT solver of a program; built once, kept as long as the program lives."""
-    kept = _solvers.setdefault(program, {})
-    if settings not in kept:
-        symbols = {
-            "x": program.variables,
-            "p": program.parameters.column,
-            "f": program.objective,
-            "g": program.constraints,
-        }
-        options = {
-            **_SWITCHES,
-            "ipopt.max_iter": settings.iterations,
-            "ipopt.tol": settings.tolerance,
-            "ipopt.mu_init": settings.first_barrier,
-        }
-        kept[settings] = ca.nlpsol("goal_pose", "ipopt", symbols, options)
-    return kept[settings]
-
-
-def _largest(names: tuple[str, ...], multipliers: FloatArray, least: float) -> dict[str, float]:
-    """Multipliers of the rows that shape the pose, the largest first; those of equations that tie variables aside."""
-    order = np.argsort(-np.abs(multipliers), kind="stable")
-    shaping = [int(row) for row in order if abs(multipliers[row]) > least and not _is_tie(names[row])]
-    return {names[row]: float(abs(multipliers[row])) for row in shaping}
-
-
-def _broken(names: tuple[str, ...], violation: FloatArray, allowed: float) -> dict[str, float]:
-    """Rows that are violated by more than is allowed, the worst first."""
-    order = np.argsort(-violation, kind="stable")
-    return {names[row]: float(violation[row]) for row in order if violation[row] > allowed}
-
-
-def _is_tie(name: str) -> bool:
-    """Whether a row only ties variables together and asks nothing of the pose."""
-    if name.startswith("user: "):  # whatever its user calls it
-        return False
-    return name.startswith("mapping") or "gap in" in name or "spline at" in name or "of its end" in name
+def _options(settings: PoseSettings) -> dict[str, Any]:
+    """The settings in IPOPT's names."""
+    return {
+        **_SWITCHES,
+        "ipopt.max_iter": settings.iterations,
+        "ipopt.tol": settings.tolerance,
+        "ipopt.mu_init": settings.first_barrier,
+    }

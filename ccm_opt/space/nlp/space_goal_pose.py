@@ -43,7 +43,7 @@ class SpaceGoalPoses:
     def best(self, seed: FloatArray, deadline: Deadline | None = None) -> SpaceArmPose | None:
         """The best feasible pose of ``improved``; None when there is none."""
         feasible = [pose for pose in self.improved(seed, deadline) if self.feasible(pose)]
-        return min(feasible, key=lambda pose: pose.cost, default=None)
+        return min(feasible, key=lambda pose: pose.answer.cost, default=None)
 
     def improved(self, seed: FloatArray, deadline: Deadline | None = None) -> tuple[SpaceArmPose, ...]:
         """Solutions from a pose, each from the one before with its regions drawn anew about it.
@@ -69,7 +69,7 @@ class SpaceGoalPoses:
 
     def feasible(self, pose: SpaceArmPose) -> bool:
         """Whether a pose keeps every row, and touches nothing by distances of its own."""
-        if pose.violation > self.settings.feasible:
+        if pose.answer.violation > self.settings.feasible:
             return False
         return self.gap(pose.q) > -self.settings.feasible * self.problem.arm.length
 
@@ -108,12 +108,13 @@ class SpaceGoalPoses:
         settings = self.settings
         pose = found[-1]
         wide = pose.gap >= settings.enough * self.wanted_gap
-        if wide and not any("of its region" in name for name in pose.multipliers):
+        if wide and not any("of its region" in name for name in pose.answer.multipliers):
             return True
         if len(found) == 1:
             return False
         before = found[-2]
-        gained = before.cost - pose.cost > settings.worthwhile * before.cost
+        gain = before.answer.cost - pose.answer.cost
+        gained = gain > settings.worthwhile * before.answer.cost
         grown = pose.gap - before.gap > settings.worthwhile * self.wanted_gap
         return not gained and (wide or not grown)
 
@@ -122,7 +123,7 @@ class SpaceGoalPoses:
         allowed = self.settings.feasible * self.problem.arm.length
         for widened in self.settings.widening:
             pose = self._solved_within(start, near, widened)
-            if pose.violation > self.settings.feasible or self.gap(pose.q) >= min(pose.gap, 0.0) - allowed:
+            if pose.answer.violation > self.settings.feasible or self.gap(pose.q) >= min(pose.gap, 0.0) - allowed:
                 break
         return pose
 

@@ -8,9 +8,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.nlp.arm_pose import pose_costs
-from ccm_opt.nlp.constraints import RowBlock
+from ccm_opt.nlp.row_program import RowProgram
 from ccm_opt.space.nlp.bishop_shooting import DIRECTIONS, BishopShooting
 from ccm_opt.space.nlp.holding import holding_torques_in_space, torque_rows_in_space
 from ccm_opt.space.nlp.space_pose_rows import (
@@ -118,8 +117,8 @@ class SpacePoseParameters:
         return ca.vertcat(*(ca.vec(value) for value in vars(self).values()))
 
 
-@dataclass(frozen=True, eq=False)
-class SpacePoseProgram:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SpacePoseProgram(RowProgram):
     """The symbolic part of the goal-pose NLP in space.
 
     Attributes:
@@ -132,10 +131,6 @@ class SpacePoseProgram:
         tip_parts: what the last link has of the axes across the goal's direction, shape (2, 1).
         stray: share of the start's offsets from its curve that the pose keeps, scalar.
         gap: g, scalar.
-        parameters: what changes from question to question.
-        rows: all blocks of rows.
-        parts: the parts of the objective by name, unweighted, in the order of ``SPACE_PARTS``; the user's behind them.
-        objective: their weighted sum.
     """
 
     size: SpacePoseSize
@@ -148,9 +143,6 @@ class SpacePoseProgram:
     stray: ca.SX
     gap: ca.SX
     parameters: SpacePoseParameters
-    rows: tuple[RowBlock, ...]
-    parts: Mapping[str, ca.SX]
-    objective: ca.SX
 
     @property
     def variables(self) -> ca.SX:
@@ -173,29 +165,6 @@ class SpacePoseProgram:
         sizes |= {"feed": 1, "tip parts": 2, "stray": 1, "gap": 1}
         stops = np.cumsum(list(sizes.values())).tolist()
         return {name: slice(stop - size, stop) for (name, size), stop in zip(sizes.items(), stops, strict=True)}
-
-    @property
-    def constraints(self) -> ca.SX:
-        """All rows in one column."""
-        return ca.vertcat(*(block.expression for block in self.rows))
-
-    @cached_property
-    def parts_function(self) -> ca.Function:
-        """(variables, parameters) to the parts of the objective, unweighted, in one column."""
-        parts = ca.vertcat(*self.parts.values())
-        return ca.Function("parts", [self.variables, self.parameters.column], [parts])
-
-    @property
-    def row_names(self) -> tuple[str, ...]:
-        """What each row says."""
-        return tuple(name for block in self.rows for name in block.names)
-
-    @property
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper bounds of the rows."""
-        lower = np.concatenate([block.lower for block in self.rows])
-        upper = np.concatenate([block.upper for block in self.rows])
-        return lower, upper
 
 
 # Few sizes are met in one problem, and a program keeps a built solver of some megabytes alive.
@@ -234,7 +203,18 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
         torques = holding_torques_in_space(links, points, given.link_weights, given.payload)
         rows.append(torque_rows_in_space(torques, given.torque_limits))
         parts["torque"] = pose_costs.holding_effort(torques, given.torque_limits)
-    objective = ca.dot(given.weights, ca.vertcat(*(parts[name] for name in SPACE_PARTS)))
     return SpacePoseProgram(
-        size, curve, bends, links, points, feed, tip_parts, stray, gap, given, tuple(rows), parts, objective
+        size=size,
+        curve=curve,
+        bends=bends,
+        links=links,
+        points=points,
+        feed=feed,
+        tip_parts=tip_parts,
+        stray=stray,
+        gap=gap,
+        parameters=given,
+        rows=tuple(rows),
+        parts=parts,
+        objective=ca.dot(given.weights, ca.vertcat(*(parts[name] for name in SPACE_PARTS))),
     )

@@ -1,22 +1,21 @@
 """Solves the goal-pose NLP in space: numbers for its symbols, a start from a pose, IPOPT, and what came of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
-from weakref import WeakKeyDictionary
 
-import casadi as ca
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.ipopt_call import ipopt_answer
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
+from ccm_opt.nlp.row_answer import RowAnswer, RowReading
+from ccm_opt.nlp.row_program import built_solver
 from ccm_opt.space.curve.space_configuration import SpaceConfiguration
-from ccm_opt.space.nlp.pose_reading import curve_from, named_above, shaping_rows
 from ccm_opt.space.nlp.shooting_start import CurveNumbers, start_values
-from ccm_opt.space.nlp.space_pose_program import SPACE_PARTS, SpacePoseProgram
+from ccm_opt.space.nlp.space_pose_program import SpacePoseProgram
 from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
 from ccm_opt.space.nlp.space_pose_task import SpacePoseTask
 
@@ -30,7 +29,6 @@ _SWITCHES: dict[str, Any] = {
     "ipopt.constr_viol_tol": 1e-10,
 }
 _PUSHES = ("ipopt.bound_push", "ipopt.bound_frac", "ipopt.slack_bound_push", "ipopt.slack_bound_frac")
-_solvers: WeakKeyDictionary[SpacePoseProgram, dict[SpacePoseSettings, ca.Function]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,36 +39,17 @@ class SpaceArmPose:
         q: the configuration, shape (c,) [rad, m].
         curve: the curve whose mean directions its links have.
         gap: least room of any link in its region beyond radius and clearance, at most the wanted gap [m].
-        costs: weighted parts of the objective by name; they sum to it.
-        multipliers: of the rows that shape the pose, by name, the largest first.
-        status: the solver's own word for how it stopped.
-        iterations: of the solver.
-        violation: largest violation of any row, in units of the arm's length.
-        worst_row: name of that row.
         position_error: distance of the tip from its place [m].
         direction_error: angle of the last link to its direction [rad].
-        size: numbers of variables and rows.
-        broken: rows that are violated by more than what counts as kept, by name, the worst first.
+        answer: how the program was answered.
     """
 
     q: FloatArray
     curve: SpaceConfiguration
     gap: float
-    costs: Mapping[str, float]
-    multipliers: Mapping[str, float]
-    status: str
-    iterations: int
-    violation: float
-    worst_row: str
     position_error: float
     direction_error: float
-    size: tuple[int, int] = field(default=(0, 0))
-    broken: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def cost(self) -> float:
-        """The objective."""
-        return float(sum(self.costs.values()))
+    answer: RowAnswer
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +78,7 @@ class SpacePoseQuestion:
         row_lower, row_upper = self.program.bounds
         start = np.clip(self._start(), lower, upper)
         bounds = {"lbx": lower, "ubx": upper, "lbg": row_lower, "ubg": row_upper}
-        solver = partial(_built_solver, self.program, self.settings)
+        solver = partial(built_solver, self.program, _options(self.settings))
         return self._read(*ipopt_answer(solver, start, p=self._parameters(), **bounds))
 
     @cached_property
@@ -225,56 +204,40 @@ class SpacePoseQuestion:
     def _read(self, answer: Mapping[str, Any], statistics: Mapping[str, Any]) -> SpaceArmPose:
         program = self.program
         task = self.task
-        variables = np.asarray(answer["x"], dtype=np.float64).ravel()
-        rows = np.asarray(answer["g"], dtype=np.float64).ravel()
-        lower, upper = program.bounds
-        violation = np.nan_to_num(np.maximum(lower - rows, rows - upper), nan=np.inf)
-        worst = int(np.argmax(violation))
+        reading = RowReading(program, answer, statistics)
+        variables = reading.variables
+        costs = program.costs(variables, self._parameters(), self.weights)
         bends = variables[program.places["bends"]]
         q = task.arm.configuration(bends, float(variables[program.places["feed"]][0]) * self._length)
         q = np.clip(q, task.arm.lower_limits, task.arm.upper_limits)
         tip = joint_positions(task.arm, q)[-1]
         return SpaceArmPose(
             q=q,
-            curve=curve_from(program, variables, task.arm),
+            curve=self._curve(variables),
             gap=float(variables[-1]) * self._length,
-            costs=self._costs(variables),
-            multipliers=shaping_rows(
-                program.row_names, np.asarray(answer["lam_g"], dtype=np.float64).ravel(), self.settings.binding
-            ),
-            status=str(statistics["return_status"]),
-            iterations=int(statistics["iter_count"]),
-            violation=max(float(violation[worst]), 0.0),
-            worst_row=program.row_names[worst],
             position_error=float(np.linalg.norm(tip - task.target.position)),
             direction_error=task.target.angle(link_rotations(task.arm, q)[-1, :, 0]),
-            size=(len(variables), len(rows)),
-            broken=named_above(program.row_names, violation, self.settings.feasible),
+            answer=reading.says(costs, binding=self.settings.binding, feasible=self.settings.feasible),
         )
 
-    def _costs(self, variables: FloatArray) -> dict[str, float]:
-        program = self.program
-        weights = [*self.weights, *np.ones(len(program.parts) - len(SPACE_PARTS))]
-        amounts = np.asarray(program.parts_function(variables, self._parameters()), dtype=np.float64).ravel() * weights
-        return dict(zip(program.parts, amounts.tolist(), strict=True))
+    def _curve(self, variables: FloatArray) -> SpaceConfiguration:
+        """The curve of a solution, in metres, from where the base is."""
+        places = self.program.places
+        arcs = variables[places["arcs"]]
+        if np.any(np.diff(arcs) <= 0.0):  # where the solver failed, knots may lie out of their order
+            arcs = np.linspace(0.0, 1.0, len(arcs))
+        curvatures = np.stack((variables[places["curvature left"]], variables[places["curvature up"]]))
+        turn = variables[places["base turn"]]
+        feed = float(variables[places["feed"]][0]) * self._length
+        return CurveNumbers(arcs, curvatures, turn).configuration(self.task.arm, feed)
 
 
-def _built_solver(program: SpacePoseProgram, settings: SpacePoseSettings) -> ca.Function:
-    """The IPOPT solver of a program; built once, kept as long as the program lives."""
-    kept = _solvers.setdefault(program, {})
-    if settings not in kept:
-        symbols = {
-            "x": program.variables,
-            "p": program.parameters.column,
-            "f": program.objective,
-            "g": program.constraints,
-        }
-        options = {
-            **_SWITCHES,
-            "ipopt.max_iter": settings.iterations,
-            "ipopt.tol": settings.tolerance,
-            "ipopt.mu_init": settings.first_barrier,
-            **dict.fromkeys(_PUSHES, settings.push),
-        }
-        kept[settings] = ca.nlpsol("space_goal_pose", "ipopt", symbols, options)
-    return kept[settings]
+def _options(settings: SpacePoseSettings) -> dict[str, Any]:
+    """The settings in IPOPT's names."""
+    return {
+        **_SWITCHES,
+        "ipopt.max_iter": settings.iterations,
+        "ipopt.tol": settings.tolerance,
+        "ipopt.mu_init": settings.first_barrier,
+        **dict.fromkeys(_PUSHES, settings.push),
+    }
