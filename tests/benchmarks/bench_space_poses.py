@@ -25,8 +25,10 @@ def main(links: int = 24, bodies: int = 150, scenes: int = 20, segments: int = S
         took = resource.getrusage(resource.RUSAGE_SELF).ru_utime - before
         best = poses.best(scene.seed)
         gap = np.nan if best is None else poses.gap(best.q)
-        rows.append((1e3 * poses.gap(scene.seed), 1e3 * gap, took, len(found), sum(pose.answer.iterations for pose in found)))
-        words = "none: " + found[-1].worst_row + " " + found[-1].status if best is None else f"{1e3 * gap:6.2f} mm"
+        iterations = sum(pose.answer.iterations for pose in found)
+        rows.append((1e3 * poses.gap(scene.seed), 1e3 * gap, took, len(found), iterations))
+        last = found[-1].answer
+        words = f"none: {last.worst_row} {last.status}" if best is None else f"{1e3 * gap:6.2f} mm"
         print(f"{number:3d}  seed {rows[-1][0]:6.2f} mm  found {words}  {took:.2f} s  rounds {len(found)}")  # noqa: T201
     table = np.array(rows)
     solved = np.isfinite(table[:, 1])
