@@ -49,6 +49,8 @@ nitpick_ignore_regex = [
     ("py:class", r"ccm_opt\.hill_climbing\.distance\.Precision"),
     ("py:class", r"ccm_opt\.freespace\.walls\.Walls"),
     ("py:class", r"AnySolution"),
+    # The kind of problem that a plan is for.
+    ("py:class", r"ccm_opt\.solution\.solution\.ProblemT"),
     # Python's own.
     ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
 ]

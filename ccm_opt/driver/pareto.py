@@ -226,7 +226,7 @@ def _priced(plan: ParetoPlan[AnySolution], fastest: float) -> ParetoPlan[AnySolu
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
         return plan
     room = replace(solution.room, price=solution.trajectory.duration - fastest)
-    return replace(plan, solution=replace(solution, room=room))
+    return replace(plan, solution=solution.with_room(room))
 
 
 @dataclass(frozen=True)

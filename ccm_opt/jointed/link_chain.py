@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.jointed_settings import DEFAULT_LINK_MARGINS, LinkMarginSettings
@@ -70,6 +71,21 @@ class LinkChain:
         along = np.asarray(feed)[..., None] + self.link_length * np.arange(self.links)
         held: BoolArray = along < self.hole - HELD_TOLERANCE
         return held
+
+    def levers_to(self, at: float | None) -> FloatArray:
+        """How much of every link lies between the base and a point of the arm, shape (links,) [m].
+
+        Args:
+            at: arc length of the point from the base [m]; that of the tip when None.
+
+        Raises:
+            ProblemError: the arm is not so long.
+        """
+        length = self.length if at is None else at
+        if not 0.0 <= length <= self.length * (1.0 + ROUNDING):
+            raise ProblemError(f"a point of the arm must be from 0 to {self.length:g} m along it, got {length:g} m")
+        before = self.link_length * np.arange(self.links)
+        return np.clip(length - before, 0.0, self.link_length)
 
     @property
     def mount_end(self) -> tuple[int, float]:

@@ -13,9 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import link_rotations
 
@@ -39,11 +37,7 @@ class PointInSpace:
         Raises:
             ProblemError: the arm is not so long.
         """
-        length = arm.length if at is None else at
-        if not 0.0 <= length <= arm.length * (1.0 + ROUNDING):
-            raise ProblemError(f"a point of the arm must be from 0 to {arm.length:g} m along it, got {length:g} m")
-        before = arm.link_length * np.arange(arm.links)
-        return cls(arm, np.clip(length - before, 0.0, arm.link_length))
+        return cls(arm, arm.levers_to(at))
 
     def position(self, q: FloatArray) -> FloatArray:
         """Where the point is, shape (N, 3) [m].

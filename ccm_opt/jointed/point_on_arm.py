@@ -4,9 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.jointed.arm import Arm
 
 
@@ -32,11 +30,7 @@ class PointOnArm:
         Raises:
             ProblemError: the arm is not so long.
         """
-        length = arm.length if at is None else at
-        if not 0.0 <= length <= arm.length * (1.0 + ROUNDING):
-            raise ProblemError(f"a point of the arm must be from 0 to {arm.length:g} m along it, got {length:g} m")
-        before = arm.link_length * np.arange(arm.links)
-        return cls(arm, np.clip(length - before, 0.0, arm.link_length))
+        return cls(arm, arm.levers_to(at))
 
     def position(self, q: FloatArray) -> FloatArray:
         """Where the point is, shape (N, 2) [m].

@@ -6,26 +6,18 @@ from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.expected import expect
 from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.ground.length_words import long_length, words_in
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.problem.defects import defects
 from ccm_opt.problem.field_types import wrong_types
 from ccm_opt.problem.imported_drawing import ImportedDrawing
 from ccm_opt.problem.options import PlannerOptions, SimulationOptions, VerificationOptions
+from ccm_opt.problem.planning_problem import PlanningProblem
 from ccm_opt.problem.poses import Goal, Start, Stop, Tolerances
-
-CONTACT_SHARE_OF_LENGTH = 1e-6
-"""Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made
-to, and above what the certificate and the chords between samples leave to rounding."""
-WANTED_SHARE_OF_LENGTH = 0.015
-"""Room that plans keep unless the problem says otherwise, as a share of the arm's length."""
-WANTED_SHARE_OF_RADIUS = 0.5
-"""The same as a share of its radius; the lesser room counts."""
 
 
 @dataclass(frozen=True, repr=False)
-class Problem:
+class Problem(PlanningProblem):
     """One planning problem.
 
     Attributes:
@@ -66,12 +58,6 @@ class Problem:
     drawing: ImportedDrawing | None = None
 
     @property
-    def contact_tolerance(self) -> float:
-        """Gap that may be missing before a motion is refused, rounding as a rule [m]."""
-        asked = self.verification.contact_tolerance
-        return CONTACT_SHARE_OF_LENGTH * self.arm.length if asked is None else asked
-
-    @property
     def wanted_gap(self) -> float:
         """Room beyond radius and clearance that planning keeps where there is so much [m].
 
@@ -79,17 +65,7 @@ class Problem:
         """
         if self.planner.method != "nlp":
             return 0.0
-        return self.default_gap if self.planner.wanted_gap is None else self.planner.wanted_gap
-
-    @property
-    def default_gap(self) -> float:
-        """The wanted gap where the options name none, 1.5 % of the arm's length or half its radius [m].
-
-        The lesser of the two, as much as one would leave beside a hose of that size. An arm without a radius gets the
-        former.
-        """
-        share = WANTED_SHARE_OF_LENGTH * self.arm.length
-        return share if self.arm.radius == 0.0 else min(share, WANTED_SHARE_OF_RADIUS * self.arm.radius)
+        return super().wanted_gap
 
     @staticmethod
     def expected(value: object) -> None:
@@ -105,10 +81,3 @@ class Problem:
         found = tuple(wrong_types(self)) or tuple(defects(self))
         if found:
             raise ProblemError(f"problem '{self.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in found))
-
-    def __repr__(self) -> str:
-        arm = self.arm
-        goals = f", {len(self.stops) + 1} goals" if self.stops else ""
-        room = f"{len(self.workspace.obstacles)} obstacles"
-        with words_in(self.length_unit):
-            return f"<Problem '{self.name}': {arm.links} links, {long_length(arm.length)} long, {room}{goals}>"

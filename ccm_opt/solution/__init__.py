@@ -5,13 +5,13 @@ from ccm_opt.solution.pareto_plans import ParetoPlan, ParetoPlans
 from ccm_opt.solution.reach_record import ReachMap
 from ccm_opt.solution.room_record import NearPlace, PossibleGap, RoomRecord, ShortStretch
 from ccm_opt.solution.simulation_verdict import SimulationOutcome, SimulationVerdict
+from ccm_opt.solution.solution import Solution, SolutionOf
 from ccm_opt.solution.stage_results import (
     Check,
     JointPath,
     JointStates,
     JointTrajectory,
     SimulatedMotion,
-    Solution,
 )
 from ccm_opt.solution.static_pose import BindingSide, PoseOutcome, StaticPose
 from ccm_opt.solution.survived_error import SurvivedError
@@ -36,6 +36,7 @@ __all__ = [
     "SimulationOutcome",
     "SimulationVerdict",
     "Solution",
+    "SolutionOf",
     "SpaceGoalPoseRecord",
     "StaticPose",
     "SurvivedError",

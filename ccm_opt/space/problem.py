@@ -7,14 +7,13 @@ from typing import TypeAlias
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import LengthUnit
-from ccm_opt.ground.length_words import long_length, words_in
 from ccm_opt.jointed.drive_limits import Limits
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.problem import PlannerOptions, Problem, SimulationOptions, Tolerances, VerificationOptions
-from ccm_opt.problem.definition import CONTACT_SHARE_OF_LENGTH, WANTED_SHARE_OF_LENGTH, WANTED_SHARE_OF_RADIUS
 from ccm_opt.problem.field_types import COMMON_NUMBERS, COMMON_PARTS, PartTypes, wrong_types
 from ccm_opt.problem.options import Weights
+from ccm_opt.problem.planning_problem import PlanningProblem
 from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.space.space_defects import space_defects
 
@@ -92,7 +91,7 @@ IN_SPACE = PartTypes(
 
 
 @dataclass(frozen=True, repr=False)
-class SpaceProblem:
+class SpaceProblem(PlanningProblem):
     """One planning problem of an arm in space; its attributes are called as those of ``Problem``.
 
     Attributes:
@@ -145,33 +144,9 @@ class SpaceProblem:
             raise ProblemError(f"problem '{self.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in found))
 
     @property
-    def contact_tolerance(self) -> float:
-        """Gap that may be missing before a motion is refused, rounding as a rule [m]."""
-        asked = self.verification.contact_tolerance
-        return CONTACT_SHARE_OF_LENGTH * self.arm.length if asked is None else asked
-
-    @property
-    def wanted_gap(self) -> float:
-        """Room beyond radius and clearance that planning keeps where there is so much [m]."""
-        return self.default_gap if self.planner.wanted_gap is None else self.planner.wanted_gap
-
-    @property
-    def default_gap(self) -> float:
-        """The wanted gap where the options name none, as for ``Problem`` [m]."""
-        share = WANTED_SHARE_OF_LENGTH * self.arm.length
-        return share if self.arm.radius == 0.0 else min(share, WANTED_SHARE_OF_RADIUS * self.arm.radius)
-
-    @property
     def goals(self) -> Sequence[SpaceStop]:
         """All goals in order, the last one with no pause."""
         return (*self.stops, SpaceStop(self.goal, self.tolerances))
-
-    def __repr__(self) -> str:
-        arm = self.arm
-        goals = f", {len(self.stops) + 1} goals" if self.stops else ""
-        room = f"{len(self.workspace.obstacles)} obstacles"
-        with words_in(self.length_unit):
-            return f"<SpaceProblem '{self.name}': {arm.links} links, {long_length(arm.length)} long, {room}{goals}>"
 
 
 AnyProblem: TypeAlias = Problem | SpaceProblem

@@ -1,27 +1,13 @@
 """A verified plan of an arm in space with everything computed on the way."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_words import short_length, words_in
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.solution import (
-    Check,
-    JointPath,
-    JointStates,
-    JointTrajectory,
-    RoomRecord,
-    SimulatedMotion,
-    Solution,
-    SurvivedError,
-    TryRecord,
-)
-from ccm_opt.solution.presenting import presenter
+from ccm_opt.solution import JointTrajectory, Solution, SolutionOf
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 
 
@@ -66,38 +52,8 @@ class SpacePlan(Protocol):
 
 
 @dataclass(frozen=True, repr=False)
-class SpaceSolution:
-    """A verified plan in space; its attributes are called as those of ``Solution``.
-
-    Attributes:
-        problem: what was asked.
-        path: the way, without time.
-        trajectory: the same in time; the bends of a joint stand side by side.
-        joints: the same for the drives.
-        simulation: what the simulated arm did.
-        checks: of the verifier; all hold.
-        metrics: figures of merit, named with their units.
-        timings: CPU time by stage [s].
-        versions: of Python and of the packages that the plan was made with.
-        room: how much room the motion keeps; None where nobody asked.
-        tolerance: errors that the motion survives; none where nobody asked.
-        tries: what came of every try, where several were asked for.
-        not_checked: what nothing was held against, though one might think so, a clause each; none as a rule.
-    """
-
-    problem: SpaceProblem
-    path: JointPath
-    trajectory: JointTrajectory
-    joints: JointStates
-    simulation: SimulatedMotion
-    checks: tuple[Check, ...]
-    metrics: Mapping[str, float]
-    timings: Mapping[str, float]
-    versions: Mapping[str, str] = field(default_factory=dict)
-    room: RoomRecord | None = None
-    tolerance: tuple[SurvivedError, ...] = ()
-    tries: tuple[TryRecord, ...] = ()
-    not_checked: tuple[str, ...] = ()
+class SpaceSolution(SolutionOf[SpaceProblem]):
+    """A verified plan in space; its attributes are those of ``SolutionOf``."""
 
     @property
     def joint_positions(self) -> FloatArray:
@@ -113,26 +69,6 @@ class SpaceSolution:
     def goal_errors(self) -> GoalErrors:
         """How the last link lies at the end of the motion."""
         return goal_errors(self.problem, self.trajectory.positions[-1])
-
-    def __repr__(self) -> str:
-        arm = self.problem.arm
-        gap = self.metrics.get("least_wall_clearance_m", np.inf)
-        with words_in(self.problem.length_unit):
-            near = f", walls no nearer than {short_length(gap)}" if np.isfinite(gap) else ""
-        motion = f"{arm.links} links, {self.trajectory.duration:.2f} s{near}"
-        return f"<SpaceSolution of '{self.problem.name}': {motion}, {len(self.checks)} checks hold>"
-
-    def plot(self) -> Any:
-        """Draw the plan, see ``ccm_opt.plot``; a matplotlib figure."""
-        return presenter().plot(self)
-
-    def animate(self, file: str | Path) -> Path:
-        """Write a film of the plan, see ``ccm_opt.animate``."""
-        return presenter().animate(self, file)
-
-    def save(self, folder: str | Path) -> Path:
-        """Save the plan to a folder, see ``ccm_opt.save``."""
-        return presenter().save(self, folder)
 
 
 AnySolution: TypeAlias = Solution | SpaceSolution
