@@ -154,7 +154,7 @@ def test_a_defect_of_the_room_keeps_the_plan(swing: Solution, monkeypatch: pytes
     assert solution.simulation.verdict.followed
 
 
-@pytest.mark.parametrize("stage", ["room_of", "simulate_and_check"])
+@pytest.mark.parametrize("stage", ["room_of", "simulated_motion"])
 def test_ctrl_c_after_the_verification_keeps_the_plan(
     stage: str, tmp_path: Path, swing: Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,17 +1,15 @@
 """The driver for arms in space, in the order of the plane's: plan, time, verify, measure the room, simulate."""
 
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TypeVar
 
 from ccm_opt.diagnosis.explain import with_proof
 from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE, refuse_impossible_in_space
-from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
 from ccm_opt.driver.contradicting_terms import refuse_contradictions
 from ccm_opt.driver.errors_in_space import planned_for_errors_in_space
 from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.given_terms import compiled_terms
+from ccm_opt.driver.kept_stage import kept, not_waited_for, simulated_motion
 from ccm_opt.driver.lowered_costs import planned_with_costs
 from ccm_opt.driver.planned_for_errors import STAGE
 from ccm_opt.driver.several_tries import best_of_tries
@@ -32,10 +30,6 @@ from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.space_solution import SpaceSolution
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.terms import Constraint, Cost
-
-_Result = TypeVar("_Result")
-
-logger = logging.getLogger(__name__)
 
 
 @on_one_thread
@@ -97,7 +91,7 @@ def _best_attempt(run: SpacePlanningRun, hurried: SpaceProblem, lowered: UserTer
     return best_of_tries(
         hurried,
         lambda tried: planned_for_errors_in_space(tried, lambda roomy: run.planned(roomy, lowered), run.settings),
-        lambda plan: assembled_in_space(hurried, plan, _not_waited_for(hurried, plan), {}, run.stages, None),
+        lambda plan: assembled_in_space(hurried, plan, not_waited_for(hurried, plan), {}, run.stages, None),
         run.settings,
     )
 
@@ -127,31 +121,18 @@ def described_in_space(
         CancelledWithPlan: on Ctrl-C, with the solution as far as it is known.
     """
     room: RoomRecord | None = None
-    simulated = _not_waited_for(problem, plan)
+    simulated = not_waited_for(problem, plan)
     figures: Mapping[str, float] = {}
     try:
         with stages("room"):
-            room = _kept(partial(room_in_space, problem, plan.trajectory), "the room of the motion was not measured")
+            of_room = partial(room_in_space, problem, plan.trajectory)
+            room = kept(of_room, "the room of the motion was not measured", lambda _: None)
         with stages("simulation"):
-            run = partial(simulate_and_check, problem, plan.trajectory, plan.joints, settings)
-            simulated, figures = _kept(run, "the plan was not simulated") or (simulated, figures)
+            simulated, figures = simulated_motion(problem, plan, settings)
     except KeyboardInterrupt as interrupt:
         found = assembled_in_space(problem, plan, simulated, {**figures, **(of_costs or {})}, stages, room)
         raise CancelledWithPlan(found) from interrupt
     return assembled_in_space(problem, plan, simulated, {**figures, **(of_costs or {})}, stages, room)
-
-
-def _not_waited_for(problem: SpaceProblem, plan: VerifiedPlan) -> SimulatedMotion:
-    return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
-
-
-def _kept(stage: Callable[[], _Result], what: str) -> _Result | None:
-    """What a stage makes; None, and the defect is logged, where it fails: it can make no verified plan worse."""
-    try:
-        return stage()
-    except Exception:
-        logger.exception("%s: this is a bug in ccm-opt, please report it", what)
-        return None
 
 
 def assembled_in_space(
