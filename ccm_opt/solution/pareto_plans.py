@@ -1,15 +1,16 @@
 """Plans of one problem from the fastest to the roomiest, and which of them an engineer would run."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from ccm_opt.solution.solution import SolutionOf
+
 if TYPE_CHECKING:
     from ccm_opt.space.problem import AnyProblem
-    from ccm_opt.space.space_solution import AnySolution
 
-SolutionT_co = TypeVar("SolutionT_co", bound="AnySolution", covariant=True)
+SolutionT_co = TypeVar("SolutionT_co", bound=SolutionOf[Any], covariant=True)
 """What solves the problem: a plan in the plane, or one in space."""
 
 
