@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
+from ccm_opt.diagnosis.contact_finding import contact_finding
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.keyed_poses import TipPlace, WholePose, tip_places, whole_poses
 from ccm_opt.diagnosis.words import point
@@ -132,10 +133,8 @@ def _touch(
     play: float,
 ) -> Finding:
     """One contact: the gap from axis to wall, the arm's radius and the clearance asked for."""
-    radius = problem.arm.radius
     clearance = problem.workspace.clearance
-    lacking = radius + clearance - gap
-    free = radius - gap
+    free = problem.arm.radius - gap
     line = shapely.shortest_line(body, wall.core)
     where = shapely.get_coordinates(line)[0]
     if wall.name == BOUNDARY_NAME and gap < 0.0:
@@ -145,21 +144,7 @@ def _touch(
         how = f"{what} overlaps '{wall.name}' by {short_length(free)}"
     else:
         how = f"{what} comes within {short_length(-free)} of '{wall.name}', the clearance is {short_length(clearance)}"
-    bounds = {}
-    if (thinnest := gap + play - clearance) > 0.0:
-        bounds["arm.radius"] = thinnest
-    if (nearest := gap + play - radius) >= 0.0 and clearance > 0.0:
-        bounds["workspace.clearance"] = nearest
-    return Finding(
-        "contact",
-        f"{key}: the {name} is in contact: {how}",
-        key=key,
-        place=point(where),
-        measured=lacking,
-        allowed=play,
-        obstacles=(wall.name,),
-        bounds=bounds,
-    )
+    return contact_finding(problem, key, f"the {name} is in contact: {how}", where, wall.name, gap, play)
 
 
 def _outermost(body: shapely.Geometry, room: shapely.Polygon) -> FloatArray:

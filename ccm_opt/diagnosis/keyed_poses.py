@@ -2,13 +2,15 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
+from ccm_opt.diagnosis.keyed_goals import KeyedGoal, keyed_goals
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.mapping import map_curve
-from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal, Tolerances
+from ccm_opt.problem import CurvePose, JointPose, Problem, TipGoal
 
 
 @dataclass(frozen=True)
@@ -40,44 +42,25 @@ class WholePose:
         return reach
 
 
-@dataclass(frozen=True)
-class TipPlace:
-    """A goal for the tip.
-
-    Attributes:
-        name: what messages call it.
-        key: of the problem file.
-        goal: where the tip has to be.
-        tolerances: how near counts.
-    """
-
-    name: str
-    key: str
-    goal: TipGoal
-    tolerances: Tolerances
+TipPlace: TypeAlias = KeyedGoal[TipGoal]
+"""A goal for the tip."""
 
 
 def whole_poses(problem: Problem) -> Iterator[WholePose]:
     """The start, then every goal that says where all links are."""
     yield _whole(problem, "start", "start", problem.start)
-    for name, key, goal, tolerances in _goals(problem):
-        if not isinstance(goal, TipGoal):
-            play = tolerances.heading if isinstance(goal, JointPose) else np.inf
-            yield replace(_whole(problem, name, key, goal), bend_play=play, base_play=tolerances.position)
+    for asked in keyed_goals(problem):
+        if not isinstance(asked.goal, TipGoal):
+            play = asked.tolerances.heading if isinstance(asked.goal, JointPose) else np.inf
+            pose = _whole(problem, asked.name, asked.key, asked.goal)
+            yield replace(pose, bend_play=play, base_play=asked.tolerances.position)
 
 
 def tip_places(problem: Problem) -> Iterator[TipPlace]:
     """Every goal for the tip alone."""
-    for name, key, goal, tolerances in _goals(problem):
-        if isinstance(goal, TipGoal):
-            yield TipPlace(name, f"{key}.position", goal, tolerances)
-
-
-def _goals(problem: Problem) -> Iterator[tuple[str, str, TipGoal | JointPose | CurvePose, Tolerances]]:
-    for k, stop in enumerate(problem.stops):
-        yield f"stop {k + 1}", f"goal[{k}]", stop.goal, stop.tolerances
-    last = f"goal[{len(problem.stops)}]" if problem.stops else "goal"
-    yield "goal", last, problem.goal, problem.tolerances
+    for asked in keyed_goals(problem):
+        if isinstance(asked.goal, TipGoal):
+            yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal, asked.tolerances)
 
 
 def _whole(problem: Problem, name: str, key: str, pose: JointPose | CurvePose) -> WholePose:

@@ -10,13 +10,12 @@ from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, MovedGoalSettings
 from ccm_opt.diagnosis.keyed_poses import TipPlace
+from ccm_opt.diagnosis.moved_position import about_the_goal, moved_position
 from ccm_opt.diagnosis.nearest_place import nearest_place
 from ccm_opt.diagnosis.parameters import Parameter
 from ccm_opt.diagnosis.reach import supple_enough
 from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_units import METRES, LengthUnit
-from ccm_opt.ground.length_words import file_length
 from ccm_opt.problem import Problem, TipGoal
 
 
@@ -31,8 +30,7 @@ def moved_goals(
         settings: numbers.
     """
     goal = problem.goal
-    about_goal = bool(findings) and all(finding.key.startswith("goal") for finding in findings)
-    if not about_goal or not isinstance(goal, TipGoal) or problem.stops:
+    if not about_the_goal(findings) or not isinstance(goal, TipGoal) or problem.stops:
         return
     turn = _least_turn(problem, goal, settings)
     if turn is not None:
@@ -55,10 +53,7 @@ def _position(
     problem: Problem, goal: TipGoal, place: FloatArray, settings: MovedGoalSettings, *, inside: bool
 ) -> Parameter:
     """The goal's position moved towards a place, by a distance; beyond the place where that is on an edge."""
-    offset = place - goal.position
-    distance = float(np.hypot(*offset))
-    direction = offset / distance
-
+    distance = float(np.hypot(*(place - goal.position)))
     # The edge of the tolerance may be there already.
     bound = max(distance - problem.tolerances.position, 0.1 * distance)
     # What lies far beyond a goal far away is no better for that.
@@ -66,29 +61,7 @@ def _position(
     beyond = [distance, *(distance + step * spread for step in settings.steps)]
     if not inside:
         beyond = [bound + step * spread for step in settings.steps]
-
-    def moved(by: float) -> FloatArray:
-        return np.asarray(goal.position + by * direction)
-
-    return Parameter(
-        "goal.position",
-        +1,
-        lambda _: 0.0,
-        lambda p, by: replace(p, goal=TipGoal(moved(by), goal.heading)),
-        lambda p, by: f"goal.position moved by {file_length(by)}, to {_in_file(moved(by), p.length_unit)}",
-        lambda p: 1.0 / METRES[p.length_unit],
-        whole=problem.arm.length,
-        bound=bound,
-        steps=tuple(by / bound - 1.0 for by in beyond),
-        paths_stay=False,
-    )
-
-
-def _in_file(place: FloatArray, unit: LengthUnit) -> str:
-    """A place (2,) [m] as it is written in the problem's file, to a tenth of a millimetre."""
-    decimals = {"m": 4, "mm": 1, "in": 3}[unit]
-    x, y = (float(coordinate) / METRES[unit] for coordinate in place)
-    return f"({x:.{decimals}f}, {y:.{decimals}f})"
+    return moved_position(problem, goal, place, bound, beyond)
 
 
 def _heading(goal: TipGoal, turn: float, settings: MovedGoalSettings) -> Parameter:

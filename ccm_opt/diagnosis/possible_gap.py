@@ -1,6 +1,6 @@
 """How much room a motion can keep at most: by its start, by what its goals fix, and by the passages on every way."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import shapely
@@ -34,11 +34,7 @@ def possible_gap(
         The bound, not above the wanted gap where one was wanted, and what decides it; None where all that is fixed is
         farther from everything than the record looks.
     """
-    bounds = [PossibleGap(room.at_start.gap, "start")] if room.at_start.link else []
-    bounds += [PossibleGap(gap, "goal") for gap in _goal_gaps(problem, room)]
-    if room.wanted > 0.0:
-        bounds.append(PossibleGap(room.wanted, "wanted gap"))
-    least = min(bounds, key=lambda bound: bound.value, default=None)
+    least = bound_at_ends(room, _goal_gaps(problem, room))
     if least is None:
         return None
     if problem.arm.base_axes or least.value <= 0.0:
@@ -48,6 +44,20 @@ def possible_gap(
         if widest < least.value:
             least = PossibleGap(widest, "passage")
     return least
+
+
+def bound_at_ends(room: RoomRecord, goal_gaps: Iterable[float]) -> PossibleGap | None:
+    """What the start, the goals and the wanted gap leave of every motion; None where none of them says anything.
+
+    Args:
+        room: of a plan, with the gap of its start.
+        goal_gaps: what every goal leaves [m].
+    """
+    bounds = [PossibleGap(room.at_start.gap, "start")] if room.at_start.link else []
+    bounds += [PossibleGap(gap, "goal") for gap in goal_gaps]
+    if room.wanted > 0.0:
+        bounds.append(PossibleGap(room.wanted, "wanted gap"))
+    return min(bounds, key=lambda bound: bound.value, default=None)
 
 
 def _goal_gaps(problem: Problem, room: RoomRecord) -> Iterator[float]:

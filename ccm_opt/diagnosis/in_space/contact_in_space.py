@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ccm_opt.diagnosis.contact_finding import contact_finding
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.in_space.keyed_space_poses import (
     SpaceTipPlace,
@@ -106,11 +107,10 @@ def _tip_blocked(problem: SpaceProblem, gaps: ObstacleGaps, place: SpaceTipPlace
 
 def _touch(problem: SpaceProblem, name: str, key: str, what: str, found: ObstacleGap, k: int, play: float) -> Finding:
     """One contact: the gap from axis to obstacle, the arm's radius and the clearance asked for."""
-    radius = problem.arm.radius
     clearance = problem.workspace.clearance
     gap = float(found.gaps[k])
     place = found.places[k]
-    free = radius - gap
+    free = problem.arm.radius - gap
     if found.outside and gap < 0.0:
         how = f"{what} is {short_length(-gap)} outside the '{found.name}' at {at(place)}"
     elif gap < 0.0:
@@ -120,21 +120,7 @@ def _touch(problem: SpaceProblem, name: str, key: str, what: str, found: Obstacl
     else:
         near = short_length(-free)
         how = f"{what} comes within {near} of '{found.name}' at {at(place)}, the clearance is {short_length(clearance)}"
-    bounds = {}
-    if (thinnest := gap + play - clearance) > 0.0:
-        bounds["arm.radius"] = thinnest
-    if (nearest := gap + play - radius) >= 0.0 and clearance > 0.0:
-        bounds["workspace.clearance"] = nearest
-    return Finding(
-        "contact",
-        f"{key}: the {name} is in contact: {how}",
-        key=key,
-        place=point(place),
-        measured=radius + clearance - gap,
-        allowed=play,
-        obstacles=(found.name,),
-        bounds=bounds,
-    )
+    return contact_finding(problem, key, f"the {name} is in contact: {how}", place, found.name, gap, play)
 
 
 def _self_touched(arm: SpaceArm, pose: WholeSpacePose) -> Iterator[Finding]:

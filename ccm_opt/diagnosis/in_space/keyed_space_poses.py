@@ -2,13 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
+from ccm_opt.diagnosis.keyed_goals import KeyedGoal, keyed_goals
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
-from ccm_opt.problem import Tolerances
-from ccm_opt.space.problem import SpaceGoal, SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
 
 
 @dataclass(frozen=True)
@@ -41,41 +42,22 @@ class WholeSpacePose:
         return np.asarray(self.base_play + arm.link_length * np.cumsum(chords))
 
 
-@dataclass(frozen=True)
-class SpaceTipPlace:
-    """A goal for the tip.
-
-    Attributes:
-        name: what messages call it.
-        key: of the problem file.
-        goal: where the tip has to be.
-        tolerances: how near counts.
-    """
-
-    name: str
-    key: str
-    goal: SpaceTipGoal
-    tolerances: Tolerances
+SpaceTipPlace: TypeAlias = KeyedGoal[SpaceTipGoal]
+"""A goal for the tip."""
 
 
 def whole_space_poses(problem: SpaceProblem) -> Iterator[WholeSpacePose]:
     """The start, then every goal that says where all links are."""
     arm = problem.arm
     yield WholeSpacePose("start", "start", problem.start.configuration(arm))
-    for name, key, goal, tolerances in _goals(problem):
-        if isinstance(goal, SpaceJointPose):
-            yield WholeSpacePose(name, key, goal.configuration(arm), tolerances.heading, tolerances.position)
+    for asked in keyed_goals(problem):
+        if isinstance(asked.goal, SpaceJointPose):
+            q = asked.goal.configuration(arm)
+            yield WholeSpacePose(asked.name, asked.key, q, asked.tolerances.heading, asked.tolerances.position)
 
 
 def space_tip_places(problem: SpaceProblem) -> Iterator[SpaceTipPlace]:
     """Every goal for the tip alone."""
-    for name, key, goal, tolerances in _goals(problem):
-        if isinstance(goal, SpaceTipGoal):
-            yield SpaceTipPlace(name, f"{key}.position", goal, tolerances)
-
-
-def _goals(problem: SpaceProblem) -> Iterator[tuple[str, str, SpaceGoal, Tolerances]]:
-    for k, stop in enumerate(problem.stops):
-        yield f"stop {k + 1}", f"goal[{k}]", stop.goal, stop.tolerances
-    last = f"goal[{len(problem.stops)}]" if problem.stops else "goal"
-    yield "goal", last, problem.goal, problem.tolerances
+    for asked in keyed_goals(problem):
+        if isinstance(asked.goal, SpaceTipGoal):
+            yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal, asked.tolerances)

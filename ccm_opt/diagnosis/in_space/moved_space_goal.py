@@ -10,11 +10,10 @@ from ccm_opt.diagnosis.in_space.axis_ways import AxisWays
 from ccm_opt.diagnosis.in_space.contact_in_space import contact_at_space_tips
 from ccm_opt.diagnosis.in_space.keyed_space_poses import SpaceTipPlace
 from ccm_opt.diagnosis.in_space.reach_in_space import supple_enough_in_space, within_space_reach
+from ccm_opt.diagnosis.moved_position import about_the_goal, moved_position
 from ccm_opt.diagnosis.parameters import Parameter
 from ccm_opt.errors import Finding
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.ground.length_units import METRES, LengthUnit
-from ccm_opt.ground.length_words import file_length
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.planner import reach_box
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
@@ -33,8 +32,7 @@ def moved_space_goals(
         settings: numbers.
     """
     goal = problem.goal
-    about_goal = bool(findings) and all(finding.key.startswith("goal") for finding in findings)
-    if not about_goal or not isinstance(goal, SpaceTipGoal) or problem.stops:
+    if not about_the_goal(findings) or not isinstance(goal, SpaceTipGoal) or problem.stops:
         return
     place = _nearest_place(problem, goal, settings)
     if place is not None:
@@ -111,34 +109,8 @@ def _position(
     problem: SpaceProblem, goal: SpaceTipGoal, place: FloatArray, settings: MovedSpaceGoalSettings
 ) -> Parameter:
     """The goal's position moved towards a place, by a distance, and beyond it."""
-    offset = place - goal.position
-    distance = float(np.linalg.norm(offset))
-    direction = offset / distance
+    distance = float(np.linalg.norm(place - goal.position))
     # What lies far beyond a goal far away is no better for that.
     spread = min(distance, problem.arm.length)
-
-    def moved(by: float) -> FloatArray:
-        return np.asarray(goal.position + by * direction)
-
-    return Parameter(
-        "goal.position",
-        +1,
-        lambda _: 0.0,
-        lambda p, by: replace(p, goal=replace(goal, position=moved(by))),
-        lambda p, by: f"goal.position moved by {file_length(by)}, to {_in_file(moved(by), p.length_unit)}",
-        lambda p: 1.0 / METRES[_unit(p)],
-        whole=problem.arm.length,
-        bound=distance,
-        steps=tuple(step * spread / distance for step in settings.steps),
-        paths_stay=False,
-    )
-
-
-def _unit(problem: SpaceProblem) -> LengthUnit:
-    return problem.length_unit
-
-
-def _in_file(place: FloatArray, unit: LengthUnit) -> str:
-    """A place (3,) [m] as it is written in the problem's file, to a tenth of a millimetre."""
-    decimals = {"m": 4, "mm": 1, "in": 3}[unit]
-    return f"({', '.join(f'{float(coordinate) / METRES[unit]:.{decimals}f}' for coordinate in place)})"
+    tried = [distance + step * spread for step in settings.steps]
+    return moved_position(problem, goal, place, distance, tried)

@@ -8,6 +8,7 @@ import numpy as np
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, WaySettings
 from ccm_opt.diagnosis.in_space.axis_ways import AxisWays
 from ccm_opt.diagnosis.in_space.keyed_space_poses import SpaceTipPlace, space_tip_places
+from ccm_opt.diagnosis.possible_gap import bound_at_ends
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import PossibleGap, RoomRecord
 from ccm_opt.space.distances.surface_tree import SurfaceTree
@@ -29,11 +30,7 @@ def possible_gap_in_space(
         The bound, not above the wanted gap where one was wanted, and what decides it; None where all that is fixed is
         farther from everything than the record looks.
     """
-    bounds = [PossibleGap(room.at_start.gap, "start")] if room.at_start.link else []
-    bounds += [PossibleGap(gap, "goal") for gap in _goal_gaps(problem, room)]
-    if room.wanted > 0.0:
-        bounds.append(PossibleGap(room.wanted, "wanted gap"))
-    least = min(bounds, key=lambda bound: bound.value, default=None)
+    least = bound_at_ends(room, _goal_gaps(problem, room))
     if least is None or least.value <= 0.0:
         return least
     for place in space_tip_places(problem):
