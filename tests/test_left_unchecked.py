@@ -9,14 +9,18 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+import ccm_opt
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.solution import JointTrajectory
-from ccm_opt.verification.left_unchecked import left_unchecked
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem
+from ccm_opt.space.scene.scene import SpaceWorkspace
+from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
 from ccm_opt.verification.selfcollision import first_distant
 
 from .arms import plain_arm
+from .space_arms import space_arm
 
 ROOM = Workspace(shapely.box(-9.0, -9.0, 9.0, 9.0))
 
@@ -62,6 +66,34 @@ def test_links_that_cross_though_they_are_near_are_named() -> None:
     crossed = np.array([0.0, 0.0, 2.4, 2.4, 0.0, 0.0])
     (remark,) = remarks(arm, [bent, crossed])
     assert "link 2 crosses link 4 at t = 0.00" in remark
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, ()),
+        ({"mount_length": 0.6}, ("the whole arm counts as its mount",)),
+        ({"mount_length": 0.25}, ("links 1 to 2 were not kept",)),
+        ({"self_collision": False}, ("self_collision is false",)),
+        ({"links": 2}, ("all are near each other",)),
+        ({"links": 2, "mount_length": 0.2}, ("the whole arm counts", "all are near each other")),
+    ],
+)
+def test_arms_in_space_say_the_same(changes: dict[str, Any], said: tuple[str, ...]) -> None:
+    """All that follows from the arm alone."""
+    told = left_unchecked_of_arm(space_arm(**changes))
+    assert len(told) == len(said)
+    assert all(words in clause for words, clause in zip(said, told, strict=True))
+
+
+def test_the_record_of_a_plan_in_space_says_it() -> None:
+    """A plan of two links, which nothing keeps apart."""
+    arm = space_arm(2)
+    ones = np.ones(3 * arm.links)
+    rest, bent = (SpaceJointPose(np.full((2, 2), bend)) for bend in (0.0, 0.2))
+    problem = SpaceProblem("two links", SpaceWorkspace(None, ()), arm, Limits(ones, ones), rest, bent)
+    (remark,) = ccm_opt.solve(problem).not_checked
+    assert "all are near each other" in remark
 
 
 @given(st.integers(0, 2**32 - 1))

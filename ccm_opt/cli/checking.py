@@ -23,10 +23,10 @@ from ccm_opt.files.export.recorded_look import recorded_curves
 from ccm_opt.files.export.room_json import room_data
 from ccm_opt.files.export.text_agreement import checks_of_texts
 from ccm_opt.files.report.check_words import checks_in_words
-from ccm_opt.problem import CurvePose, Problem
+from ccm_opt.problem import CurvePose
 from ccm_opt.solution import Check, RoomRecord
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
-from ccm_opt.verification.left_unchecked import left_unchecked
+from ccm_opt.verification.left_unchecked import left_unchecked, left_unchecked_of_arm
 from ccm_opt.verification.room_over_time import room_over_time
 
 MALFORMED = ("samples", "joint names")
@@ -60,7 +60,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     verdict = "every check holds" if passed else "refused"
     # The room of a motion that is refused is in the checks that refuse it.
     room = room if passed else None
-    left_out = left_unchecked(problem, motion.trajectory) if passed and isinstance(problem, Problem) else ()
+    left_out = _left_unchecked(problem, motion) if passed else ()
     unchecked = _unchecked(recorded_constraints(folder), of_terms)
     if unchecked:
         _warn_of_unchecked(problem.name, unchecked)
@@ -86,6 +86,14 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
         }
 
     return print_result(show, SOLVED if passed else NO_PLAN, data)
+
+
+def _left_unchecked(problem: AnyProblem, motion: SavedMotion) -> tuple[str, ...]:
+    """What nothing was held against, a clause each."""
+    if isinstance(problem, SpaceProblem):
+        # Links in space that cross are refused, however near they are along the arm.
+        return left_unchecked_of_arm(problem.arm)
+    return left_unchecked(problem, motion.trajectory)
 
 
 def _room(problem: AnyProblem, motion: SavedMotion, own: tuple[Check, ...]) -> RoomRecord:

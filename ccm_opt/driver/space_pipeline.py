@@ -30,6 +30,7 @@ from ccm_opt.space.problem import SpaceProblem
 from ccm_opt.space.space_solution import SpaceSolution
 from ccm_opt.user_terms.compiled_terms import UserTerms
 from ccm_opt.user_terms.terms import Constraint, Cost
+from ccm_opt.verification.left_unchecked import left_unchecked_of_arm
 
 
 @on_one_thread
@@ -159,4 +160,5 @@ def assembled_in_space(
         versions=dict(versions()),
         room=room,
         tries=plan.tries,
+        not_checked=left_unchecked_of_arm(problem.arm),
     )

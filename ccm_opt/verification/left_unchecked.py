@@ -1,6 +1,6 @@
 """What the checks of a plan leave out, in words: nobody is to believe that it was looked at."""
 
-from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import LinkChain
 from ccm_opt.problem import Problem
 from ccm_opt.solution import JointTrajectory
 from ccm_opt.verification.link_motion import ChainMotion
@@ -24,20 +24,31 @@ def left_unchecked(
         A clause each.
     """
     arm = problem.arm
-    settings = settings.for_problem(problem)
+    remarks = left_unchecked_of_arm(arm)
+    if not arm.self_collision:
+        return remarks
+    motion = ChainMotion(arm, trajectory.time, trajectory.positions)
+    crossing = crossing_near_links(motion, settings.for_problem(problem))
+    if not crossing:
+        return remarks
+    return (*remarks, f"{crossing}: links less than {first_distant(arm)} apart along the arm are not kept apart")
+
+
+def left_unchecked_of_arm(arm: LinkChain) -> tuple[str, ...]:
+    """What follows from the arm alone, in the plane and in space: its mount, and links that are not kept apart.
+
+    Returns:
+        A clause each.
+    """
     remarks = [_of_mount(arm)]
     if not arm.self_collision:
         remarks.append("links were not kept apart from each other, since arm.self_collision is false")
-        return tuple(remark for remark in remarks if remark)
-    if first_distant(arm) >= arm.links:
+    elif first_distant(arm) >= arm.links:
         remarks.append("no links were kept apart from each other: all are near each other along the arm")
-    crossing = crossing_near_links(ChainMotion(arm, trajectory.time, trajectory.positions), settings)
-    if crossing:
-        remarks.append(f"{crossing}: links less than {first_distant(arm)} apart along the arm are not kept apart")
     return tuple(remark for remark in remarks if remark)
 
 
-def _of_mount(arm: Arm) -> str:
+def _of_mount(arm: LinkChain) -> str:
     # Of a link that the mount covers but for rounding no more than its end is held against walls.
     whole = int((exposed_starts(arm) >= 1.0 - 1e-9).sum())
     if whole == arm.links:

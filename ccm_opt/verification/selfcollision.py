@@ -4,6 +4,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import LinkChain
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.bisection import Evaluate, Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes
@@ -12,7 +13,7 @@ from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
-def first_distant(arm: Arm) -> int:
+def first_distant(arm: LinkChain) -> int:
     """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r).
 
     ``Arm.first_self_pair`` says the same; the verifier counts for itself, on purpose.

@@ -9,6 +9,7 @@ import shapely
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.arm import Arm
+from ccm_opt.jointed.link_chain import LinkChain
 from ccm_opt.solution import Check, NearPlace
 from ccm_opt.verification.bisection import Nearest, Pairs, Verdict, least_allowed_gap, prove_apart
 from ccm_opt.verification.link_motion import ChainMotion, Nodes, unit_rows
@@ -94,7 +95,7 @@ class WallGaps:
         return pairs.where(near), gap[near]
 
 
-def exposed_starts(arm: Arm) -> FloatArray:
+def exposed_starts(arm: LinkChain) -> FloatArray:
     """Share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link.
 
     ``Arm.mount_end`` says where it ends; the verifier reckons for itself, on purpose.
