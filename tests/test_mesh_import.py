@@ -71,6 +71,8 @@ MUTATED = {
 PLACES = {"workspace.obstacles[0]", "workspace.obstacles[0].scale", "arm.base"}
 """Keys under which a mesh may be refused; one that has become huge or tiny, or has come to hold the base, likewise."""
 NAN_STL = binary_stl(np.where(CUBE > 0.5, np.nan, CUBE))
+SIGNALLING_STL = NAN_STL.replace(bytes.fromhex("0000c07f"), bytes.fromhex("0000a07f"))
+"""Of numbers that are none, too, but that warn when they are computed with."""
 FLAT_STL = binary_stl(np.zeros((8, 3)))
 UNKNOWN = three_mf('<model><resources/><build><item objectid="7"/></build></model>')
 ENTITIES = three_mf(
@@ -97,6 +99,7 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
         ("part.stl", b"part".ljust(80) + bytes(4), "it holds no triangles"),
         ("part.stl", bytes(80) + (3_000_000).to_bytes(4, "little") + bytes(50), "cut short"),
         ("part.stl", NAN_STL, "vertices are no numbers"),
+        ("part.stl", SIGNALLING_STL, "vertices are no numbers"),
         ("part.stl", FLAT_STL, "12 of 12 triangles have no area"),
         ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "part.obj"),
         ("part.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "part.obj"),
@@ -111,7 +114,7 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
         ("part.3mf", DEEP, "nested more than 20 deep"),
         ("part.step", b"ISO-10303-21;", "no mesh of a known kind; expected a file that ends in one of .stl, .obj"),
     ],
-    ids=range(22),
+    ids=range(23),
 )
 def test_a_broken_mesh_is_one_clear_error(tmp_path: Path, name: str, content: bytes, words: str) -> None:
     """A mesh that cannot be used is one defect of the file, under the key of the mesh and with its line."""

@@ -39,4 +39,7 @@ def read_binary_stl(content: bytes, settings: MeshSettings) -> RawMesh:
     if count > settings.most_triangles:
         raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} can be used; simplify it")
     records = np.frombuffer(content, dtype=_TRIANGLE, count=count, offset=start)
-    return RawMesh.of_corners(records["corners"].astype(np.float64))
+    # Some bytes are no number and warn when they are copied; what is no number is refused by name, later.
+    with np.errstate(invalid="ignore"):
+        corners = records["corners"].astype(np.float64)
+    return RawMesh.of_corners(corners)
