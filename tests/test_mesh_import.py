@@ -209,6 +209,14 @@ def test_parts_without_triangles_are_left_out(tmp_path: Path) -> None:
     assert len(read_mesh_file(tmp_path / "part.obj").mesh.faces) == 12
 
 
+@pytest.mark.parametrize("far", [1e30, np.inf, np.nan])
+def test_vertices_that_no_triangle_has_may_be_anywhere(far: float) -> None:
+    """They are left out, and do not make the others' triangles small."""
+    mended = mended_mesh(RawMesh(np.vstack(([[0.0, far, 0.0]], CUBE)), BOX_FACES + 1))
+    assert (len(mended.mesh.vertices), mended.closed, mended.mended) == (8, True, ())
+    assert volume(mended.mesh) == pytest.approx(1.0)
+
+
 def test_what_is_mended_is_told() -> None:
     """Triangles that are there twice, or are an edge of others, are left out; one that is alone stays."""
     vertices = np.concatenate((CUBE, [[0.5, 0.0, 0.0], [3.0, 0.0, 0.0]]))

@@ -7,6 +7,7 @@ import pytest
 from ccm_opt.cli.checking import check_folders
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED
 from ccm_opt.files.export.folder import model_texts
+from ccm_opt.files.export.text_agreement import checks_of_texts
 from ccm_opt.files.export.trajectory_text import trajectory_texts
 
 from .corruption.plans import Folder, write_plans
@@ -64,6 +65,21 @@ def test_table_and_message_are_held_against_the_arrays_each_for_itself(
     folder.texts[name] = "\n".join(lines) + "\n"
     folder.write(tmp_path / name)
     assert check_folders([tmp_path / name]) == NO_PLAN
+
+
+@pytest.mark.parametrize("number", ["inf", "-1e999", "nan"])
+def test_numbers_that_are_infinite_or_none_are_refused(written: Folder, tmp_path: Path, number: str) -> None:
+    """Nothing is within a share of what has no size; each file has one number of some row changed."""
+    folder = written.copy()
+    for name in ("trajectory.csv", "trajectory.yaml"):
+        head, comma, tail = folder.texts[name].rpartition(",")
+        end = "]\n" if tail.rstrip().endswith("]") else "\n"
+        folder.texts[name] = f"{head}{comma}{number}{end}"
+    folder.write(tmp_path / "infinite")
+    solution = folder.solution
+    checks = checks_of_texts(tmp_path / "infinite", solution.problem, solution.trajectory, solution.joints)
+    refused = {check.name for check in checks if not check.passed}
+    assert refused == {"table against arrays", "ROS message against arrays"}
 
 
 def test_rows_without_numbers_are_refused(written: Folder, tmp_path: Path) -> None:

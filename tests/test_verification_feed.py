@@ -16,7 +16,7 @@ from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerance
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification import verify
 from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import base_forces, joint_torques
+from ccm_opt.verification.newton_euler import efforts_in_plane
 from ccm_opt.verification.wall_clearance import check_walls
 
 from .arms import plain_arm
@@ -55,9 +55,9 @@ def states(problem: Problem, trajectory: JointTrajectory) -> JointStates:
     """The revolutes' view of a planar motion on a moving base."""
     planar = trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations
     motion = trajectory.positions, trajectory.velocities, trajectory.accelerations
-    torques = joint_torques(problem.arm, problem.simulation.gravity, *motion)
-    forces = base_forces(problem.arm, problem.simulation.gravity, *motion)[:, None]
-    return JointStates(joint_names(problem.arm), *(revolute_angles(problem.arm, v) for v in planar), torques, forces)
+    torques, force = efforts_in_plane(problem.arm, problem.simulation.gravity, *motion)
+    revolutes = (revolute_angles(problem.arm, values) for values in planar)
+    return JointStates(joint_names(problem.arm), *revolutes, torques, force[:, None])
 
 
 def failing(problem: Problem, trajectory: JointTrajectory, joints: JointStates | None = None) -> set[str]:
@@ -163,9 +163,8 @@ def test_the_force_on_the_axis_is_newtons() -> None:
     momentum = np.gradient(np.tensordot(centres, arm.masses, axes=(1, 0)), trajectory.time, axis=0)
     gravity = problem.simulation.gravity[[0, 2]] * arm.masses.sum()
     force = (np.gradient(momentum, trajectory.time, axis=0) - gravity) @ arm.feed_direction
-    own = base_forces(
-        arm, problem.simulation.gravity, trajectory.positions, trajectory.velocities, trajectory.accelerations
-    )
+    motion = trajectory.positions, trajectory.velocities, trajectory.accelerations
+    _, own = efforts_in_plane(arm, problem.simulation.gravity, *motion)
     np.testing.assert_allclose(own[3:-3], force[3:-3], atol=2e-3 * np.ptp(force))
 
 

@@ -13,7 +13,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification.checked_problem import CheckedProblem
-from ccm_opt.verification.newton_euler import base_forces, joint_torques
+from ccm_opt.verification.newton_euler import efforts_in_plane
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 UNIT = "of the limit"
@@ -97,8 +97,8 @@ def holding_efforts(problem: Problem, positions: FloatArray) -> HoldingEfforts:
         count = len(positions)
         return np.zeros((count, 3 * problem.arm.links)), np.zeros((count, len(problem.arm.base_axes)))
     rest = np.zeros_like(positions)
-    at_rest = (problem.arm, problem.simulation.gravity, positions, rest, rest)
-    return joint_torques(*at_rest), np.repeat(base_forces(*at_rest)[:, None], len(problem.arm.base_axes), axis=1)
+    torques, force = efforts_in_plane(problem.arm, problem.simulation.gravity, positions, rest, rest)
+    return torques, np.repeat(force[:, None], len(problem.arm.base_axes), axis=1)
 
 
 def _efforts(

@@ -14,6 +14,9 @@ from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification.link_motion import link_headings
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
+_FEW = 64
+"""Pieces of a motion that are looked at first for the next keyframe."""
+
 
 def check_keyframes(
     arm: DrivenArm,
@@ -51,11 +54,9 @@ def check_keyframes(
     piece = min(rests, key=lambda rest: float(np.linalg.norm(path.points[rest] - wanted[0])))
     worst = (0.0, 1.0, "")
     for number, (keyframe, most) in enumerate(zip(wanted, allowed.tolist(), strict=True), start=1):
-        away = path.distances(keyframe, piece if number < len(wanted) else len(path.points) - 2)
-        near = np.flatnonzero(away <= most)
+        found, least = path.first_near(keyframe, piece if number < len(wanted) else len(path.points) - 2, most)
         # The first piece that is near enough leaves most of the motion to the keyframes that follow.
-        piece += int(near[0]) if len(near) else 0
-        least = float(away[near[0]] if len(near) else np.min(away))
+        piece = found if least <= most else piece
         worst = max(worst, (least, most, f"keyframe {number}"), key=lambda met: met[0] / met[1])
     return Check(name, worst[0], worst[1], "rad", worst[2], passed=worst[0] <= worst[1])
 
@@ -72,10 +73,30 @@ class _Chain:
         pieces = np.diff(self.points, axis=0)
         return pieces, np.maximum(np.einsum("tc,tc->t", pieces, pieces), np.finfo(np.float64).tiny)
 
-    def distances(self, point: FloatArray, first: int) -> FloatArray:
-        """Distances of a point from the pieces from one of them on, shape (T − 1 − first,)."""
-        pieces, squares = (values[first:] for values in self._pieces)
-        away = point - self.points[first:-1]
+    def first_near(self, point: FloatArray, first: int, most: float) -> tuple[int, float]:
+        """The first piece, from one of them on, that is no farther from a point than so much, and how far it is.
+
+        Where there is none it is the nearest of these pieces.
+        """
+        nearest = (first, np.inf)
+        count = _FEW
+        while first < len(self.points) - 1:
+            away = self._distances(point, slice(first, first + count))
+            near = np.flatnonzero(away <= most)
+            k = int(near[0] if len(near) else np.argmin(away))
+            if away[k] < nearest[1]:
+                nearest = (first + k, float(away[k]))
+            if len(near):
+                break
+            first += count
+            # Most keyframes are passed soon after the one before.
+            count *= 2
+        return nearest
+
+    def _distances(self, point: FloatArray, some: slice) -> FloatArray:
+        """Distances of a point from some pieces, shape (n,)."""
+        pieces, squares = (values[some] for values in self._pieces)
+        away = point - self.points[:-1][some]
         along = np.clip(np.einsum("tc,tc->t", away, pieces) / squares, 0.0, 1.0)
         return np.asarray(np.linalg.norm(away - along[:, None] * pieces, axis=1))
 

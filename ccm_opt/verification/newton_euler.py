@@ -14,10 +14,10 @@ from ccm_opt.verification.link_motion import advance, axis_direction, link_headi
 _OUT = np.array([0.0, 1.0, 0.0])
 
 
-def joint_torques(
+def efforts_in_plane(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
-) -> FloatArray:
-    """Torques of all revolutes along a planar motion.
+) -> tuple[FloatArray, FloatArray]:
+    """Torques of all revolutes along a planar motion, and the force that moves and carries the whole arm.
 
     Args:
         arm: the arm; masses and inertia are used, payload and drives too.
@@ -27,13 +27,14 @@ def joint_torques(
         accelerations: of the same, shape (T, c) [rad/s², m/s²].
 
     Returns:
-        Shape (T, 3 * links) [N m]: yaw, bend, roll (``zyx``) or the paper's three (``zyz``) of each ball in turn.
+        Torques, shape (T, 3 * links) [N m]: yaw, bend, roll (``zyx``) or the paper's three (``zyz``) of each ball in
+        turn; and the force along the base heading, shape (T,) [N].
     """
     headings = link_headings(arm, positions)
     along, across = _directions(headings)
     # φ̈ of the links, in the plane the running sum of the bends' accelerations.
     growth = np.cumsum(accelerations[:, : arm.links], axis=1)
-    needed, carried = _forces(arm, gravity, headings, velocities, accelerations)
+    needed, carried = _forces(arm, gravity, (along, across), velocities, accelerations)
 
     # Of every joint's moment its three drives bear the components along their axes: across the link before, out of the
     # plane, and along (or for zyz across) the link itself.
@@ -47,15 +48,14 @@ def joint_torques(
     geared = _of_bends(arm, arm.rotor_inertia) * accelerations[:, : arm.links]
     rubbed = _of_bends(arm, arm.friction) * velocities[:, : arm.links]
     torques[:, 1::3] -= geared + rubbed
-    return torques
+    return torques, np.asarray((np.sum(needed, axis=1) + carried[:, 0]) @ _axis(arm))
 
 
-def base_forces(
+def joint_torques(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> FloatArray:
-    """Force along the base heading that moves and carries the whole arm, shape (T,) [N]; arguments as above."""
-    needed, carried = _forces(arm, gravity, link_headings(arm, positions), velocities, accelerations)
-    return np.asarray((np.sum(needed, axis=1) + carried[:, 0]) @ _axis(arm))
+    """Torques of all revolutes alone, shape (T, 3 * links) [N m]; arguments as above."""
+    return efforts_in_plane(arm, gravity, positions, velocities, accelerations)[0]
 
 
 def _of_bends(arm: Arm, drives: FloatArray | float) -> FloatArray:
@@ -77,10 +77,14 @@ def _axis(arm: Arm) -> FloatArray:
 
 
 def _forces(
-    arm: Arm, gravity: FloatArray, headings: FloatArray, velocities: FloatArray, accelerations: FloatArray
+    arm: Arm,
+    gravity: FloatArray,
+    directions: tuple[FloatArray, FloatArray],
+    velocities: FloatArray,
+    accelerations: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Forces that the links' masses, (T, links, 3), and the payload at the tip, (T, 1, 3), need to move so [N]."""
-    along, across = _directions(headings)
+    along, across = directions
     rate = np.cumsum(velocities[:, : arm.links], axis=1)
     growth = np.cumsum(accelerations[:, : arm.links], axis=1)
     # Along a link the acceleration grows by l (φ̈ across − φ̇² along); it is summed from the base, which may be carried.

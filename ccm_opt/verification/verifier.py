@@ -15,7 +15,7 @@ from ccm_opt.verification.effort_share import check_shares, holding_efforts
 from ccm_opt.verification.form import check_form
 from ccm_opt.verification.limits import check_limits
 from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import base_forces, joint_torques
+from ccm_opt.verification.newton_euler import efforts_in_plane
 from ccm_opt.verification.pauses import check_pauses
 from ccm_opt.verification.point_limits import check_points
 from ccm_opt.verification.sample_efforts import check_sample_efforts
@@ -82,8 +82,7 @@ def verify(
 
 def _needed_efforts(problem: Problem, trajectory: JointTrajectory) -> Efforts:
     states = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    of_motion = (problem.arm, problem.simulation.gravity, *states)
-    return joint_torques(*of_motion), base_forces(*of_motion)
+    return efforts_in_plane(problem.arm, problem.simulation.gravity, *states)
 
 
 def check_names(problem: CheckedProblem, joints: JointStates) -> Check:

@@ -30,9 +30,11 @@ def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
         errors = np.abs(after[:, 0] - steps.targets)
     # The feed axis, last, has errors in metres, for which there is no such bound.
     errors[:, -1] = 0.0
-    bad = (errors > most) | ~np.isfinite(after).all(axis=1)
-    if not bad.any():
+    finite = np.isfinite(after)
+    # Where an error is no number, the first comparison fails, too.
+    if np.max(errors, initial=0.0) <= most and finite.all():
         return None
+    bad = (errors > most) | ~finite.all(axis=1)
     row, column = np.argwhere(bad)[0]
     return RunFault(int(column), steps.first + int(row) + 1, float(errors[row, column]))
 

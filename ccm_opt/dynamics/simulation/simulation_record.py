@@ -40,11 +40,12 @@ class SimulationRecord:
     Attributes:
         step: length of a step [s].
         places: times of the plan's samples in units of steps, shape (T,).
-        positions: at the samples, shape (T, W); those that no step has reached hold the last pose.
+        positions: at the samples that steps have reached, shape (T, W).
         efforts: held at the samples, shape (T, W) [N m, N]; 0 where no step has been.
         limit: of the efforts, shape (W,) [N m, N].
         tracking_error: largest difference of a joint's angle from its reference at the end of a step [rad].
         full_steps: number of steps in which some effort was at its limit.
+        end: number of the last step that was added.
     """
 
     step: float
@@ -54,6 +55,8 @@ class SimulationRecord:
     limit: FloatArray
     tracking_error: float = 0.0
     full_steps: int = 0
+    end: int = 0
+    _last: FloatArray | None = None
 
     @classmethod
     def from_plan(cls, time: FloatArray, start: FloatArray, step: float, limit: FloatArray) -> "SimulationRecord":
@@ -65,15 +68,16 @@ class SimulationRecord:
         """Interpolate some steps at the samples inside them."""
         if steps.count == 0:
             return
-        local = self.places - steps.first
+        self.end = steps.first + steps.count
+        self._last = steps.states[-1, 0]
         # A sample that rounding puts past the end of the steps belongs to them.
-        here = np.flatnonzero((local >= 0.0) & (local <= steps.count + ROUNDING))
+        first = np.searchsorted(self.places, steps.first)
+        here = slice(first, np.searchsorted(self.places, self.end + ROUNDING, side="right"))
+        local = self.places[here] - steps.first
         # A sample at the very end belongs to the last step, not to one after it.
-        index = np.minimum((local[here] + ROUNDING).astype(int), steps.count - 1)
-        self.positions[here] = hermite(local[here] - index, self.step, steps.states[index], steps.states[index + 1])
+        index = np.minimum((local + ROUNDING).astype(int), steps.count - 1)
+        self.positions[here] = hermite(local - index, self.step, steps.states[index], steps.states[index + 1])
         self.efforts[here] = steps.efforts[index]
-        # Should the run be stopped here, the arm is taken as standing still from now on.
-        self.positions[local > steps.count + ROUNDING] = steps.states[-1, 0]
 
         error = float(np.max(np.abs(steps.states[1:, 0, :-1] - steps.targets[:, :-1])))
         self.tracking_error = max(self.tracking_error, error)
@@ -83,6 +87,9 @@ class SimulationRecord:
     def motion(self, coordinates: Coordinates, verdict: SimulationVerdict) -> SimulatedMotion:
         """The whole simulated motion, once all steps were added."""
         drives = coordinates.drive_count  # a fixed base has a column in the loop, but no drive
+        if self._last is not None:
+            # An arm whose run was stopped is taken as standing still from there on.
+            self.positions[self.places > self.end + ROUNDING] = self._last
         return SimulatedMotion(
             angles=self.positions[:, : coordinates.revolutes].copy(),
             torques=self.efforts[:, : coordinates.revolutes].copy(),

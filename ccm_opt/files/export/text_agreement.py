@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
+from itertools import repeat
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from ccm_opt.files.export.folder import model_texts
 from ccm_opt.files.export.mesh_agreement import mesh_defects
+from ccm_opt.files.export.number_rows import rows_agree
 from ccm_opt.files.export.trajectory_text import bending_joints, trajectory_columns
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import Check, JointStates, JointTrajectory
@@ -44,11 +46,9 @@ def checks_of_texts(folder: Path, problem: AnyProblem, trajectory: JointTrajecto
         trajectory: the motion in the folder's arrays.
         joints: the same for all drives.
     """
-    # Table and message say the same in nearly the same words: what was read of one need not be read of the other.
-    numbers = lru_cache(maxsize=1)(_numbers)
     readers = {
-        "trajectory.csv": partial(_table_defects, time=trajectory.time, numbers=numbers),
-        "trajectory.yaml": partial(_message_defects, time=trajectory.time, numbers=numbers),
+        "trajectory.csv": partial(_table_defects, time=trajectory.time),
+        "trajectory.yaml": partial(_message_defects, time=trajectory.time),
     }
     described = lru_cache(partial(model_texts, problem))
     found = []
@@ -105,7 +105,6 @@ def _table_defects(
     time: FloatArray,
     names: Mapping[str, tuple[str, ...]],
     tables: Mapping[str, FloatArray],
-    numbers: Callable[[str], FloatArray],
 ) -> Iterator[str]:
     """What of ``trajectory.csv`` is otherwise than the arrays."""
     head, _, body = text.partition("\n")
@@ -113,13 +112,16 @@ def _table_defects(
     if head.rstrip("\r").split(",") != ["time", *columns]:
         yield "its columns are not those of the arm's joints"
         return
+    words = ["", *repeat(",", len(columns)), "\n"]
+    if rows_agree(body, words, [time[:, None], *tables.values()], TEXT_TOLERANCE):
+        return
     rows = [row.partition(",") for row in body.splitlines()]
     if len(rows) != len(time):
         yield f"it has {len(rows)} rows for {len(time)} samples"
         return
     times = np.array([float(first) for first, _, _ in rows])
     yield from _differing(times[:, None], time[:, None], ["time"])
-    yield from _differing(numbers("\n".join([rest for _, _, rest in rows])), _side_by_side(tables), columns)
+    yield from _differing(_numbers("\n".join([rest for _, _, rest in rows])), _side_by_side(tables), columns)
 
 
 def _message_defects(
@@ -127,9 +129,10 @@ def _message_defects(
     time: FloatArray,
     names: Mapping[str, tuple[str, ...]],
     tables: Mapping[str, FloatArray],
-    numbers: Callable[[str], FloatArray],
 ) -> Iterator[str]:
     """What of ``trajectory.yaml`` is otherwise than the arrays."""
+    if _is_message_as_written(text, time, names, tables):
+        return
     lists: dict[str, list[str]] = {}
     for line in text.splitlines():
         field, _, value = line.lstrip(" -").partition(":")
@@ -161,7 +164,25 @@ def _message_defects(
         for values in zip(*fields, strict=True)
     ]
     columns = [column for quantity in tables for column in names[quantity]]
-    yield from _differing(numbers("\n".join(rows)), _side_by_side(tables), columns)
+    yield from _differing(_numbers("\n".join(rows)), _side_by_side(tables), columns)
+
+
+def _is_message_as_written(
+    text: str, time: FloatArray, names: Mapping[str, tuple[str, ...]], tables: Mapping[str, FloatArray]
+) -> bool:
+    """Whether a message is line by line as ``solve`` writes it, its numbers those of the arrays."""
+    joints = [column.rpartition("_")[0] for column in next(iter(names.values()))]
+    head = f"joint_names: {json.dumps(joints)}\npoints:\n"
+    if not text.startswith(head):
+        return False
+    words = ["- time_from_start: {sec: ", ", nanosec: ", "}"]
+    for field in ROS_FIELDS:
+        words[-1] += f"\n  {field}: ["
+        words += [*repeat(",", len(joints) - 1), "]"]
+    words[-1] += "\n"
+    seconds, nanoseconds = np.divmod(np.rint(time * 1e9), 1e9)
+    wanted = [seconds[:, None], nanoseconds[:, None], *tables.values()]
+    return rows_agree(text[len(head) :], words, wanted, TEXT_TOLERANCE)
 
 
 def _side_by_side(tables: Mapping[str, FloatArray]) -> FloatArray:
@@ -174,8 +195,8 @@ def _differing(rows: FloatArray, columns: FloatArray, names: Sequence[str]) -> I
         yield f"it has {rows.shape[1]} numbers a sample, not {columns.shape[1]}"
         return
     off = np.abs(rows - columns)
-    # What is no number differs: it is not less than any bound.
-    wrong = ~(off <= TEXT_TOLERANCE * np.maximum(np.abs(columns), np.abs(rows)) + np.finfo(np.float64).tiny)
+    # What is no number, or infinite, differs: it is not less than any bound.
+    wrong = ~(off <= TEXT_TOLERANCE * np.abs(columns) + np.finfo(np.float64).tiny)
     if np.any(wrong):
         sample, column = np.argwhere(wrong)[0]
         found = rows[sample, column]
@@ -184,6 +205,13 @@ def _differing(rows: FloatArray, columns: FloatArray, names: Sequence[str]) -> I
 
 def _model_defects(text: str, wanted: str, meshes: Callable[[str], Iterator[str]]) -> Iterator[str]:
     """What of a description of the arm, and of the meshes that it names, is otherwise than the problem says."""
+    if text != wanted:
+        yield from _text_defects(text, wanted)
+    yield from meshes(wanted)
+
+
+def _text_defects(text: str, wanted: str) -> Iterator[str]:
+    """What of a description that is written otherwise is otherwise by its content."""
     if len(text) > MOST_TIMES_LONGER * len(wanted):
         yield "it is far longer than a description of the arm"
         return
@@ -197,7 +225,6 @@ def _model_defects(text: str, wanted: str, meshes: Callable[[str], Iterator[str]
         yield f"it is not readable as XML: {error}"
         return
     yield from _differing_elements(found, ET.fromstring(wanted), "")  # noqa: S314 - our own text
-    yield from meshes(wanted)
 
 
 def _differing_elements(found: ET.Element, wanted: ET.Element, path: str) -> Iterator[str]:

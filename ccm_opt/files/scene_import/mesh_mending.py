@@ -90,7 +90,10 @@ def _without_area(vertices: FloatArray, faces: IntArray, settings: MeshSettings)
     sides = np.roll(corners, -1, axis=1) - corners
     lengths = np.sqrt(np.einsum("fij,fij->fi", sides, sides))
     doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    extent = float(np.ptp(vertices, axis=0).max())
+    # Vertices that no triangle has may be anywhere, or be no numbers at all.
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[faces] = True
+    extent = float(np.ptp(vertices[used], axis=0).max())
     return np.asarray(doubled <= settings.least_height * extent * lengths.max(axis=1))
 
 
