@@ -49,7 +49,7 @@ from ccm_opt.verification.interpolation import interpolation_deviation
 from ccm_opt.verification.keyframe_checks import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.left_unchecked import left_unchecked
 from ccm_opt.verification.link_motion import ChainMotion
-from ccm_opt.verification.newton_euler import base_forces, joint_torques
+from ccm_opt.verification.newton_euler import efforts_in_plane
 from ccm_opt.verification.room_over_time import room_over_time
 from ccm_opt.verification.selfcollision import check_self_collision
 from ccm_opt.verification.tolerance.error_model import base_heading_error, joint_errors
@@ -133,10 +133,9 @@ def states_of(problem: Problem, trajectory: JointTrajectory) -> JointStates:
     """The same for all drives."""
     planar = (trajectory.bend_angles, trajectory.bend_velocities, trajectory.bend_accelerations)
     motion = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    torques = joint_torques(problem.arm, problem.simulation.gravity, *motion)
+    torques, force = efforts_in_plane(problem.arm, problem.simulation.gravity, *motion)
     angles = [revolute_angles(problem.arm, values) for values in planar]
-    forces = base_forces(problem.arm, problem.simulation.gravity, *motion)[:, None]
-    forces = forces if problem.arm.base_axes else np.zeros((len(trajectory.time), 0))
+    forces = force[:, None] if problem.arm.base_axes else np.zeros((len(trajectory.time), 0))
     return JointStates(joint_names(problem.arm), *angles, torques, forces)
 
 

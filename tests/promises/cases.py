@@ -15,7 +15,7 @@ from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.problem import JointPose, Limits, PlannerOptions, Problem, SimulationOptions
 from ccm_opt.solution import JointStates, JointTrajectory
 from ccm_opt.verification import verify
-from ccm_opt.verification.newton_euler import base_forces, joint_torques
+from ccm_opt.verification.newton_euler import efforts_in_plane
 from tests.arms import plain_arm
 
 LINKS = 6
@@ -66,8 +66,8 @@ class Case:
         planar = motion.bend_angles, motion.bend_velocities, motion.bend_accelerations
         everything = motion.positions, motion.velocities, motion.accelerations
         gravity = self.problem.simulation.gravity
-        forces = np.repeat(base_forces(arm, gravity, *everything)[:, None], len(arm.base_axes), axis=1)
-        torques = joint_torques(arm, gravity, *everything)
+        torques, force = efforts_in_plane(arm, gravity, *everything)
+        forces = np.repeat(force[:, None], len(arm.base_axes), axis=1)
         return JointStates(joint_names(arm), *(revolute_angles(arm, part) for part in planar), torques, forces)
 
     @property
