@@ -308,8 +308,8 @@ def test_the_page_says_what_a_plan_survives(small_solution: Solution) -> None:
     joints = SurvivedError("joints", 0.01, "rad", "link 2 to 'wall' at t = 0.5000 s", 0.5, 2)
     walls = SurvivedError("walls", 0.02, "m", "nothing; larger errors are not looked at", limited=False)
     page = Elements(report_html(replace(small_solution, tolerance=(joints, walls))))
-    assert "Errors of joints: up to 0.57°; limited by link 2 to 'wall'" in page.text
-    assert "up to at least 20.0 mm" in page.text
+    assert "Every joint off by 0.57°: limited by link 2 to 'wall' at 0.50 s." in page.text
+    assert "Every wall nearer by ≥ 20.0 mm" in page.text
     assert "What it survives" not in report_html(replace(small_solution, tolerance=()))
 
 

@@ -19,22 +19,19 @@ from ccm_opt.errors import ProblemError, UnreachableGoal
 from ccm_opt.files.export.folder import write_solution
 from ccm_opt.files.export.reading_back import load_any_problem, load_motion
 from ccm_opt.files.export.space_glb import quaternions
-from ccm_opt.files.plotting.space_section import section_along
 from ccm_opt.files.report.space_page_html import space_failure_html
 from ccm_opt.files.saved_plans import SavedSpacePlan, load
 from ccm_opt.files.scene_import.seen_surface import seen_surfaces
 from ccm_opt.ground.c_compiler import has_compiler
 from ccm_opt.jointed.frames import revolute_angles
-from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
-from ccm_opt.problem import Limits
-from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.jointed.space_kinematics import link_rotations
+from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.bodies import BoxBody, SphereBody
 from ccm_opt.space.scene.round_bodies import seen_triangles
-from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
 from ccm_opt.space.scene.thin_surfaces import sharp_edges, thinned
 from ccm_opt.space.space_solution import roll_against
 
-from .space_arms import random_rotation, space_arm, turned_arm
+from .space_arms import random_rotation, turned_arm
 from .space_folders import solved
 
 
@@ -235,23 +232,6 @@ def test_pictures_show_three_sides_and_a_film(folder: Path) -> None:
         frames = [np.asarray(frame.convert("L"), dtype=int) for frame in ImageSequence.Iterator(film)]
     assert len(frames) > 10
     assert np.mean(np.abs(frames[-1] - frames[0]) > 30) > 1e-3
-
-
-def test_a_section_measures_the_room_across_the_arm() -> None:
-    """In a box the rays across a straight arm are as long as its sides are away."""
-    arm = space_arm(4, base=np.array([0.1, 0.02, 0.05]))
-    body = BoxBody(np.array([-1.0, -0.1, -0.2]), np.array([2.0, 0.3, 0.25]))
-    problem = SpaceProblem(
-        "box",
-        SpaceWorkspace(None, (SpaceObstacle("box", body),)),
-        arm,
-        Limits(np.ones(12), np.full(12, 4.0)),
-        SpaceJointPose(np.zeros((4, 2))),
-        SpaceTipGoal(np.array([0.3, 0.0, 0.0])),
-    )
-    points = joint_positions(arm, np.zeros(len(arm.coordinates)))
-    section = section_along(problem, points, 9, 1.0)
-    assert np.allclose(section.free, [0.2, 0.28, 0.25, 0.12], atol=1e-12)
 
 
 def test_thinned_surfaces_stay_near() -> None:

@@ -42,6 +42,10 @@ def print_solution(solution: AnySolution, clock: StageClock, folder: str) -> Non
     if problem.limits.torque is None:
         peak = peak_torque(solution.joints.torques, None, solution.joints.names, in_space=in_space)
         table.add_row("Peak torque", *peak)
+    if "leader_deviation_worst_m" in solution.metrics:
+        worst = units.length(solution.metrics["leader_deviation_worst_m"])
+        mean = units.length(solution.metrics["leader_deviation_mean_m"])
+        table.add_row("Off the leader's path", worst, "", "", f"{mean} on average")
     verdict = solution.simulation.verdict
     table.add_row("Simulated arm", *verdict_cells(verdict))
     if verdict.followed:

@@ -7,13 +7,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
-from ccm_opt.cli.tables import report_console, units_of, value_table
+from ccm_opt.cli.tables import columned_table, report_console, units_of
 from ccm_opt.driver.checking_plans import check
 from ccm_opt.driver.verified_plan import failed_checks
 from ccm_opt.errors import ProblemError, VerificationError
 from ccm_opt.files.export.folder import TOLERANCE_FILES
 from ccm_opt.files.export.reading_back import SavedMotion, load_any_problem, load_motion
 from ccm_opt.files.export.tolerance_json import tolerance_data, tolerance_json
+from ccm_opt.files.report.survived_words import survived_in_words
 from ccm_opt.ground.whole_file import put_file
 from ccm_opt.solution import SurvivedError
 from ccm_opt.space.problem import AnyProblem, SpaceProblem
@@ -75,11 +76,14 @@ def _write(path: Path, content: bytes) -> None:
 
 def tolerance_table(problem: AnyProblem, errors: Sequence[SurvivedError]) -> Table:
     """The errors that a plan survives, with what limits them."""
-    table = value_table(f"{problem.name}: survives errors of")
+    table = columned_table(f"{problem.name}: survives errors of, one at a time", ("", "up to", "asked", "limited by"))
+    table.columns[-1].justify = "left"
+    table.columns[-1].no_wrap = False
     units = units_of(problem)
+    in_space = isinstance(problem, SpaceProblem)
     asked = problem.joint_error
     for error in errors:
-        size = ("" if error.limited else "≥ ") + units.shown(error.size, error.unit)
+        words = survived_in_words(error, units, in_space=in_space)
         limit = f"≥ {units.given(asked, 'rad')}" if error.name == "joints" and asked > 0.0 else ""
-        table.add_row(error.name, size, limit, escape(error.where))
+        table.add_row(words.wrong, words.size, limit, escape(words.where))
     return table

@@ -1,5 +1,6 @@
 """What a verified plan survives: errors of its geometry, certified, and errors of its loads, by simulations."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -109,7 +110,7 @@ def _survived_load(
 
     numbers = settings.tolerance
     if not survives(0.0):
-        return SurvivedError(name, 0.0, unit, failed.reason)
+        return SurvivedError(name, 0.0, unit, _limited_by(failed, joints.names))
     low = 0.0
     high = first
     for _ in range(numbers.doublings):
@@ -128,7 +129,25 @@ def _survived_load(
             high = middle
         if high - low <= numbers.load_precision * high:
             break
-    return SurvivedError(name, float(low), unit, failed.reason, limited=failed.outcome != NOT_SIMULATED)
+    where = _limited_by(failed, joints.names)
+    return SurvivedError(name, float(low), unit, where, limited=failed.outcome != NOT_SIMULATED)
+
+
+def _limited_by(verdict: SimulationVerdict, names: Sequence[str]) -> str:
+    """What a plan does not survive, in a few words: where and when it begins to go wrong.
+
+    Args:
+        verdict: on a simulation with too great a load.
+        names: of all revolutes, three a joint.
+    """
+    if verdict.outcome == NOT_SIMULATED:
+        return "the simulation: a smaller simulation.step can look at more"
+    when = "" if verdict.time is None else f" at t = {verdict.time:.4f} s"
+    if verdict.outcome == "touched":
+        return f"link {verdict.link} touches {verdict.obstacle}{when}"
+    known = verdict.joint in names
+    joint = f"joint {names.index(verdict.joint) // 3 + 1} ({verdict.joint})" if known else verdict.joint
+    return f"{joint} leaves its plan for good{when}"
 
 
 def _verdict(

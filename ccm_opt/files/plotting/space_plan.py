@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.figure_files import FigureFormat, figure_file
+from ccm_opt.files.plotting.label_places import number_goal
 from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePictureSettings
 from ccm_opt.files.plotting.plan import even_steps
-from ccm_opt.files.plotting.space_section import section_along
+from ccm_opt.files.plotting.section_drawing import draw_section
 from ccm_opt.files.plotting.space_views import SIDES, SeenScene, Side, window_of
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import METRES
@@ -67,7 +68,7 @@ def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PI
     # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
     widths = [max(scale * spans[0], 1.6), max(scale * spans[1], 2.6)]
     heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
-    figure = Figure(figsize=(sum(widths) + 1.5, sum(heights) + 2.0), dpi=settings.dots_per_inch)
+    figure = Figure(figsize=(sum(widths) + 1.5, sum(heights) + 2.27), dpi=settings.dots_per_inch)
     grid = figure.add_gridspec(
         2,
         2,
@@ -75,8 +76,8 @@ def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PI
         height_ratios=heights,
         left=0.7 / figure.get_figwidth(),
         right=1.0 - 0.15 / figure.get_figwidth(),
-        bottom=0.8 / figure.get_figheight(),
-        top=1.0 - 0.5 / figure.get_figheight(),
+        bottom=0.95 / figure.get_figheight(),
+        top=1.0 - 0.62 / figure.get_figheight(),
         wspace=0.65 / np.mean(widths),
         hspace=0.72 / np.mean(heights),
     )
@@ -143,12 +144,26 @@ def points_a_metre(axes: Axes) -> float:
 
 
 def draw_goals_in_space(axes: Axes, plan: SpacePlan, side: Side, points: FloatArray) -> None:
-    """Rings at all goals, with an arrow where a direction is asked for."""
+    """Rings at all goals, with an arrow where a direction is asked for, and their numbers where there are several."""
     samples = [*plan.trajectory.stops, len(points) - 1]
     ahead = 3.0 * plan.problem.arm.link_length
-    for stop, sample in zip(plan.problem.goals, samples, strict=True):
-        label = "goal" if sample == samples[-1] else ""
+    several = len(samples) > 1
+    for number, (stop, sample) in enumerate(zip(plan.problem.goals, samples, strict=True), start=1):
+        label = ("goals" if several else "goal") if number == len(samples) else ""
         draw_goal_in_space(axes, stop.goal, points[sample, -1], side, ahead, label)
+        if several:
+            _number_goal(axes, stop.goal, points[sample, -1], side, number)
+
+
+def _number_goal(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side, number: int) -> None:
+    """The number of a goal beside its ring, behind the arrow of its direction."""
+    place = goal.position if isinstance(goal, SpaceTipGoal) else tip
+    heading = None
+    if isinstance(goal, SpaceTipGoal) and goal.direction is not None:
+        across, up = side(goal.direction)
+        # A direction that is seen from its end has no arrow to stand behind.
+        heading = float(np.arctan2(up, across)) if np.hypot(across, up) > 0.1 else None
+    number_goal(axes, side(place), heading, number, style.FONT_SIZE - 1.0)
 
 
 def draw_goal_in_space(axes: Axes, goal: SpaceGoal, tip: FloatArray, side: Side, ahead: float, label: str) -> None:
@@ -184,42 +199,10 @@ def dress_view(axes: Axes, side: Side, problem: SpaceProblem) -> None:
     axes.set_title(side.name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
     axes.set_xlabel(f"{side.labels[0]} [{unit}]", fontsize=style.FONT_SIZE)
     axes.set_ylabel(f"{side.labels[1]} [{unit}]", fontsize=style.FONT_SIZE)
-    in_units = lambda value, _: f"{value / METRES[unit]:g}"  # noqa: E731 - matplotlib wants two arguments
+    # A minus sign as wide as that of all other axes, which matplotlib writes itself.
+    in_units = lambda value, _: f"{value / METRES[unit]:g}".replace("-", "\N{MINUS SIGN}")  # noqa: E731
     axes.xaxis.set_major_formatter(in_units)
     axes.yaxis.set_major_formatter(in_units)
     axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-
-
-def draw_section(axes: Axes, problem: SpaceProblem, end: FloatArray, settings: SpacePictureSettings) -> None:
-    """What is above, below and beside the straightened arm at its goal."""
-    arm = problem.arm
-    reach = max(settings.section_share * arm.length, 4.0 * arm.radius)
-    section = section_along(problem, end, settings.places, reach)
-    along = section.place / METRES[problem.length_unit]
-    unit = METRES[problem.length_unit]
-    up, left, down, right = section.free.T / unit
-    edge = 1.02 * reach / unit
-    for side, limit, name in ((up, edge, "surface above, below"), (-down, -edge, "")):
-        met = np.abs(side) < reach / unit
-        axes.fill_between(
-            along, side, limit, where=met.tolist(), step="mid", label=name, color=style.WALL, linewidth=0.0, zorder=1
-        )
-    for side, name, colour in ((left, "to the left", style.TIP_PATH), (-right, "to the right", style.PRESSED)):
-        shown = np.where(np.abs(side) < 0.999 * reach / unit, side, np.nan)
-        axes.plot(along, shown, color=colour, linewidth=1.0, linestyle=(0, (3, 1.5)), label=f"surface {name}", zorder=3)
-    radius = max(arm.radius, 0.002 * arm.length) / unit
-    axes.fill_between([0.0, arm.length / unit], -radius, radius, color=style.GOAL_ARM, linewidth=0.0, zorder=2)
-    for limit in (1.0, -1.0):
-        wanted = limit * (radius + (problem.workspace.clearance + problem.wanted_gap) / unit)
-        axes.axhline(wanted, color=style.GOAL_ARM_EDGE, linewidth=0.6, linestyle=(0, (1, 2)), zorder=2)
-    axes.set_xlim(0.0, arm.length / unit)
-    axes.set_ylim(-edge, edge)
-    axes.set_title("section along the arm at its goal", fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
-    axes.set_xlabel(f"from the base [{problem.length_unit}]; dotted: wanted gap", fontsize=style.FONT_SIZE)
-    axes.set_ylabel(f"off the axis [{problem.length_unit}]", fontsize=style.FONT_SIZE)
-    axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
-    axes.legend(loc="upper left", frameon=False, fontsize=style.FONT_SIZE - 1.5, ncols=1, borderpad=0.1)
     for spine in axes.spines.values():
         spine.set_visible(False)

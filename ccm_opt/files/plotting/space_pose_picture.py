@@ -7,10 +7,10 @@ from matplotlib.figure import Figure
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePictureSettings
+from ccm_opt.files.plotting.section_drawing import draw_section
 from ccm_opt.files.plotting.space_plan import (
     draw_arm,
     draw_goal_in_space,
-    draw_section,
     dress_view,
     legend_below_views,
     sheet_of_sides,

@@ -60,28 +60,33 @@ def space_reach_figure(found: SpaceReachMap, settings: SpacePictureSettings = SP
             label="base",
         )  # fmt: skip
         dress_view(axes, side, problem)
-        at = axes_of_cells[across][number] / METRES[problem.length_unit]
-        axes.set_title(f"{side.name}: slice at {'xyz'[across]} = {at:.3g}", fontsize=style.FONT_SIZE, loc="left", pad=3)
-    _draw_cloud(sheet.section, found, scene, window)
-    for colour, label in ((style.NOT_FOUND, "no pose found, not proved"), (style.PROVED, "proved out of reach")):
-        sheet.views[0].plot(
-            [],
-            [],
-            linestyle="none",
-            marker="s",
-            markersize=8,
-            color=colour,
-            markeredgecolor=style.WALL_EDGE,
-            label=label,
-        )
+        at = f"{axes_of_cells[across][number] / METRES[problem.length_unit]:.3g}".replace("-", "\N{MINUS SIGN}")
+        name = f"{side.name}: slice at {'xyz'[across]} = {at}"
+        axes.set_title(name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
+    _draw_cloud(sheet.section, found, scene)
     figure = sheet.figure
-    with words_in(problem.length_unit):
-        seen = short_length(found.seen)
-    title = f"{problem.name}: where the tip can be; the darker, the more room, up to {seen}"
-    figure.suptitle(title, x=0.02, ha="left", fontsize=10)
-    handles, labels = sheet.views[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=5, frameon=False, fontsize=style.FONT_SIZE)
+    figure.suptitle(f"{problem.name}: where the tip can be", x=0.02, ha="left", fontsize=10)
+    _legend(figure, sheet.views[0], found)
     return figure
+
+
+def _legend(figure: Figure, axes: Axes, found: SpaceReachMap) -> None:
+    """What the colours of cells mean, in two lines below the views."""
+    with words_in(found.problem.length_unit):
+        seen = short_length(found.seen)
+    meanings = (
+        (_shades(found, np.zeros(())), "reached, hardly any room"),
+        (_shades(found, np.full((), found.seen)), f"reached, {seen} of room or more"),
+        (style.NOT_FOUND, "no pose found, not proved"),
+        (style.PROVED, "proved out of reach"),
+    )
+    for colour, label in meanings:
+        axes.plot(
+            [], [], linestyle="none", marker="s", markersize=8, color=colour, markeredgecolor=style.WALL_EDGE,
+            label=label,
+        )  # fmt: skip
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=3, frameon=False, fontsize=style.FONT_SIZE)
 
 
 def _sliced_at(found: SpaceReachMap) -> FloatArray:
@@ -107,22 +112,24 @@ def _colours(found: SpaceReachMap) -> FloatArray:
     return colours
 
 
-def _draw_cloud(axes: Axes, found: SpaceReachMap, scene: SeenScene, window: FloatArray) -> None:
-    """All places that are reached, those behind first, among the bodies."""
+def _draw_cloud(axes: Axes, found: SpaceReachMap, scene: SeenScene) -> None:
+    """All places that are reached, those behind first, among the bodies that are near them."""
     side: Side = SLANTED
-    counted = np.arange(8)[:, None] >> np.arange(3) & 1
-    corners = side(np.where(counted == 1, window[1], window[0]))
-    low = corners.min(axis=0)
-    high = corners.max(axis=0)
+    places = found.places[found.reachable]
+    about = np.vstack((places, found.problem.arm.base))
+    flat = side(about)
+    low = flat.min(axis=0) - found.step
+    high = flat.max(axis=0) + found.step
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     scene.draw(axes, side)
     axes.set_aspect("equal", adjustable="box", anchor="NW")
-    places = found.places[found.reachable]
     ahead = np.cross(side.across, side.up)
     order = np.argsort(places @ ahead)
     colours = _shades(found, found.gap[found.reachable])[order]
-    right, up = side(places[order]).T
-    axes.scatter(right, up, s=12.0, c=colours, edgecolors=style.WALL_EDGE, linewidths=0.2, zorder=3)
+    across, up = side(places[order]).T
+    axes.scatter(across, up, s=12.0, c=colours, edgecolors=style.WALL_EDGE, linewidths=0.2, zorder=3)
+    axes.plot(*side(found.problem.arm.base), marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
     axes.set_axis_off()
-    axes.set_title(f"all {len(places)} places that are reached, slanted", fontsize=style.FONT_SIZE, loc="left", pad=3)
+    title = f"all {len(places)} places that are reached, slanted"
+    axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)

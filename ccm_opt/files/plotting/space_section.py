@@ -10,7 +10,14 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.scene.bodies import BOX_FACES, box_corners
+from ccm_opt.space.scene.round_bodies import seen_triangles
+from ccm_opt.space.scene.scene import SpaceWorkspace
+
+_ROUND_SIDES = 48
+"""Of balls and bars, whose polygons then stand back behind them by a fifth of a percent of their radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,11 +27,14 @@ class ArmSection:
     Attributes:
         place: along the arm, shape (N,) [m].
         free: length of the rays in four directions, up, left, down, right, at most the reach, shape (N, 4) [m].
+        nearest: distance of the axis from the nearest surface on any side, which rays may miss, at most the reach,
+            shape (N,) [m].
         reach: how far is looked [m].
     """
 
     place: FloatArray
     free: FloatArray
+    nearest: FloatArray
     reach: float
 
 
@@ -45,8 +55,18 @@ def section_along(problem: SpaceProblem, points: FloatArray, count: int, reach: 
     up = _carried_up(along, arm.up)[link]
     left = np.cross(up, along[link])
     rays = np.stack((up, left, -up, -left), axis=1)
-    free = free_lengths(problem.workspace.soup.triangles, np.repeat(origins, 4, axis=0), rays.reshape(-1, 3), reach)
-    return ArmSection(place, free.reshape(count, 4), reach)
+    free = free_lengths(_seen(problem.workspace), np.repeat(origins, 4, axis=0), rays.reshape(-1, 3), reach)
+    nearest = SurfaceTree.of(problem.workspace.soup).distances(np.stack((origins, origins), axis=1), reach)
+    return ArmSection(place, free.reshape(count, 4), np.maximum(nearest, 0.0), reach)
+
+
+def _seen(workspace: SpaceWorkspace) -> FloatArray:
+    """The surfaces that rays can meet, those of round bodies too, shape (m, 3, 3) [m]."""
+    surfaces = [seen_triangles(each.body, _ROUND_SIDES) for each in workspace.obstacles]
+    found = [vertices[faces] for vertices, faces in surfaces]
+    if workspace.bounds is not None:
+        found.append(box_corners(*workspace.bounds)[BOX_FACES])
+    return np.concatenate(found) if found else np.zeros((0, 3, 3))
 
 
 def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from ccm_opt.files.plotting import style
 from ccm_opt.files.plotting.figure_files import figure_png
 from ccm_opt.files.plotting.picture_settings import SPACE_PICTURES, SpacePictureSettings
-from ccm_opt.files.plotting.space_plan import draw_arm, draw_section, dress_view, points_a_metre, sheet_of_sides
+from ccm_opt.files.plotting.section_drawing import draw_section
+from ccm_opt.files.plotting.space_plan import draw_arm, dress_view, points_a_metre, sheet_of_sides
 from ccm_opt.files.plotting.space_views import SIDES, SeenScene, Side, window_of
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import METRES
@@ -99,10 +100,9 @@ def _draw_along(
     axes: Axes, problem: SpaceProblem, points: FloatArray, moved: FloatArray, settings: SpacePictureSettings
 ) -> None:
     """The section along the arm, with how far errors take it."""
-    draw_section(axes, problem, points, settings)
+    draw_section(axes, problem, points, settings, "section along the arm, and how far errors take it")
     arm = problem.arm
     unit = METRES[problem.length_unit]
     along = arm.link_length * (np.arange(arm.links) + 0.5) / unit
     for sign in (1.0, -1.0):
         axes.plot(along, sign * (arm.radius + moved) / unit, color=style.START_EDGE, linewidth=1.0, zorder=4)
-    axes.set_title("section along the arm, and how far errors take it", fontsize=style.FONT_SIZE, loc="left", pad=3)

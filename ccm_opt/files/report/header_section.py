@@ -66,6 +66,11 @@ def plan_figures(solution: AnySolution, units: PageUnits) -> list[Figure]:
         found.append(
             (units.shown(metrics["direction_error_rad"], "rad"), f"off the goal's direction, of {turn} allowed")
         )
+    if "leader_deviation_worst_m" in metrics:
+        mean = units.length(metrics["leader_deviation_mean_m"])
+        found.append(
+            (units.length(metrics["leader_deviation_worst_m"]), f"at most off the leader's path, {mean} on average")
+        )
     found += _peak_torque(solution, units)
     found.append((units.shown(solution.simulation.tracking_error, "rad"), "tracking error, simulated"))
     found.append((f"{sum(solution.timings.values()):.2f} s", "CPU time of solving"))

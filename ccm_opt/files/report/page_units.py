@@ -16,6 +16,8 @@ _LARGE_ARM = 20.0
 """Arms from here on are spoken of in metres [m]."""
 _SMALL_ARM = 0.02
 """Arms below are spoken of in micrometres [m]."""
+_LEAST_MASS = 0.1
+"""Masses below are spoken of in grams [kg]."""
 _FINEST_SHARE = 4e-6
 """Share of the arm's length below which lengths are not told apart on the page."""
 _FINEST_OF_SCALE = 1e-3
@@ -100,6 +102,8 @@ class PageUnits:
             return f"{three_digits(degrees(value), 2)}°"
         if unit == "of the limit":
             return f"{three_digits(100.0 * value, 1)} %"
+        if unit == "kg" and max(abs(scale), abs(value)) < _LEAST_MASS:
+            return self.shown(1e3 * value, "g", 1e3 * scale)
         # Seconds are for people already; the others take a prefix where they are tiny.
         scale = max(abs(scale), abs(value)) if isfinite(value) else abs(scale)
         prefix, size = ("", 1.0) if unit in _WHOLE_UNITS else _prefix(scale)
