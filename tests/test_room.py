@@ -102,6 +102,16 @@ def test_the_ends_and_the_pair_are_named() -> None:
     assert len(room.time) == len(room.wall_gaps) == len(room.self_gaps) <= RoomSettings().samples + 2
 
 
+@pytest.mark.parametrize("self_collision", [True, False])
+def test_an_arm_that_may_cross_itself_has_no_gap_to_itself(*, self_collision: bool) -> None:
+    """The record of an arm that curls up asks for the gap between its links where they have to keep apart alone."""
+    arm = replace(plain_arm(6, 0.1, 0.02), self_collision=self_collision)
+    problem, trajectory, _ = make_case(arm, end=np.full(6, 1.3))
+    room = room_over_time(problem, trajectory, 0.01)
+    assert (room.nearest.second_link > 0) is self_collision
+    assert bool(np.all(room.self_gaps == room.reach)) is not self_collision
+
+
 def turned_about_its_base(turns: tuple[float, ...], pin: Obstacle) -> RoomRecord:
     """The room of a straight arm of 0.6 m that turns about its base to some angles in turn, resting at each."""
     arm = plain_arm(6, 0.1, 0.02)

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.continuum.configuration import Configuration
+from ccm_opt.errors import ProblemError
 from ccm_opt.freespace.obstacle import Obstacle
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
@@ -92,6 +93,15 @@ def test_a_good_motion_passes_every_check() -> None:
     names = {check.name for check in checks}
     assert {"free side", "wall clearance", "self-collision", "joint limit", "joint velocity", "joint torque"} <= names
     assert {"joint acceleration", "rest", "start joints", "goal joints", "torques against dynamics"} <= names
+
+
+@pytest.mark.parametrize("place", range(4))
+def test_arguments_of_another_type_are_refused_at_once(place: int) -> None:
+    """Problem, motion, drives and settings: what was given instead is told, whichever it is."""
+    arguments: list[Any] = [*make_case(), DEFAULT_VERIFICATION]
+    arguments[place] = "a word"
+    with pytest.raises(ProblemError, match="got str 'a word'"):
+        verify(*arguments)
 
 
 # ---------------------------------------------------------------- soundness
