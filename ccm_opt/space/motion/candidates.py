@@ -52,6 +52,8 @@ class SpaceTipWays:
     fed: float | None = None
     _followed: list[FloatArray] = field(default_factory=list)  # ways that an arm could follow, as far as was tried
     _grids: dict[tuple[int, float], TipGrid] = field(default_factory=dict)
+    _tried: set[float] = field(default_factory=set)  # sizes of the cells of grids that were gone through [m]
+    _seen: list[FloatArray] = field(default_factory=list)  # ways through them
 
     def first(self) -> Iterator[TipWay]:
         """The ways that are tried first: the straight one, and for a fed arm such as it can follow behind its tip."""
@@ -64,28 +66,36 @@ class SpaceTipWays:
         settings = self.task.settings.ways
         for cells in self.task.settings.followable.cells[1:]:
             yield from self._behind_the_tip(cells)
-        seen: list[FloatArray] = []
-        tried: set[float] = set()
-        for cells in settings.cells:
-            size = self._grid(cells, settings.margins[-1]).cell
-            if size in tried:
-                continue
-            tried.add(size)
-            for nearness in settings.nearness:
-                for margin in settings.margins:
-                    way = self._through_grid(cells, nearness, margin, settings.approaches[0], None)
-                    if way is None:
-                        continue
-                    if not any(_alike(way, other, self.task.unit) for other in seen):
-                        seen.append(way)
-                        yield TipWay(f"through free space ({len(way)} corners)", way)
-                        yield TipWay("through free space, closer to walls", way, settings.close)
-                    break
-            yield from self._detours(cells, seen)
+        for cells in settings.cells[:-1]:
+            yield from self._through_cells(cells)
         for approach in settings.approaches[1:]:
             way = self._through_grid(settings.cells[0], settings.nearness[0], settings.margins[-1], approach, None)
             if way is not None:
                 yield TipWay("with another approach", way, settings.close)
+
+    def finest(self) -> Iterator[TipWay]:
+        """The same through the finest grid, which takes longer than all before it."""
+        yield from self._through_cells(self.task.settings.ways.cells[-1])
+
+    def _through_cells(self, cells: int) -> Iterator[TipWay]:
+        """The cheapest ways through a grid, and others round other sides; none through one that was tried."""
+        settings = self.task.settings.ways
+        size = self._grid(cells, settings.margins[-1]).cell
+        if size in self._tried:
+            return
+        self._tried.add(size)
+        seen = self._seen
+        for nearness in settings.nearness:
+            for margin in settings.margins:
+                way = self._through_grid(cells, nearness, margin, settings.approaches[0], None)
+                if way is None:
+                    continue
+                if not any(_alike(way, other, self.task.unit) for other in seen):
+                    seen.append(way)
+                    yield TipWay(f"through free space ({len(way)} corners)", way)
+                    yield TipWay("through free space, closer to walls", way, settings.close)
+                break
+        yield from self._detours(cells, seen)
 
     def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
         """Ways that a fed arm can follow; none for an arm whose base is fixed."""

@@ -65,14 +65,21 @@ class _Search:
     stage: "_Stage | None" = None
     _failures: list[SpaceFailure] = field(default_factory=list)
     _tried: int = 0
+    _other_ways: SpaceTipWays | None = None
+    _goal_reached: bool = False  # whether a pose at the goal is known that touches nothing
 
     def run(self) -> SpaceMotion:
         """The first motion that a tactic finds; see ``find_motion``."""
         ways = (self._by_first_ways, self._by_withdrawing, self._by_other_ways)
-        # What is not led by the tip passes no place on its way.
-        rest = (self._by_stages,) if self.task.via else (self._to_poses, self._by_connecting)
-        tactics: tuple[Callable[[], SpaceMotion | None], ...] = (*ways, *rest)
-        for tactic in tactics:
+        rest: tuple[Callable[[], SpaceMotion | None], ...]
+        if self.task.via:
+            # What is not led by the tip passes no place on its way.
+            rest = (self._by_finest_ways, self._by_stages)
+        else:
+            rounds = [partial(self._by_connecting, k) for k in range(self.task.settings.connect.rounds)]
+            half = len(rounds) // 2
+            rest = (self._to_poses, *rounds[:half], self._by_finest_ways, *rounds[half:])
+        for tactic in (*ways, *rest):
             motion = tactic()
             if motion is not None:
                 return motion
@@ -91,7 +98,14 @@ class _Search:
     def _by_other_ways(self) -> SpaceMotion | None:
         """Along all other ways of the tip."""
         curve, start, end = self._spaces()
-        return self._by_ways(self._ways(curve, start, end).others(), curve, start, end)
+        self._other_ways = self._ways(curve, start, end)
+        return self._by_ways(self._other_ways.others(), curve, start, end)
+
+    def _by_finest_ways(self) -> SpaceMotion | None:
+        """Along ways of the tip through the finest grid, which are dear to find."""
+        curve, start, end = self._spaces()
+        ways = self._other_ways or self._ways(curve, start, end)
+        return self._by_ways(ways.finest(), curve, start, end)
 
     def _by_withdrawing(self) -> SpaceMotion | None:
         """Back along the arm's own shape into its guide tube, and in anew."""
@@ -203,19 +217,26 @@ class _Search:
         return [*poses, *(stepper.pose(v) for v in pieces(stepper, poses[-1].v, end.v)[1:])]
 
     # ------------------------------------------------------------ drawn
-    def _by_connecting(self) -> SpaceMotion | None:
-        """By trees that grow from the start and from poses at the goal."""
+    def _by_connecting(self, number: int) -> SpaceMotion | None:
+        """By trees that grow from the start and from poses at the goal.
+
+        Args:
+            number: how many times that was tried before, with other draws and other poses.
+        """
         task = self.task
         settings = task.settings.connect
+        if number and not self._goal_reached:
+            return None
         curve, start, end = self._spaces()
         stepper = task.stepper(curve)
-        rng = self._draws()
+        rng = self._draws(number)
         goals = [end] if end is not None else []
         if end is None:
             for pose in goal_poses(task, stepper, rng):
                 goals.append(pose)
                 if len(goals) >= settings.goals:
                     break
+        self._goal_reached = bool(goals)
         if not goals:
             return None
         first = stepper.pose(start)
@@ -295,5 +316,6 @@ class _Search:
         left = 0.0 if goal is None else float(np.linalg.norm(pose.tip - goal.position))
         tell_candidate(self._tried, name, left)
 
-    def _draws(self) -> np.random.Generator:
-        return np.random.default_rng(self.task.seed)
+    def _draws(self, number: int = 0) -> np.random.Generator:
+        """The draws of a tactic, others for every time that it is tried."""
+        return np.random.default_rng((self.task.seed, number) if number else self.task.seed)
