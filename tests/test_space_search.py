@@ -196,6 +196,19 @@ def test_ways_through_the_grid_are_cheapest() -> None:
     assert tree.distances(np.stack((short[:-1], short[1:]), axis=1), 1.0).min() > 0.0
 
 
+def test_no_way_is_found_after_the_deadline() -> None:
+    """Cells that were not looked at in time have no room; a search that the time ends says that there is no way."""
+    tree = SurfaceTree.of(boxes([([-0.1, -0.5, -0.5], [0.1, 0.2, 0.5])]))
+    ends = (np.array([-0.4, -0.3, 0.0]), np.array([0.4, -0.3, 0.0]))
+    late = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 4000, 0.02, 0.1, deadline=Deadline.after(-1.0))
+    assert np.all(late.gaps < 0.0)
+    assert late.cheapest_way(*ends, 3.0) is None
+    in_time = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 4000, 0.02, 0.1)
+    assert in_time.cheapest_way(*ends, 3.0) is not None
+    assert replace(in_time, deadline=Deadline.after(-1.0)).cheapest_way(*ends, 3.0) is None
+    assert replace(in_time, deadline=Deadline.after(-1.0)).costs_to(ends[1], in_time.prices(3.0)) is None
+
+
 @pytest.mark.parametrize("links", [60, 97])
 def test_an_arm_of_many_links_moves_as_one_of_few(links: int) -> None:
     """A motion for nominal links is laid under all of them, and the arm's own certificate holds."""

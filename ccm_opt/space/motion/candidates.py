@@ -194,7 +194,7 @@ class SpaceTipWays:
             far = task.settings.ways.far * task.unit
             low, high = self._box
             self._grids[cells, margin] = TipGrid.over(
-                task.tree, low, high, cells, kept, far, task.settings.ways.finest * task.unit
+                task.tree, low, high, cells, kept, far, task.settings.ways.finest * task.unit, task.deadline
             )
         return self._grids[cells, margin]
 

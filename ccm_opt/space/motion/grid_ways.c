@@ -4,6 +4,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #if defined(_WIN32)
 #define PUBLIC __declspec(dllexport)
@@ -16,11 +17,12 @@ typedef struct {
     const float *price;    /* of a way through a cell as a multiple of its length; not positive where it is blocked */
     const float *room;     /* distance of the middle of each cell from the surfaces, in cells */
     double least;          /* the lowest price of any cell, which makes the estimate of what is left a lower bound */
+    double most_time;      /* CPU time after which the search ends [s] */
     int64_t *before;       /* out: the cell before each on its cheapest way, −1 where none is known, (cells,) */
     float *cost;           /* working memory, (cells,) */
     int64_t *heap;         /* working memory, (capacity,) */
     float *key;            /* likewise */
-    int64_t capacity, found; /* found: 1 where the goal was reached, −1 where the heap is too small */
+    int64_t capacity, found; /* found: 1 where the goal was reached, −1 where the heap is too small, −2 where the time ended */
 } WayQuery;
 
 typedef struct {
@@ -59,8 +61,15 @@ static int64_t pop(Heap *h)
     return top;
 }
 
+/* Whether the time is over; the clock is looked at now and then. */
+static int too_late(clock_t begin, double most_time, int64_t round)
+{
+    return round % 4096 == 0 && (double)(clock() - begin) > most_time * (double)CLOCKS_PER_SEC;
+}
+
 PUBLIC void cheapest_way(WayQuery *q)
 {
+    clock_t begin = clock();
     int64_t cells = q->nx * q->ny * q->nz, goal[3] = {q->goal / (q->ny * q->nz), q->goal / q->nz % q->ny, q->goal % q->nz};
     for (int64_t k = 0; k < cells; k++) {
         q->cost[k] = INFINITY;
@@ -72,7 +81,11 @@ PUBLIC void cheapest_way(WayQuery *q)
     q->before[q->start] = q->start;
     push(&heap, q->start, 0.0f);
     /* A cell whose way is settled gets the negative of its cost, so that it is not looked at again. */
-    while (heap.count) {
+    for (int64_t round = 1; heap.count; round++) {
+        if (too_late(begin, q->most_time, round)) {
+            q->found = -2;
+            return;
+        }
         int64_t cell = pop(&heap);
         if (q->cost[cell] < 0.0f || signbit(q->cost[cell])) continue;
         float cost = q->cost[cell];

@@ -2,7 +2,7 @@
 
 import ctypes
 import heapq
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -12,9 +12,12 @@ import numpy.typing as npt
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.compiled_source import compiled_source, pointer_to
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 
 SYMBOLS = ("cheapest_way",)
+LAYER = 8
+"""Cells along x between two looks at the clock: as many as are looked at as a whole first."""
 
 
 class _WayStruct(ctypes.Structure):
@@ -24,6 +27,7 @@ class _WayStruct(ctypes.Structure):
         *((name, ctypes.c_int64) for name in ("nx", "ny", "nz", "start", "goal")),
         *((name, ctypes.c_void_p) for name in ("price", "room")),
         ("least", ctypes.c_double),
+        ("most_time", ctypes.c_double),
         *((name, ctypes.c_void_p) for name in ("before", "cost", "heap", "key")),
         *((name, ctypes.c_int64) for name in ("capacity", "found")),
     )
@@ -40,6 +44,7 @@ class TipGrid:
             where there is no room, shape (nx, ny, nz) [m].
         far: distance from which on walls do not matter [m].
         kept: distance that the tip needs from surfaces, at which gaps begin [m].
+        deadline: when to stop; no way is found after it.
     """
 
     low: FloatArray
@@ -47,6 +52,7 @@ class TipGrid:
     gaps: FloatArray
     far: float
     kept: float
+    deadline: Deadline = field(default_factory=Deadline.never)
 
     @classmethod
     def over(
@@ -58,8 +64,9 @@ class TipGrid:
         kept: float,
         far: float,
         finest: float = 0.0,
+        deadline: Deadline | None = None,
     ) -> "TipGrid":
-        """The grid over a box.
+        """The grid over a box. Cells that are not looked at in time count as without room.
 
         Args:
             tree: of the surfaces.
@@ -69,13 +76,22 @@ class TipGrid:
             kept: distance that the tip needs from surfaces [m].
             far: distance beyond that from which on walls do not matter [m].
             finest: size that cells have at least [m].
+            deadline: when to stop; never when None.
         """
         size = np.maximum(high - low, 1e-9)
         cell = max(float((np.prod(size) / cells) ** (1.0 / 3.0)), finest)
         counts = np.maximum(np.ceil(size / cell).astype(np.intp), 1)
         first = low + 0.5 * cell
-        gaps = tree.grid(first, cell, (int(counts[0]), int(counts[1]), int(counts[2])), kept + far) - kept
-        return cls(first, cell, gaps, far, kept)
+        end = deadline or Deadline.never()
+        gaps = np.full(counts, -kept)
+        for layer in range(0, int(counts[0]), LAYER):
+            if end.passed():
+                break
+            thick = min(LAYER, int(counts[0]) - layer)
+            corner = first + np.array([layer * cell, 0.0, 0.0])
+            looked = tree.grid(corner, cell, (thick, int(counts[1]), int(counts[2])), kept + far)
+            gaps[layer : layer + thick] = looked - kept
+        return cls(first, cell, gaps, far, kept, end)
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
         """The cell of a place; the nearest one where it lies outside."""
@@ -126,19 +142,24 @@ class TipGrid:
         """Cost of the cheapest way from every cell to a place, inf where there is none, of the shape of ``gaps`` [m].
 
         Args:
-            goal: the place, shape (3,) [m]; None is the answer where there is no room near it.
+            goal: the place, shape (3,) [m].
             price: of the cells, as ``prices`` makes them.
+
+        Returns:
+            The costs; None where there is no room near the place, or the time is over.
         """
         last = self.free_near(goal)
         if last is None:
             return None
         _, cost = self._settled(price, last, None)
+        if self.deadline.passed():
+            return None
         return np.asarray(self.cell * cost, dtype=np.float64)
 
     def cheapest_way(
         self, start: FloatArray, goal: FloatArray, nearness: float, dear: FloatArray | None = None
     ) -> FloatArray | None:
-        """Corners of the cheapest way between two places, shape (m, 3) [m]; None where there is none.
+        """Corners of the cheapest way between two places, shape (m, 3) [m]; None where there is none, or not in time.
 
         Args:
             start: where it begins, shape (3,) [m].
@@ -151,6 +172,8 @@ class TipGrid:
         if first is None or last is None or not self.connected(first, last):
             return None
         before, _ = self._settled(self.prices(nearness, dear), first, last)
+        if self.deadline.passed():
+            return None
         shape = self.gaps.shape
         start_cell, goal_cell = (int(np.ravel_multi_index(cell, shape)) for cell in (first, last))
         if before[goal_cell] < 0:
@@ -183,13 +206,14 @@ class TipGrid:
         before = np.full(price.size, -1, dtype=np.int64)
         cost = np.full(price.size, np.inf, dtype=np.float32)
         if library is None:
-            _interpreted_search(price, room, start, goal, before, cost)
+            _interpreted_search(price, room, start, goal, before, cost, self.deadline)
             return before, cost.reshape(shape)
         capacity = 16 * price.size
         heap = np.empty(capacity, dtype=np.int64)
         key = np.empty(capacity, dtype=np.float32)
         nx, ny, nz = shape
         query = _WayStruct(nx=nx, ny=ny, nz=nz, start=start, goal=goal, capacity=capacity)
+        query.most_time = max(self.deadline.left, 0.0)
         query.least = 0.0 if last is None else float(np.min(price[price > 0.0]))
         query.price = price.ctypes.data
         query.room = room.ctypes.data
@@ -209,6 +233,7 @@ def _interpreted_search(
     goal: int,
     before: npt.NDArray[np.int64],
     cost: npt.NDArray[np.float32],
+    deadline: Deadline,
 ) -> None:
     """The same search in Python, some two hundred times slower; fills in the cell before each, and its cost."""
     shape = price.shape
@@ -225,6 +250,8 @@ def _interpreted_search(
         _, cell = heapq.heappop(heap)
         if cell in settled:
             continue
+        if len(settled) % 256 == 0 and deadline.passed():
+            return
         settled.add(cell)
         if cell == goal:
             return
