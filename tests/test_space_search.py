@@ -1,5 +1,6 @@
 """Motions of arms in space, found and optimised: judged by dense samples, whatever tactic found them."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import networkx as nx
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from ccm_opt.errors import NoPlanFound
+from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.distances.surface_tree import SurfaceTree
