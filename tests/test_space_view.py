@@ -13,15 +13,20 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.cli.view.app import ViewerApp
+from ccm_opt.cli.view.handle_frame import direction_of
+from ccm_opt.cli.view.handles import GOAL
 from ccm_opt.cli.view.kinds import frames_of
 from ccm_opt.cli.view.meshes import turned_to
 from ccm_opt.cli.view.space_frames import SpaceFrames
-from ccm_opt.cli.view.space_handles import direction_of
 from ccm_opt.cli.view.space_scene import SpaceScene
 from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
 from ccm_opt.errors import ProblemError
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
+from ccm_opt.space.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody
+from ccm_opt.space.scene.rigid_placement import RigidPlacement
+from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from ccm_opt.space.verification import verify_in_space
 
 from .space_folders import solved
 
@@ -94,6 +99,57 @@ def test_a_plan_follows_its_goal_or_says_why_not() -> None:
         live.move_goal((0.1, 0.2))
 
 
+def test_a_plan_follows_its_obstacles_or_says_why_not() -> None:
+    """An obstacle that stays far off changes no motion; one in the way is gone round; one over the arm is named."""
+    live = LivePlanInSpace(problem())
+    first = live.plan
+    assert live.move_obstacle("box", (0.0, -0.05, 0.0)).current
+    assert live.plan.trajectory is first.trajectory
+    assert live.plan.problem is live.problem
+    assert live.problem.workspace.middle_of("box") == pytest.approx([0.35, -0.35, 0.0])
+    # Halfway along the path that the middle of the arm takes.
+    on_the_way = joint_positions(problem().arm, first.trajectory.positions[len(first.trajectory.time) // 2])[-1]
+    answer = live.move_obstacle("ball", on_the_way - live.problem.workspace.middle_of("ball"))
+    if answer.current:
+        assert all(check.passed for check in live.plan.checks)
+        again = verify_in_space(live.problem, live.plan.trajectory, live.plan.joints)
+        assert all(check.passed for check in again)
+        assert live.plan.trajectory is not first.trajectory
+    else:
+        assert answer.reason
+    kept = live.plan
+    refused = live.move_obstacle("ball", np.array([0.2, 0.0, 0.0]) - live.problem.workspace.middle_of("ball"))
+    assert not refused.current
+    assert "start" in refused.reason
+    assert "'ball'" in refused.reason
+    assert live.plan is kept
+    assert live.move_obstacle("ball", (0.0, 0.0, 5.0)).current
+    with pytest.raises(ProblemError, match="no obstacle 'bull'; there are ball, box"):
+        live.move_obstacle("bull", (0.0, 0.0, 0.1))
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
+def test_moved_bodies_are_the_same_elsewhere(by: list[float]) -> None:
+    """Every triangle of every kind of body is moved by as much, and keeps its rounding; so is its middle."""
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    sides = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    turned = RigidPlacement.turned(np.array([0.1, 0.2, 0.3]), np.array([0.5, 0.0, 1.0]))
+    bodies = (
+        BoxBody(np.zeros(3), np.ones(3), turned),
+        SphereBody(np.ones(3), 0.3),
+        CapsuleBody(np.zeros(3), np.ones(3), 0.1),
+        CylinderBody(np.zeros(3), np.ones(3), 0.1),
+        MeshBody.of_arrays(corners, sides),
+    )
+    for body in bodies:
+        room = SpaceWorkspace(None, (SpaceObstacle("it", body), SpaceObstacle("other", body)))
+        moved = room.with_moved("it", np.array(by))
+        assert moved.obstacles[1] is room.obstacles[1]
+        np.testing.assert_allclose(moved.obstacles[0].body.triangles, body.triangles + by, atol=1e-12)
+        assert moved.obstacles[0].body.rounding == body.rounding
+        np.testing.assert_allclose(moved.middle_of("it"), room.middle_of("it") + by, atol=1e-12)
+
+
 @pytest.fixture
 def viewer() -> Iterator[ViewerApp]:
     """The page of a plan in space."""
@@ -134,3 +190,13 @@ def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
     viewer._planned(live, live.move_goal((0.35, -0.3, 0.0)))
     assert "No plan to here" in viewer._status.content
     assert "box" in viewer._status.content
+    viewer._planned(live, live.move_goal((0.22, 0.3, 0.12)))
+    assert viewer._handles is not None
+    for what in ("ball", "box", GOAL):
+        viewer._handles.put_on(what)
+    viewer._planned(live, live.move_obstacle("box", (0.0, -0.1, 0.0)))
+    assert "planned and verified" in viewer._status.content
+    viewer._planned(
+        live, live.move_obstacle("box", np.array([0.2, 0.0, 0.0]) - live.problem.workspace.middle_of("box"))
+    )
+    assert "the start is in contact" in viewer._status.content

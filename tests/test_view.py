@@ -18,7 +18,7 @@ from ccm_opt.cli.commands import app as command_line
 from ccm_opt.cli.view import colours
 from ccm_opt.cli.view.app import ViewerApp
 from ccm_opt.cli.view.frames import MotionFrames
-from ccm_opt.cli.view.handles import heading_of
+from ccm_opt.cli.view.handle_frame import PlaneHandles
 from ccm_opt.cli.view.meshes import cylinder, extruded, in_space, turned
 from ccm_opt.cli.view.replanner import Replanner
 from ccm_opt.cli.view.view_settings import ViewSettings
@@ -71,7 +71,7 @@ def test_handles_turn_as_the_plane_does(heading: float) -> None:
     w, *axis = turned(np.array(heading))
     x = trimesh.transformations.quaternion_matrix([w, *axis])[:3, 0]
     np.testing.assert_allclose(x, in_space(np.array([np.cos(heading), np.sin(heading)])), atol=1e-12)
-    assert heading_of(np.array([w, *axis])) == pytest.approx(heading, abs=1e-9)
+    assert PlaneHandles().turn(np.array([w, *axis])) == pytest.approx(heading, abs=1e-9)
 
 
 @pytest.fixture(scope="module")

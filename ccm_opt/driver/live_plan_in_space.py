@@ -1,8 +1,9 @@
-"""A plan in space that follows its goal while it is dragged: a motion is found, timed and verified at every place."""
+"""A plan in space that follows while its goal or an obstacle is dragged: found, timed and verified at every place."""
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
 
 from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.driver.live_plan import LiveAnswer
@@ -44,11 +45,12 @@ class LiveMotion:
 
 @dataclass
 class LivePlanInSpace:
-    """A verified plan of a problem in space whose goal is dragged.
+    """A verified plan of a problem in space whose goal and obstacles are dragged.
 
-    Every change is answered by the first motion that is found to the new goal, timed and verified like any other, which
-    takes about a second; ``plan_anew`` plans with the NLP and the optimisation. Where there is none, the last one
-    stays, and the answer says why.
+    Every change is answered by the first motion that is found, timed and verified like any other, which takes about a
+    second; where an obstacle moves that the present motion keeps off as well as before, that motion is verified once
+    more and kept. ``plan_anew`` plans with the NLP and the optimisation. Where there is none, the last one stays, and
+    the answer says why.
 
     Attributes:
         problem: as it is now.
@@ -107,6 +109,32 @@ class LivePlanInSpace:
         self._attempt(self.problem)
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
+    def move_obstacle(self, name: str, by: Sequence[float] | FloatArray) -> LiveAnswer:
+        """Move an obstacle, and plan again.
+
+        Args:
+            name: of the obstacle.
+            by: how far, (x, y, z) [m].
+
+        Returns:
+            Whether there is a plan past it, and else why not. A plan that is not current may pass through it.
+
+        Raises:
+            ProblemError: there is no obstacle of that name, or it is no way to go.
+        """
+        expect(name, str, "the name of an obstacle")
+        workspace = self.problem.workspace
+        if name not in {obstacle.name for obstacle in workspace.obstacles}:
+            known = ", ".join(obstacle.name for obstacle in workspace.obstacles)
+            raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
+        begin = time.process_time()
+        moved = workspace.with_moved(name, _vector(by, "how far to move it, (x, y, z) in metres"))
+        self.problem = replace(self.problem, workspace=moved, source="")
+        self._tree = SurfaceTree.of(moved.soup)
+        if not self._kept():
+            self._attempt(self.problem)
+        return LiveAnswer(self.current, self.reason, time.process_time() - begin)
+
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
         """Plan the problem as it is thoroughly; the shorter of two plans is kept.
 
@@ -140,9 +168,26 @@ class LivePlanInSpace:
         except NoPlanFound as failure:
             self.current = False
             self.reason = failure.diagnosis.reason
+        except ProblemError as refused:
+            # An obstacle was put over the start: no fault of whoever asked, and no plan either.
+            self.current = False
+            self.reason = str(refused)
         except VerificationError as failure:
             self.current = False
             self.reason = "the verifier refuses the plan: " + "; ".join(failure.failures)
+
+    @on_one_thread
+    def _kept(self) -> bool:
+        """Whether the present motion solves the problem as it is now, with as much room; it is its plan then."""
+        if not self.current or self.plan.problem.goal is not self.problem.goal:
+            return False
+        checks = verify_in_space(self.problem, self.plan.trajectory, self.plan.joints)
+        wanted = self.problem.workspace.clearance + self.problem.wanted_gap
+        # With less room than it had, or was wanted, there may be a better one.
+        if failed_checks(checks) or _wall_gap(checks) < min(_wall_gap(self.plan.checks), wanted):
+            return False
+        self.plan = replace(self.plan, problem=self.problem, checks=checks)
+        return True
 
     def _found(self, problem: SpaceProblem) -> JointPath:
         """The first motion that is found."""
@@ -177,3 +222,8 @@ def _unit(vector: FloatArray) -> FloatArray:
     if length == 0.0:
         raise ProblemError("a direction must not be zero")
     return vector / length
+
+
+def _wall_gap(checks: Sequence[Check]) -> float:
+    """Least gap to walls [m]; inf where there are none."""
+    return next((check.worst for check in checks if check.name == "wall clearance"), inf)

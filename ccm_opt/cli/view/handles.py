@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from ccm_opt.cli.view.meshes import in_space, turned
+from ccm_opt.cli.view.handle_frame import HandleFrame, Turn
 from ccm_opt.cli.view.replanner import Replanner
 from ccm_opt.cli.view.scene import Scene
+from ccm_opt.cli.view.space_scene import SpaceScene
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
+from ccm_opt.driver.live_plan_in_space import LivePlanInSpace
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.problem import TipGoal
 
 GOAL = "the goal"
 """What can be dragged besides the obstacles."""
@@ -22,16 +23,25 @@ class Handles:
     Args:
         scene: where it stands.
         live: the plan that follows.
+        frame: how handles stand for places of the plane, or of space.
         told: called with the plan and what came of a change, or what was wrong with it.
     """
 
-    def __init__(self, scene: Scene, live: LivePlan, told: Callable[[LivePlan, LiveAnswer | str], None]) -> None:
+    def __init__(
+        self,
+        scene: Scene | SpaceScene,
+        live: LivePlan | LivePlanInSpace,
+        frame: HandleFrame,
+        told: Callable[[Any, LiveAnswer | str], None],
+    ) -> None:
         self._scene = scene
-        self._live = live
+        # Either plan, whose methods take places and turns of its own kind.
+        self._live: Any = live
+        self._frame = frame
         self._replanner = Replanner(live, lambda answer: told(live, answer), scene.settings)
         self._replanner.start()
         names = [obstacle.name for obstacle in live.problem.workspace.obstacles]
-        movable = [GOAL, *names] if isinstance(live.problem.goal, TipGoal) else names
+        movable = names if frame.goal_of(live.problem.goal) is None else [GOAL, *names]
         if not movable:
             return
         with scene.server.gui.add_folder("Drag"):
@@ -45,19 +55,19 @@ class Handles:
 
     def put_on(self, what: str) -> None:
         """Put the handle on the goal, or on an obstacle of a name."""
-        problem = self._live.problem
-        if what == GOAL and isinstance(problem.goal, TipGoal):
-            self._put_on_goal(problem.goal)
+        goal = self._frame.goal_of(self._live.problem.goal)
+        if what == GOAL and goal is not None:
+            self._put_on_goal(*goal)
         else:
             self._put_on_obstacle(what)
 
-    def _put_on_goal(self, goal: TipGoal) -> None:
-        handle = self._handle(goal.position, goal.heading)
+    def _put_on_goal(self, place: FloatArray, turn: Turn | None) -> None:
+        handle = self._handle(place, turn)
 
         def dragged(_: Any) -> None:
-            place = self._place(handle)
-            heading = None if goal.heading is None else heading_of(np.asarray(handle.wxyz))
-            self._replanner.ask(lambda: self._live.move_goal(place, heading))
+            moved = self._place(handle)
+            turned = None if turn is None else self._frame.turn(np.asarray(handle.wxyz))
+            self._replanner.ask(lambda: self._live.move_goal(moved, turned))
 
         handle.on_update(dragged)
 
@@ -66,7 +76,9 @@ class Handles:
 
         def change(place: FloatArray) -> LiveAnswer:
             # Where it is now is known only when the change is made: others may have been made meanwhile.
-            return self._live.move_obstacle(name, place - self._live.problem.workspace.middle_of(name))
+            by = place - self._live.problem.workspace.middle_of(name)
+            answer: LiveAnswer = self._live.move_obstacle(name, by)
+            return answer
 
         def dragged(_: Any) -> None:
             place = self._place(handle)
@@ -74,25 +86,19 @@ class Handles:
 
         handle.on_update(dragged)
 
-    def _handle(self, place: FloatArray, heading: float | None) -> Any:
-        """A handle that moves in the plane, and turns where there is a heading."""
+    def _handle(self, place: FloatArray, turn: Turn | None) -> Any:
+        """A handle that moves, and turns where it is asked where the tip points."""
+        upright = np.array([1.0, 0.0, 0.0, 0.0])
         return self._scene.server.scene.add_transform_controls(
             "/handle",
             scale=0.2,
-            active_axes=(True, False, True),
-            disable_rotations=heading is None,
+            active_axes=self._frame.axes,
+            disable_rotations=turn is None,
             depth_test=False,
-            position=in_space(place / self._scene.unit),
-            wxyz=turned(np.array(0.0 if heading is None else heading)),
+            position=self._frame.in_world(place / self._scene.unit),
+            wxyz=upright if turn is None else self._frame.quaternion(turn),
         )
 
     def _place(self, handle: Any) -> FloatArray:
-        """Where a handle is in the plane, shape (2,) [m]."""
-        x, _, z = handle.position
-        return np.array([x, z]) * self._scene.unit
-
-
-def heading_of(wxyz: FloatArray) -> float:
-    """The heading in the plane of what a quaternion (w, x, y, z) turns world x to [rad]."""
-    w, x, y, z = wxyz
-    return float(np.arctan2(2.0 * (x * z - w * y), 1.0 - 2.0 * (y * y + z * z)))
+        """The place where a handle is [m]."""
+        return self._frame.place(np.asarray(handle.position, dtype=np.float64)) * self._scene.unit

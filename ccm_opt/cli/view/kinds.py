@@ -6,10 +6,10 @@ from typing import Any, TypeAlias
 import viser
 
 from ccm_opt.cli.view.frames import MotionFrames
+from ccm_opt.cli.view.handle_frame import PlaneHandles, SpaceHandles
 from ccm_opt.cli.view.handles import Handles
 from ccm_opt.cli.view.scene import Scene
 from ccm_opt.cli.view.space_frames import SpaceFrames
-from ccm_opt.cli.view.space_handles import SpaceHandles
 from ccm_opt.cli.view.space_scene import SpaceScene
 from ccm_opt.cli.view.view_settings import VIEW, ViewSettings
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
@@ -41,10 +41,8 @@ def scene_of(server: viser.ViserServer, frames: AnyFrames, settings: ViewSetting
 
 def handles_of(
     scene: Scene | SpaceScene, live: AnyLivePlan | None, told: Callable[[Any, LiveAnswer | str], None]
-) -> Handles | SpaceHandles | None:
+) -> Handles | None:
     """Handles on what can be dragged; None where nothing can."""
-    if isinstance(scene, SpaceScene) and isinstance(live, LivePlanInSpace):
-        return SpaceHandles(scene, live, told)
-    if isinstance(scene, Scene) and isinstance(live, LivePlan):
-        return Handles(scene, live, told)
-    return None
+    if live is None:
+        return None
+    return Handles(scene, live, SpaceHandles() if isinstance(scene, SpaceScene) else PlaneHandles(), told)

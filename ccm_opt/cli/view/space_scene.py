@@ -18,6 +18,7 @@ from ccm_opt.files.scene_import.seen_surface import seen_surface
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.round_bodies import seen_triangles
+from ccm_opt.space.scene.scene import SpaceObstacle
 
 SPACE_LAYERS = {"start": "/start", "poses on the way": "/poses", "names": "/names"}
 """What can be switched on and off, and where it stands in the scene."""
@@ -33,7 +34,7 @@ class SpaceScene:
     shown: set[str] = field(default_factory=lambda: {"start", "names"})
     colour_by: str = "nothing"
     opacity: float = VIEW.glass
-    _standing: object = None
+    _standing: dict[str, SpaceObstacle] = field(default_factory=dict)
     _arm: Any = None
     _joints: Any = None
 
@@ -70,9 +71,7 @@ class SpaceScene:
 
     def draw_room(self, problem: SpaceProblem) -> None:
         """Draw bodies and goals of a problem, which may be ahead of the motion."""
-        if self._standing is not problem.workspace:
-            self._standing = problem.workspace
-            self._draw_bodies(problem)
+        self._draw_bodies(problem)
         goals = [*(stop.goal for stop in problem.stops), problem.goal]
         for number, goal in enumerate(goals, start=1):
             if isinstance(goal, SpaceTipGoal):
@@ -83,6 +82,10 @@ class SpaceScene:
         most = self.settings.most_triangles // max(len(obstacles), 1)
         extent = float(np.max(np.ptp(problem.workspace.extent, axis=0), initial=problem.arm.length))
         for obstacle in obstacles:
+            # Most drags move one body, and leave the others the same objects.
+            if self._standing.get(obstacle.name) is obstacle:
+                continue
+            self._standing[obstacle.name] = obstacle
             surface = seen_triangles(obstacle.body, 4 * self.settings.curved)
             vertices, faces = seen_surface(*surface, most, self.settings.cell * extent)
             self.server.scene.add_mesh_simple(
@@ -149,7 +152,7 @@ class SpaceScene:
         """Switch a layer on or off."""
         self.shown.add(layer) if on else self.shown.discard(layer)
         if layer == "names":
-            self._standing = None
+            self._standing = {}
             self.draw_room(self.frames.problem)
         elif on:
             self.draw_motion()

@@ -7,6 +7,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.scene.bodies import BOX_FACES, Body, box_corners
+from ccm_opt.space.scene.moved_bodies import moved_body
 from ccm_opt.space.scene.surfaces import SurfaceSoup, box_about
 
 ROOM_NAME = "room"
@@ -63,3 +64,16 @@ class SpaceWorkspace:
     def without(self, name: str) -> "SpaceWorkspace":
         """The same without the obstacles of a name."""
         return replace(self, obstacles=tuple(each for each in self.obstacles if each.name != name))
+
+    def middle_of(self, name: str) -> FloatArray:
+        """Middle of the box about an obstacle of a name, shape (3,) [m]."""
+        body = next(each.body for each in self.obstacles if each.name == name)
+        return np.asarray(box_about(body.triangles).mean(axis=0))
+
+    def with_moved(self, name: str, by: FloatArray) -> "SpaceWorkspace":
+        """The same with the obstacles of a name moved by so much, shape (3,) [m]."""
+
+        def moved(obstacle: SpaceObstacle) -> SpaceObstacle:
+            return replace(obstacle, body=moved_body(obstacle.body, by)) if obstacle.name == name else obstacle
+
+        return replace(self, obstacles=tuple(map(moved, self.obstacles)))
