@@ -9,16 +9,11 @@ import numpy as np
 import pytest
 
 import ccm_opt
-from ccm_opt.errors import ProblemError
-from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
-from ccm_opt.space.planner import space_task
 from ccm_opt.space.problem import SpaceTipGoal
 from ccm_opt.space.space_reach_map import SpaceReachMap, even_directions
 from ccm_opt.space.space_reach_settings import DEFAULT_SPACE_REACH
+from ccm_opt.space.tip_cells import SpaceReachQuestion, look_at_cell
 from ccm_opt.space.tip_flood import TipFlood
 
 from .command_runs import CommandLine, brightness
@@ -90,16 +85,18 @@ def test_what_is_reached_keeps_off_what_is_proved() -> None:
 def test_every_pose_of_a_cell_is_sound() -> None:
     """The tip is in the middle of its cell, joints keep their limits, and nothing is touched, by a slow measure."""
     problem = replace(mapped().problem, goal=SpaceTipGoal(np.array([0.05, 0.1, 0.1])))
-    tree = SurfaceTree.of(problem.workspace.soup)
-    task = space_task(problem, tree, Deadline.never(), SpaceMotionSettings())
     axes = (np.array([0.0, 0.09]), np.array([-0.05, 0.05]), np.array([-0.1, 0.0, 0.1]))
-    closed = np.zeros((2, 2, 3), dtype=bool)
-    none = np.zeros((0, CurveMap.through(task.arm, task.start)[0].dimension))
-    flood = TipFlood(task, axes, 0.1, closed, even_directions(0), replace(DEFAULT_SPACE_REACH, drawn=40), none)
-    flood.fill()
+    settings = replace(DEFAULT_SPACE_REACH, drawn=40)
+    question = SpaceReachQuestion.about(problem, 0.1, even_directions(0), settings)
+    looker = question.looker
+    flood = TipFlood(axes, 0.1, np.zeros((2, 2, 3), dtype=bool), 0, settings)
+    flood.begin(looker, np.zeros((0, len(looker.start))))
+    for asked in flood:
+        flood.add(asked, look_at_cell(question, asked))
     assert flood.poses
     arm = problem.arm
-    for (i, j, k), pose in flood.poses.items():
+    for (i, j, k), unknowns in flood.poses.items():
+        pose = looker.stepper.pose(unknowns)
         points = joint_positions(arm, pose.q)
         assert points[-1] == pytest.approx([axes[0][i], axes[1][j], axes[2][k]], abs=1e-6)
         assert np.all(np.abs(pose.q) <= arm.bend_limits + 1e-9)
@@ -141,18 +138,50 @@ def test_the_command_writes_record_arrays_and_picture(tmp_path: Path, run: Comma
     assert brightness(folder / "reach.png") > 0.1
 
 
-def test_grids_that_make_no_sense_and_workers_are_refused(tmp_path: Path, run: CommandLine) -> None:
-    """Too many cells, cells of no width, and other processes, in one sentence each."""
+def test_maps_are_the_same_whatever_the_workers(tmp_path: Path, run: CommandLine) -> None:
+    """One process and two of them write the same bytes, with directions too; so do results that come out of order."""
+    file = tmp_path / "behind.toml"
+    file.write_text(SCENE)
+    written = []
+    for workers in ("1", "2"):
+        out = tmp_path / workers
+        done = run(
+            "reach", file, "--out", out, "--step", "0.15", "--headings", "3", "--workers", workers, "--no-pictures"
+        )
+        assert done.code == 0
+        written.append(next(out.glob("*/reach.npz")).read_bytes())
+    assert written[0] == written[1]
+
+
+def test_results_may_come_in_any_order() -> None:
+    """A wave whose tasks are done in another order leads to the same map, pose by pose."""
+    settings = replace(DEFAULT_SPACE_REACH, drawn=30)
+    question = SpaceReachQuestion.about(mapped().problem, 0.15, even_directions(2), settings)
+    axes = (np.arange(-0.3, 0.4, 0.15),) * 3
+    found = []
+    for backwards in (False, True):
+        flood = TipFlood(axes, 0.15, np.zeros((5, 5, 5), dtype=bool), 2, settings)
+        flood.begin(question.looker, np.zeros((0, len(question.looker.start))))
+        while wave := list(flood):
+            for asked in reversed(wave) if backwards else wave:
+                flood.add(asked, look_at_cell(question, asked))
+        found.append(flood)
+    assert len(found[0].poses) > 5
+    assert list(found[0].poses) == list(found[1].poses)
+    assert all(np.array_equal(found[0].poses[cell], found[1].poses[cell]) for cell in found[0].poses)
+    assert np.array_equal(found[0].taken, found[1].taken)
+    assert np.array_equal(found[0].gap, found[1].gap, equal_nan=True)
+
+
+def test_grids_that_make_no_sense_are_refused(tmp_path: Path, run: CommandLine) -> None:
+    """Too many cells and cells of no width, in one sentence each."""
     file = tmp_path / "behind.toml"
     file.write_text(SCENE)
     for arguments, words in (
         (("--step", "0.0005"), "cells; at most"),
         (("--step", "-1"), "--step must be above 0"),
-        (("--workers", "2"), "--workers and --dask"),
     ):
         done = run("reach", file, "--out", tmp_path / "out", *arguments)
         assert done.code == 2
         assert words in done.err
     assert not (tmp_path / "out").exists()
-    with pytest.raises(ProblemError, match="workers="):
-        ccm_opt.reach_map(mapped().problem, workers=2)

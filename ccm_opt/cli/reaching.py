@@ -17,7 +17,6 @@ from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.cli.watchdog import ended_when_silent
-from ccm_opt.errors import ProblemError
 from ccm_opt.files.export.folder import REACH_RECORD, check_target
 from ccm_opt.files.export.reach_folder import reach_json, write_reach
 from ccm_opt.files.export.space_reach_files import space_reach_json, write_space_reach
@@ -89,19 +88,13 @@ def reach_files(files: Sequence[Path], options: ReachOptions, changes: Sequence[
 
 
 def _reach_in_space(problem: SpaceProblem, options: ReachOptions) -> int:
-    """The same of a problem in space, in this process.
-
-    Raises:
-        ProblemError: other processes are asked for.
-    """
-    if not isinstance(options.crew, ThisProcess):
-        raise ProblemError(
-            f"--workers and --dask share out maps in the plane alone, and '{problem.name}' is in space; leave them out"
-        )
+    """The same of a problem in space."""
     from ccm_opt.driver.reach_mapping_in_space import reach_map_in_space  # noqa: PLC0415 - loads casadi
 
     with _display(problem.name) as shown, _guarded(problem, options, shown) as progress:
-        found = reach_map_in_space(problem, step=options.step, directions=options.headings, progress=progress)
+        found = reach_map_in_space(
+            problem, step=options.step, directions=options.headings, workers=options.crew, progress=progress
+        )
     drawn = _space_pictures(found) if options.pictures else {}
     last_steps_uninterrupted()
     folder = write_space_reach(found, options.out, drawn)

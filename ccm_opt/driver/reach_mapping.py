@@ -87,7 +87,7 @@ def reach_map(
         step: width of a cell [m]; a share of the arm's length when None.
         headings: how many, evenly round the turn, are tried in each cell; in space directions, evenly over the sphere.
         workers: number of processes of this machine, or an object that opens an executor, such as ``DaskWorkers``;
-            in space there is no other than this process.
+            in space the map is the same whatever they are.
         progress: called after every task with the numbers of cells reached and of cells that may be.
         settings: numbers; the defaults when None.
 
@@ -100,9 +100,7 @@ def reach_map(
     if isinstance(problem, SpaceProblem):
         from ccm_opt.driver.reach_mapping_in_space import reach_map_in_space  # noqa: PLC0415 - most are in the plane
 
-        if workers != 1:
-            raise ProblemError(f"workers= are for maps in the plane, and '{problem.name}' is in space; leave them out")
-        return reach_map_in_space(problem, step=step, directions=headings, progress=progress)
+        return reach_map_in_space(problem, step=step, directions=headings, workers=workers, progress=progress)
     Problem.expected(problem)
     return _reach_map_in_plane(problem, step, headings, workers, progress, settings or DEFAULT_SETTINGS)
 

@@ -1,52 +1,52 @@
 """Where the tip of an arm in space can be: a map over a grid of places, with or without directions."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ccm_opt.driver.file_words import in_words_of_its_file
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.ground.deadline import Deadline
+from ccm_opt.ground.executors import LocalWorkers, ThisProcess, Workers, completed
 from ccm_opt.ground.length_words import file_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.ground.stages import Stages
 from ccm_opt.ground.threads import on_one_thread
-from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.task import SpaceTask
-from ccm_opt.space.planner import contact_words, reach_box, space_task
+from ccm_opt.space.planner import contact_words, reach_box
 from ccm_opt.space.pose_beginnings import any_motion
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 from ccm_opt.space.scene.enclosures import enclosed
 from ccm_opt.space.space_reach_map import SpaceReachMap, even_directions
 from ccm_opt.space.space_reach_settings import DEFAULT_SPACE_REACH, SpaceReachSettings
+from ccm_opt.space.tip_cells import SpaceReachQuestion, TipLooker, look_at_cell
 from ccm_opt.space.tip_flood import TipFlood
 
 
-@on_one_thread
 @in_words_of_its_file
 def reach_map_in_space(
     problem: SpaceProblem,
     *,
     step: float | None = None,
     directions: int | None = None,
+    workers: Workers | int = 1,
     progress: Callable[[int, int], None] | None = None,
     settings: SpaceReachSettings = DEFAULT_SPACE_REACH,
 ) -> SpaceReachMap:
     """Map where the tip can be in space, by poses led on from cell to cell; see ``reach_map``.
 
     The question is static: a pose that keeps the joint limits and touches nothing, wherever the base is on its feed
-    axis. Poses begin at the problem's start, at those of a
-    motion to its last goal where one is soon found, and at drawn ones.
+    axis. Poses begin at the problem's start, at those of a motion to its last goal where one is soon found, and at
+    drawn ones. The map is the same whatever the workers.
 
     Args:
         problem: arm, scene and start.
         step: width of a cell [m]; a share of the arm's length when None.
         directions: how many, evenly over the sphere, are tried in each cell.
+        workers: as for ``reach_map``.
         progress: called with the numbers of cells reached and of cells that may be.
         settings: numbers.
 
@@ -55,37 +55,50 @@ def reach_map_in_space(
     """
     stages = Stages()
     width = settings.step * problem.arm.length if step is None else step
-    count = settings.directions if directions is None else directions
+    tried = even_directions(settings.directions if directions is None else directions)
     axes = _axes(problem, width, settings)
-    tree = SurfaceTree.of(problem.workspace.soup)
-    task = _task(problem, tree)
-    contact = contact_words(problem, task, task.start)
+    question = SpaceReachQuestion.about(problem, width, tried, settings)
+    with stages("proofs"):
+        looker, closed = _proved(problem, question, axes)
+    flood = TipFlood(axes, width, closed, len(tried), settings)
+    with stages("motion"):
+        _begin(flood, problem, looker)
+    crew = workers if not isinstance(workers, int) else ThisProcess() if workers == 1 else LocalWorkers(workers)
+    open_cells = int(np.sum(~closed))
+    for task, found in completed(crew, partial(look_at_cell, question), flood):
+        if isinstance(found, BaseException):
+            raise found
+        flood.add(task, found)
+        if progress is not None:
+            progress(len(flood.poses), open_cells)
+    reachable = np.zeros(closed.shape, dtype=bool)
+    for cell in flood.poses:
+        reachable[cell] = True
+    timings = {**stages.timings, "cells": flood.cpu}
+    seen = settings.seen * problem.arm.length
+    return SpaceReachMap(problem, width, *axes, tried, reachable, flood.taken, flood.gap, closed, seen, timings)
+
+
+@on_one_thread
+def _proved(
+    problem: SpaceProblem, question: SpaceReachQuestion, axes: Sequence[FloatArray]
+) -> tuple[TipLooker, BoolArray]:
+    """Who looks at cells, and which of them are out of reach.
+
+    Raises:
+        ProblemError: the start touches something.
+    """
+    looker = question.looker
+    contact = contact_words(problem, looker.task, looker.task.start)
     if contact:
         raise ProblemError(f"the start is in contact: {contact}")
-    with stages("proofs"):
-        closed = _out_of_reach(problem, tree, axes)
-    with stages("motion"):
-        along = _unknowns_of_motion(problem, task, settings)
-    flood = TipFlood(task, axes, width, closed, even_directions(count), settings, along)
-    with stages("cells"):
-        flood.fill(progress)
-    reachable = np.zeros(closed.shape, dtype=bool)
-    gap = np.full(closed.shape, np.nan)
-    seen = settings.seen * problem.arm.length
-    with stages("room"):
-        for cell in flood.poses:
-            reachable[cell] = True
-            gap[cell] = flood.gap(cell, tree, seen)
-    timings = dict(stages.timings)
-    return SpaceReachMap(problem, width, *axes, flood.directions, reachable, flood.taken, gap, closed, seen, timings)
+    return looker, _out_of_reach(problem, looker.task.tree, axes)
 
 
-def _task(problem: SpaceProblem, tree: SurfaceTree) -> SpaceTask:
-    """What steps are asked: the arm with a goal for the tip, the problem's own or where the tip is at the start."""
-    arm = problem.arm
-    tip = joint_positions(arm, problem.start.configuration(arm))[-1]
-    goal = problem.goal if isinstance(problem.goal, SpaceTipGoal) else SpaceTipGoal(tip)
-    return space_task(replace(problem, goal=goal, stops=()), tree, Deadline.never(), SpaceMotionSettings())
+@on_one_thread
+def _begin(flood: TipFlood, problem: SpaceProblem, looker: TipLooker) -> None:
+    """Begin where the arm is, and where it can be."""
+    flood.begin(looker, _unknowns_of_motion(problem, looker.task, flood.settings))
 
 
 def _unknowns_of_motion(problem: SpaceProblem, task: SpaceTask, settings: SpaceReachSettings) -> FloatArray:

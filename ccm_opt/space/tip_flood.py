@@ -1,157 +1,148 @@
-"""Poses with the tip in the cells of a grid in space, led on from cell to cell like water that fills a vessel."""
+"""Which cells of a grid in space are looked at next: poses spread from cell to cell like water that fills a vessel.
 
-from collections import deque
-from collections.abc import Callable, Iterator
+Cells are looked at in waves: all that a wave may lead to is known before it begins, and what it found is taken in
+together in the order of its tasks. So the map does not depend on which process is done first, nor on their number.
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.goal_poses import drawn_unknowns
-from ccm_opt.space.motion.space_goal import SpaceTipPose, onto_goal
 from ccm_opt.space.motion.space_pose import SpacePose
-from ccm_opt.space.motion.task import SpaceTask
 from ccm_opt.space.space_reach_settings import SpaceReachSettings
+from ccm_opt.space.tip_cells import Cell, CellFound, EnterTask, ReachTask, TipLooker, TurnTask
 
-Cell = tuple[int, int, int]
 BESIDE: tuple[Cell, ...] = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
 """Cells with a side in common."""
-_ROUND = 4
-"""Steps after which it is looked whether they help."""
 
 
 @dataclass(eq=False)
 class TipFlood:
-    """Fills a grid with poses.
+    """The state of a map while it is made: an iterator of tasks that ends when there is none at the moment.
 
     Attributes:
-        task: of the arm, with any goal.
         axes: middles of the cells along x, y and z [m].
         width: of a cell [m].
         closed: cells that no pose can have, shape (nx, ny, nz).
-        directions: that are tried in every cell, shape (K, 3).
+        count: of the directions that are tried in a cell.
         settings: how hard is tried.
-        along: unknowns of poses to begin at, those of a motion, which leads where nothing else does, shape (N, p).
-        poses: of the cells that are reached, by their numbers.
+        poses: unknowns of a pose in each cell that is reached, shape (p,).
         taken: which directions a cell has, shape (nx, ny, nz, K).
+        gap: room in a cell, shape (nx, ny, nz) [m]; not a number where it is not reached.
+        cpu: that all cells took [s].
     """
 
-    task: SpaceTask
     axes: tuple[FloatArray, FloatArray, FloatArray]
     width: float
     closed: BoolArray
-    directions: FloatArray
+    count: int
     settings: SpaceReachSettings
-    along: FloatArray
-    poses: dict[Cell, SpacePose] = field(default_factory=dict)
+    poses: dict[Cell, FloatArray] = field(default_factory=dict)
+    cpu: float = 0.0
+    _stones: dict[Cell, FloatArray] = field(default_factory=dict)
+    _tried: dict[Cell, int] = field(default_factory=dict)
+    _wave: list[ReachTask] = field(default_factory=list)
+    _given: int = 0
+    _found: dict[Cell, CellFound] = field(default_factory=dict)
+    _turning: bool = False
 
     def __post_init__(self) -> None:
-        curve, start = CurveMap.through(self.task.arm, self.task.start)
-        self.stepper = self.task.stepper(curve)
-        self._start = start
-        self.taken: BoolArray = np.zeros((*self.closed.shape, len(self.directions)), dtype=bool)
-        self._tried: dict[Cell, int] = {}
-        self._stones: dict[Cell, SpacePose] = {}
+        self.taken: BoolArray = np.zeros((*self.closed.shape, self.count), dtype=bool)
+        self.gap: FloatArray = np.full(self.closed.shape, np.nan)
 
-    def fill(self, progress: Callable[[int, int], None] | None = None) -> None:
-        """Lead poses on until no cell is left to be tried."""
-        open_cells = int(np.sum(~self.closed))
-        waiting: deque[Cell] = deque()
-        for pose in (*map(self.stepper.pose, (self._start, *self.along)), *self._drawn()):
-            cell = self._cell_of(pose.tip)
-            if cell is not None and cell not in self.poses and cell not in self._stones:
-                self._stones[cell] = pose
-                self._enter(cell, pose)
-                waiting.append(cell)
-        while waiting:
-            cell = waiting.popleft()
-            for other in self._beside(cell):
-                if self._enter(other, self.poses.get(cell) or self._stones[cell]):
-                    waiting.append(other)
-            if progress is not None:
-                progress(len(self.poses), open_cells)
-        for cell, pose in self.poses.items():
-            self._turn(cell, pose)
-            if progress is not None:
-                progress(len(self.poses), open_cells)
+    def begin(self, looker: TipLooker, along: FloatArray) -> None:
+        """Begin at the start, at the poses of a motion, and at drawn ones.
 
-    def gap(self, cell: Cell, tree: SurfaceTree, reach: float) -> float:
-        """Room of a cell's pose to the scene beyond radius and clearance, at most as far as is looked [m]."""
-        arm = self.task.arm
-        link, share = arm.mount_end
-        segments = self.poses[cell].segments()[link:].copy()
-        segments[0, 0] += share * (segments[0, 1] - segments[0, 0])
-        kept = arm.radius + self.task.clearance
-        least = float(np.min(tree.distances(segments, reach + kept), initial=reach + kept))
-        return least - kept
-
-    def _drawn(self) -> Iterator[SpacePose]:
-        """Free poses that are drawn."""
-        rng = np.random.default_rng(self.task.seed)
-        for _ in range(self.settings.drawn):
-            pose = self.stepper.pose(drawn_unknowns(self.stepper, rng))
-            if self._free(pose):
-                yield pose
-
-    def _enter(self, cell: Cell, near: SpacePose) -> bool:
-        """Whether a cell gets a pose from one near by from which its neighbours may be reached: a new way on.
-
-        In a duct the middles of cells may lie in its walls. So a pose that only comes into the cell is a stepping
-        stone, though the cell does not count as reached by it.
+        Args:
+            looker: makes poses.
+            along: unknowns of poses of a motion, which leads where nothing else does, shape (N, p).
         """
-        if cell in self.poses or self._tried.get(cell, 0) >= self.settings.attempts:
+        for pose in (*map(looker.stepper.pose, (looker.start, *along)), *self._drawn(looker)):
+            cell = self._cell_of(pose.tip)
+            if cell is not None and cell not in self._stones:
+                self._stones[cell] = pose.v
+                self._wave.append(EnterTask(cell, self._place(cell), (pose.v,)))
+
+    def add(self, task: ReachTask, found: CellFound) -> None:
+        """Take in what was found in a cell."""
+        self.cpu += found.cpu
+        self._found[task.cell] = found
+
+    def __iter__(self) -> Iterator[ReachTask]:
+        """Itself."""
+        return self
+
+    def __next__(self) -> ReachTask:
+        """The next task; it may end and go on again when results have come.
+
+        Raises:
+            StopIteration: there is none at the moment.
+        """
+        if self._given == len(self._wave) == len(self._found):
+            self._next_wave()
+        if self._given == len(self._wave):
+            raise StopIteration
+        task = self._wave[self._given]
+        self._given += 1
+        return task
+
+    def _next_wave(self) -> None:
+        """Take in a wave that is over, and make the next one: cells to enter while there are any, then their turns."""
+        first = not self._tried
+        gained = [task.cell for task in self._wave if self._take(task) or first]
+        self._found.clear()
+        self._given = 0
+        if self._turning:
+            self._wave = []
+            return
+        self._wave = self._entering(gained)
+        if not self._wave:
+            self._turning = True
+            self._wave = [TurnTask(cell, self._place(cell), pose) for cell, pose in self.poses.items()]
+
+    def _take(self, task: ReachTask) -> bool:
+        """Take in what a task found; whether its cell has got a pose from which others may be reached."""
+        cell = task.cell
+        found = self._found[cell]
+        if isinstance(task, TurnTask):
+            self.taken[cell] = found.taken
+            self.gap[cell] = found.gap
             return False
-        self._tried[cell] = self._tried.get(cell, 0) + 1
-        middle = self._place(cell)
-        # Straight across the side that the cells share, as a duct may go, and then to the middle.
-        across = self._into(cell, near.tip)
-        if float(np.linalg.norm(across - middle)) > self.stepper.unit:
-            _, near = self._led(near, SpaceTipPose(across))
-        arrived, pose = self._led(near, SpaceTipPose(middle))
-        if not self._free(pose):
-            pose = near
-        if arrived is not None and not self.closed[cell]:
-            self.poses[cell] = arrived
-            return True
-        if cell in self._stones or self._cell_of(pose.tip) != cell or not self._free(pose):
-            return False
-        self._stones[cell] = pose
+        self._tried[cell] = self._tried.get(cell, 0) + found.tried
+        new = cell not in self._stones
+        if found.stone is not None and new:
+            self._stones[cell] = found.stone
+        if found.arrived is None:
+            return found.stone is not None and new
+        if self.closed[cell]:
+            # It does not count as reached, but may lead on.
+            if new:
+                self._stones[cell] = found.arrived
+            return new
+        self.poses[cell] = found.arrived
         return True
 
-    def _turn(self, cell: Cell, pose: SpacePose) -> None:
-        """Try all directions in a cell, the nearest first, each from the pose that points most nearly there."""
-        found = [pose]
-        order = np.argsort(-self.directions @ pose.tip_direction)
-        for number in order:
-            direction = self.directions[number]
-            nearest = max(found, key=lambda each: float(each.tip_direction @ direction))
-            turned, _ = self._led(nearest, SpaceTipPose(self._place(cell), direction))
-            if turned is not None:
-                found.append(turned)
-                self.taken[(*cell, int(number))] = True
+    def _entering(self, gained: list[Cell]) -> list[ReachTask]:
+        """What can be tried beside cells that have got a pose."""
+        seeds: dict[Cell, list[FloatArray]] = {}
+        for cell in gained:
+            for other in self._beside(cell):
+                left = self.settings.attempts - self._tried.get(other, 0) - len(seeds.get(other, ()))
+                if other not in self.poses and left > 0:
+                    pose = self.poses[cell] if cell in self.poses else self._stones[cell]
+                    seeds.setdefault(other, []).append(pose)
+        return [EnterTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items()]
 
-    def _led(self, pose: SpacePose, goal: SpaceTipPose) -> tuple[SpacePose | None, SpacePose]:
-        """A free pose at a goal, from a pose near by, or None where it does not arrive; and how far it comes."""
-        stepper = self.stepper
-        before = np.inf
-        for number in range(self.settings.steps):
-            distance, turn = goal.errors(pose)
-            left = distance / stepper.unit + turn
-            if distance < 0.3 * stepper.unit and turn < 0.1:
-                break
-            if number % _ROUND == 0:
-                if left > self.settings.progress * before:
-                    return None, pose
-                before = left
-            pose = stepper.step(pose, [goal.term(pose, stepper.unit, 1.0 + number)], certified=False)
-        onto = onto_goal(stepper, goal, pose, self.task.settings.goal_poses.polish_turn)
-        return (onto if onto is not None and self._free(onto) else None), pose
-
-    def _free(self, pose: SpacePose) -> bool:
-        """Whether a pose touches nothing and keeps all limits."""
-        return self.stepper.within_limits(pose.q) and self.stepper.certificate.safe(pose.q, pose.q)
+    def _drawn(self, looker: TipLooker) -> Iterator[SpacePose]:
+        """Free poses that are drawn."""
+        rng = np.random.default_rng(looker.task.seed)
+        for _ in range(self.settings.drawn):
+            pose = looker.stepper.pose(drawn_unknowns(looker.stepper, rng))
+            if looker.free(pose):
+                yield pose
 
     def _cell_of(self, place: FloatArray) -> Cell | None:
         """The cell of a place; None where the grid does not reach."""
@@ -169,12 +160,6 @@ class TipFlood:
             other = (cell[0] + step[0], cell[1] + step[1], cell[2] + step[2])
             if all(0 <= number < size for number, size in zip(other, shape, strict=True)):
                 yield other
-
-    def _into(self, cell: Cell, place: FloatArray) -> FloatArray:
-        """The place moved into a cell along the axes on which it is not within it, as far as its middle there."""
-        middle = self._place(cell)
-        half = 0.5 * self.width
-        return np.where(np.abs(place - middle) > half, middle, place)
 
     def _place(self, cell: Cell) -> FloatArray:
         return np.array([middles[number] for number, middles in zip(cell, self.axes, strict=True)])
