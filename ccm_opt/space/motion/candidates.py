@@ -114,9 +114,6 @@ class SpaceTipWays:
     def _followable(self, cells: int, nearness: float, margin: float, approach: float) -> FloatArray | None:
         """A way past all places with bends that the arm can take behind its tip."""
         task = self.task
-        if task.deadline.passed():
-            # A grid takes up to a second, which who drags an obstacle has to wait for.
-            return None
         settings = task.settings.followable
         grid = self._grid(cells, margin)
         avoided = self._followed
