@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.collision.certificate import Certificate
@@ -22,6 +22,7 @@ from ccm_opt.verification.rounding import distance_rounding, heading_rounding, p
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_walls
+from ccm_opt.verification.wall_edges import WallEdges, edge_runs
 
 from .arms import plain_arm
 
@@ -172,3 +173,30 @@ def test_an_arm_far_from_the_origin_is_refused_rather_than_believed(power: int) 
         assert check_walls(ChainMotion(arm, np.array([0.0, 0.004]), still), room, settings).passed is proved
         certificate = Certificate(arm, room, settings=CertificateSettings(touch=1e-9 * scale))
         assert (len(certificate.failures(still)) == 0) is proved
+
+
+def squared_distance(point: FloatArray, start: FloatArray, end: FloatArray) -> Fraction:
+    """From a segment, exactly."""
+    x, y, x0, y0, x1, y1 = (Fraction(float(value)) for value in (*point, *start, *end))
+    squared = (x1 - x0) ** 2 + (y1 - y0) ** 2
+    along = ((x - x0) * (x1 - x0) + (y - y0) * (y1 - y0)) / squared if squared else Fraction(0)
+    along = min(max(along, Fraction(0)), Fraction(1))
+    return (x - x0 - along * (x1 - x0)) ** 2 + (y - y0 - along * (y1 - y0)) ** 2
+
+
+@settings(max_examples=30)
+@given(seed=SEEDS, size=SCALES, away=st.sampled_from([0.0, 1.0, 1e4]))
+def test_a_run_of_edges_contains_them_exactly(seed: int, size: float, away: float) -> None:
+    """No corner of an outline of many is farther from its run's chord than the run says, wherever the outline lies."""
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, 70))
+    reach = rng.choice([1.0, 1.0 + 1e-9 * rng.normal()], (70, 1))
+    corners = size * (away * rng.normal(size=2) + reach * np.stack((np.cos(angle), np.sin(angle)), axis=1))
+    corners -= rng.integers(0, 2) * corners[0]  # what begins at the origin has no size of its own there
+    ends = np.roll(corners, -1, axis=0)
+    runs = edge_runs(WallEdges(corners, ends, np.zeros(70), np.zeros(70, dtype=np.int64), ("outline",)))
+    assert len(runs.radius) < 10
+    for run, radius in enumerate(runs.radius):
+        for corner in range(runs.first[run], runs.first[run + 1]):
+            off = squared_distance(corners[corner], runs.start[run], runs.end[run])
+            assert off <= Fraction(float(radius)) ** 2

@@ -68,8 +68,6 @@ class VerificationSettings:
         edges_a_run: edges in a run. Taste: their chord is near all of them, and few runs are near the arm.
         rows_at_once: poses that follow each other whose links are looked for near walls together first. Measured: with
             16 the search takes half the time that it takes pose by pose, and hardly less with more.
-        run_spare: by which the disc that sweeps a run's chord is wider than measured, beside the size of the
-            coordinates. Derived: rounding.
     """
 
     contact_tolerance: float = CONTACT_SHARE_OF_LENGTH
@@ -112,7 +110,6 @@ class VerificationSettings:
     many_edges: int = 64
     edges_a_run: int = 16
     rows_at_once: int = 16
-    run_spare: float = 1e-13
 
     def for_problem(self, problem: CheckedProblem) -> "VerificationSettings":
         """The same with lengths in metres, for a problem's arm, and with the contact tolerance that it asks for."""

@@ -8,6 +8,7 @@ import shapely
 
 from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray, IntArray
+from ccm_opt.verification.rounding import distance_rounding
 from ccm_opt.verification.segments import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -177,7 +178,7 @@ def edge_runs(edges: WallEdges, settings: VerificationSettings = DEFAULT_VERIFIC
     away = segment_distances(edges.end, edges.end, start[run], end[run]) * (number != last[run])
     sag = np.zeros(len(first))
     np.maximum.at(sag, run, away)
-    spare = np.where(last > first, settings.run_spare * (1.0 + np.abs(start).max(axis=1)), 0.0)
+    spare = np.where(last > first, distance_rounding(edges.size), 0.0)
     return EdgeRuns(np.append(first, len(number)), start, end, sag + spare + edges.rounding[first])
 
 
