@@ -16,6 +16,7 @@ from ccm_opt.jointed.arm import Arm
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.solution import JointTrajectory, SurvivedError
 from ccm_opt.verification.link_motion import ChainMotion
+from ccm_opt.verification.tolerance.chain_cases import ChainCases
 from ccm_opt.verification.tolerance.chain_support import chain_support, worst_errors
 from ccm_opt.verification.tolerance.error_model import (
     base_heading_error,
@@ -110,6 +111,32 @@ def test_the_bound_is_exact_for_small_errors(seed: int) -> None:
     reached = np.sum(lengths * np.cos(turned - direction))
     assert reached <= bound + 1e-12
     assert bound - reached <= lengths.sum() * (8 * 1e-5) ** 2
+
+
+@settings(max_examples=30)
+@given(SEEDS, st.floats(-6.0, 3.0).map(lambda power: 10.0**power))
+def test_the_shortest_line_to_a_target_is_found_at_any_size(seed: int, size: float) -> None:
+    """From the end of a chain, as shapely measures it, to targets short and long; along its angle lies the target."""
+    rng = np.random.default_rng(seed)
+    count = 20
+    start = size * rng.normal(0.0, 1.0, (count, 2))
+    target = np.stack(
+        (start, start + size * 10.0 ** rng.uniform(-3.0, 0.5, (count, 1)) * rng.normal(size=(count, 2))), 1
+    )
+    nothing = np.zeros(count)
+    whole = nothing.astype(np.int64)
+    cases = ChainCases(
+        lengths=np.repeat(size * rng.uniform(-0.5, 1.0, (count, 1, 3)), 2, axis=1),
+        angles=np.repeat(rng.uniform(-3.0, 3.0, (count, 1, 3)), 2, axis=1),
+        turns=np.zeros((count, 3)), stretches=np.zeros((count, 3)), shift=nothing, target=target, growth=nothing,
+        apart=nothing, stray=nothing, joints=np.zeros((count, 3), dtype=np.int64), sense=nothing, interval=whole,
+        stretch=np.tile((0.0, 1.0), (count, 1)), link=whole, other=whole, with_link=whole > 0,
+    )  # fmt: skip
+    distance, angle = cases.shortest_directions()
+    lines = shapely.linestrings(target)
+    np.testing.assert_allclose(distance, shapely.distance(shapely.points(cases.ends()), lines), atol=1e-9 * size)
+    there = cases.ends() + distance[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    np.testing.assert_allclose(shapely.distance(shapely.points(there), lines), 0.0, atol=1e-9 * size)
 
 
 @settings(max_examples=25, deadline=None)
