@@ -9,7 +9,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.collision.certificate import Certificate
+from ccm_opt.collision.certificate import Certificate, allowed_contact
+from ccm_opt.collision.collision_settings import DEFAULT_CERTIFICATE
 from ccm_opt.collision.compiled_proofs import compiled_proofs
 from ccm_opt.collision.pair_proofs import InterpretedProofs
 from ccm_opt.collision.stretches import Stretches
@@ -18,6 +19,7 @@ from ccm_opt.freespace.workspace import Workspace
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 
+from .arms import plain_arm
 from .scenes import (
     ROOM,
     clear_headings,
@@ -285,3 +287,16 @@ def test_compiled_proofs_find_any_number_of_pairs() -> None:
     found, _ = compiled.unproved(motion, None)
     assert len(expected[0]) > 4000
     assert Counter(zip(*expected, strict=True)) == Counter(zip(*found, strict=True))
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.02])
+@pytest.mark.parametrize("clearance", [0.0, 0.01])
+@pytest.mark.parametrize("self_collision", [True, False])
+def test_axes_that_have_no_width_may_not_be_in_contact(
+    radius: float, clearance: float, *, self_collision: bool
+) -> None:
+    """Where an arm may begin a little in contact, nothing of it is on the other side: not of walls, nor of links."""
+    arm = plain_arm(radius=radius, self_collision=self_collision)
+    wide = radius + clearance > 0.0 and (radius > 0.0 or not self_collision)
+    allowed = allowed_contact(arm, Workspace(shapely.box(-1.0, -1.0, 1.0, 1.0), clearance=clearance))
+    assert allowed == (DEFAULT_CERTIFICATE.contact if wide else 0.0)

@@ -23,6 +23,7 @@ from ccm_opt.jointed.mapping import map_curve
 from ccm_opt.problem import CurvePose, JointPose, Limits, Problem, SimulationOptions, TipGoal
 from ccm_opt.solution import Check, JointStates, JointTrajectory
 from ccm_opt.verification import verify
+from ccm_opt.verification.form import check_form
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.segments import segment_distances
@@ -93,6 +94,18 @@ def test_a_good_motion_passes_every_check() -> None:
     names = {check.name for check in checks}
     assert {"free side", "wall clearance", "self-collision", "joint limit", "joint velocity", "joint torque"} <= names
     assert {"joint acceleration", "rest", "start joints", "goal joints", "torques against dynamics"} <= names
+
+
+@pytest.mark.parametrize(("share", "passes"), [(1.0, True), (1.0 + 1e-6, False)])
+def test_samples_may_be_as_far_apart_as_the_format_promises(share: float, *, passes: bool) -> None:
+    """Rounding of their times counts for nothing, however late they are; a step any longer is refused."""
+    problem, _, _ = make_case(end=np.zeros(6))
+    time = share * DEFAULT_VERIFICATION.largest_step * np.arange(2000)
+    still = np.zeros((2000, 6))
+    trajectory = JointTrajectory(time, still, still, still)
+    assert np.max(np.diff(time)) > share * DEFAULT_VERIFICATION.largest_step
+    check = check_form(problem, trajectory, make_states(problem, trajectory), DEFAULT_VERIFICATION)
+    assert check.passed is passes
 
 
 @pytest.mark.parametrize("place", range(4))
