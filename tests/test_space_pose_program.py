@@ -12,7 +12,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
 from ccm_opt.space.curve.curve_space import CurveSpace
 from ccm_opt.space.curve.tip_target import TipTarget
-from ccm_opt.space.nlp.holding import holding_torques_in_space
+from ccm_opt.space.nlp.holding import HoldingLoads, holding_loads
 from ccm_opt.space.nlp.shooting_start import CurveNumbers, link_quaternions, start_values
 from ccm_opt.space.nlp.space_pose_program import SPACE_PARTS, SpacePoseProgram, SpacePoseSize, space_pose_program
 from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
@@ -122,13 +122,22 @@ def test_holding_torques_are_the_slopes_of_the_potential_energy(seed: int) -> No
 
     steps = 1e-6 * np.eye(2 * LINKS)
     slopes = np.array([(energy(q + step) - energy(q - step)) / 2e-6 for step in steps])
-    links = ca.DM(link_quaternions(arm.bend_pairs(q)).T)
-    points = ca.DM(((joint_positions(arm, q) - arm.base) @ arm.base_rotation / arm.length).T)
+    links = link_quaternions(arm.bend_pairs(q))
+    points = (joint_positions(arm, q) - arm.base) @ arm.base_rotation / arm.length
     local = gravity @ arm.base_rotation
-    weights = ca.DM(np.outer(local, arm.masses))
-    torques = holding_torques_in_space(ca.SX(links), ca.SX(points), ca.SX(weights), ca.SX(ca.DM(arm.payload * local)))
-    found = np.asarray(ca.evalf(torques)).T.ravel() * arm.length
-    np.testing.assert_allclose(found, -slopes, atol=1e-7)
+    weights = np.outer(arm.masses, local)
+    payload = arm.payload * local
+    moments, torques = holding_loads(links, points, weights, payload)
+    np.testing.assert_allclose(torques.ravel() * arm.length, -slopes, atol=1e-7)
+
+    # As variables of the program they are the same.
+    limits = random.uniform(0.5, 2.0, (LINKS, 2))
+    loads = HoldingLoads.symbols(LINKS)
+    given = (links.T, points.T, weights.T, payload, limits.T)
+    ties = loads.rows(*(ca.SX(ca.DM(each)) for each in given))[:2]
+    missed = ca.Function("missed", [loads.variables], [ca.vertcat(*(block.expression for block in ties))])
+    shares = torques / limits
+    np.testing.assert_allclose(missed(np.concatenate((moments.ravel(), shares.ravel()))), 0.0, atol=1e-12)
 
 
 def test_sides_that_say_nothing_are_kept_anywhere() -> None:

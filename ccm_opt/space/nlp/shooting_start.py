@@ -101,7 +101,7 @@ class CurveNumbers:
 
 
 def start_values(arm: SpaceArm, q: FloatArray, curve: CurveNumbers, moment_scale: float) -> FloatArray:
-    """Values of all variables but the tip's parts and the gap, in the order of ``SpacePoseProgram.variables``.
+    """Values of the first variables, up to the feed, in the order of ``SpacePoseProgram.variables``.
 
     Args:
         arm: the arm.

@@ -11,7 +11,7 @@ import numpy as np
 from ccm_opt.nlp.arm_pose import pose_costs
 from ccm_opt.nlp.row_program import RowProgram
 from ccm_opt.space.nlp.bishop_shooting import DIRECTIONS, BishopShooting
-from ccm_opt.space.nlp.holding import holding_torques_in_space, torque_rows_in_space
+from ccm_opt.space.nlp.holding import HoldingLoads
 from ccm_opt.space.nlp.space_pose_rows import (
     mapping_rows_in_space,
     place_rows,
@@ -70,9 +70,9 @@ class SpacePoseParameters:
         offsets: shape (sides, n).
         gap_shares: shape (sides, n).
         offsets_from_curve: what the links of the start have of the curve's directions across them, shape (2, n).
-        link_weights: force on each link's centre, shape (3, n) [N]; empty when torque is not limited.
-        payload: force on the tip, shape (3, 1) [N]; likewise.
-        torque_limits: over the arm's length, of both bends of every joint, shape (2, n) [N]; likewise.
+        link_weights: force on each link's centre over all weight, shape (3, n); empty when torque is not limited.
+        payload: force on the tip over all weight, shape (3, 1); likewise.
+        torque_limits: over the arm's length and all weight, of both bends of every joint, shape (2, n); likewise.
     """
 
     weights: ca.SX
@@ -130,6 +130,7 @@ class SpacePoseProgram(RowProgram):
         feed: position of the base, scalar.
         tip_parts: what the last link has of the axes across the goal's direction, shape (2, 1).
         stray: share of the start's offsets from its curve that the pose keeps, scalar.
+        loads: what gravity asks of the joints; of no links where torque is not limited.
         gap: g, scalar.
     """
 
@@ -141,14 +142,16 @@ class SpacePoseProgram(RowProgram):
     feed: ca.SX
     tip_parts: ca.SX
     stray: ca.SX
+    loads: HoldingLoads
     gap: ca.SX
     parameters: SpacePoseParameters
 
     @property
     def variables(self) -> ca.SX:
-        """The curve, bends, links, points, the feed, the tip's parts, what strays and the gap in one column."""
+        """The curve, bends, links, points, feed, the tip's parts, what strays, the loads and the gap in one column."""
         flat = [ca.vec(symbols) for symbols in (self.bends, self.links, self.points)]
-        return ca.vertcat(self.curve.variables, *flat, self.feed, self.tip_parts, self.stray, self.gap)
+        rest = (self.feed, self.tip_parts, self.stray, self.loads.variables, self.gap)
+        return ca.vertcat(self.curve.variables, *flat, *rest)
 
     @cached_property
     def places(self) -> Mapping[str, slice]:
@@ -162,7 +165,7 @@ class SpacePoseProgram(RowProgram):
             sizes |= {f"{name} {direction}": size for name, size in each}
         sizes |= {"base turn": 2, "turns": 2 * links, "means": 2 * links, "frames": 4 * links}
         sizes |= {"bends": 2 * links, "links": 4 * links, "points": 3 * (links + 1)}
-        sizes |= {"feed": 1, "tip parts": 2, "stray": 1, "gap": 1}
+        sizes |= {"feed": 1, "tip parts": 2, "stray": 1, "loads": self.loads.variables.numel(), "gap": 1}
         stops = np.cumsum(list(sizes.values())).tolist()
         return {name: slice(stop - size, stop) for (name, size), stop in zip(sizes.items(), stops, strict=True)}
 
@@ -178,6 +181,7 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
     feed = ca.SX.sym("feed")
     tip_parts = ca.SX.sym("tip_part", 2)
     stray = ca.SX.sym("stray")
+    loads = HoldingLoads.symbols(size.links if size.loaded else 0)
     gap = ca.SX.sym("gap")
     given = SpacePoseParameters.symbols(size)
     rows = [
@@ -200,9 +204,8 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
         "torque": ca.SX(0),
     }
     if size.loaded:
-        torques = holding_torques_in_space(links, points, given.link_weights, given.payload)
-        rows.append(torque_rows_in_space(torques, given.torque_limits))
-        parts["torque"] = pose_costs.holding_effort(torques, given.torque_limits)
+        rows += loads.rows(links, points, given.link_weights, given.payload, given.torque_limits)
+        parts["torque"] = ca.sumsqr(loads.shares) / loads.shares.numel()
     return SpacePoseProgram(
         size=size,
         curve=curve,
@@ -212,6 +215,7 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
         feed=feed,
         tip_parts=tip_parts,
         stray=stray,
+        loads=loads,
         gap=gap,
         parameters=given,
         rows=tuple(rows),

@@ -14,7 +14,8 @@ from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
 from ccm_opt.nlp.row_answer import RowAnswer, RowReading
 from ccm_opt.nlp.row_program import built_solver
 from ccm_opt.space.curve.space_configuration import SpaceConfiguration
-from ccm_opt.space.nlp.shooting_start import CurveNumbers, start_values
+from ccm_opt.space.nlp.holding import holding_loads
+from ccm_opt.space.nlp.shooting_start import CurveNumbers, link_quaternions, start_values
 from ccm_opt.space.nlp.space_pose_program import SpacePoseProgram
 from ccm_opt.space.nlp.space_pose_settings import SpacePoseSettings
 from ccm_opt.space.nlp.space_pose_task import SpacePoseTask
@@ -120,13 +121,22 @@ class SpacePoseQuestion:
             gap_shares.ravel(),
             self._offsets_from_curve.ravel(),
         ]
-        if size.loaded and task.torque_limits is not None:
-            gravity = task.gravity @ self._rotation
-            forces = task.arm.masses[:, None] * gravity
-            # The guide tube carries the links whose joints it holds.
-            limits = np.where(np.arange(2 * size.links) < 2 * task.first_bending, np.inf, task.torque_limits)
-            values += [forces.ravel(), task.arm.payload * gravity, limits / self._length]
+        if size.loaded:
+            weights, payload, limits = self._weights
+            values += [weights.ravel(), payload, limits.ravel()]
         return np.concatenate(values)
+
+    @cached_property
+    def _weights(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Forces on the links (n, 3) and on the tip (3,), and limits of the torques (n, 2), as shares of all weight."""
+        task = self.task
+        gravity = task.gravity @ self._rotation
+        whole = float(np.sum(task.arm.masses) + task.arm.payload) * float(np.linalg.norm(gravity)) or 1.0
+        limits = np.asarray(task.torque_limits).reshape(-1, 2)
+        # The guide tube carries the links whose joints it holds.
+        held = np.arange(len(limits)) < task.first_bending
+        limits = np.where(held[:, None], np.inf, limits) / (self._length * whole)
+        return task.arm.masses[:, None] * gravity / whole, task.arm.payload * gravity / whole, limits
 
     @cached_property
     def _offsets_from_curve(self) -> FloatArray:
@@ -199,7 +209,17 @@ class SpacePoseQuestion:
         values = start_values(task.arm, task.start, self._near, scale)
         last = link_rotations(task.arm, task.start)[-1, :, 0] @ self._rotation
         gap = min(task.sides.gap(task.first_shares, joint_positions(task.arm, task.start)), task.wanted_gap)
-        return np.concatenate((values, self._across.T @ last, [1.0, gap / self._length]))
+        return np.concatenate((values, self._across.T @ last, [1.0], self._loads(), [gap / self._length]))
+
+    def _loads(self) -> FloatArray:
+        """What gravity asks of the joints in the pose to start from; nothing where torque is not limited."""
+        if not self.program.size.loaded:
+            return np.zeros(0)
+        arm = self.task.arm
+        weights, payload, limits = self._weights
+        points = (joint_positions(arm, self.task.start) - arm.base) @ self._rotation / self._length
+        moments, torques = holding_loads(link_quaternions(arm.bend_pairs(self.task.start)), points, weights, payload)
+        return np.concatenate((moments.ravel(), (torques / limits).ravel()))
 
     def _read(self, answer: Mapping[str, Any], statistics: Mapping[str, Any]) -> SpaceArmPose:
         program = self.program
