@@ -27,7 +27,7 @@ from ccm_opt.verification.form import check_form
 from ccm_opt.verification.link_motion import ChainMotion
 from ccm_opt.verification.newton_euler import joint_torques
 from ccm_opt.verification.segments import segment_distances
-from ccm_opt.verification.selfcollision import check_self_collision, first_distant
+from ccm_opt.verification.selfcollision import check_self_collision, first_distant, nearest_links
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import check_free_side, check_walls
 from ccm_opt.verification.wall_edges import Boxes, wall_edges
@@ -220,6 +220,15 @@ def test_self_collision_is_sound_and_not_shy(radius: float) -> None:
     assert outcomes[True, "hit"] == outcomes[False, "clear"] == 0
     assert outcomes[True, "clear"] > 20
     assert outcomes[False, "hit"] > 10
+
+
+@pytest.mark.parametrize("links", range(1, 6))
+def test_an_arm_too_short_to_meet_itself_has_no_nearest_links(links: int) -> None:
+    """Links have a nearest pair just where two of them are distant along the arm."""
+    arm = plain_arm(links)
+    distant = [(i, j) for i in range(links) for j in range(i + arm.first_self_pair, links)]
+    time, bends = straight_steps(np.zeros((3, links)))
+    assert (nearest_links(ChainMotion(arm, time, bends)) is None) is (not distant)
 
 
 @given(st.integers(0, 2**32 - 1))
