@@ -1,6 +1,8 @@
 """Near pairs in C against numpy, and the index under them against plain comparison."""
 
+import gc
 import logging
+import weakref
 
 import numpy as np
 import pytest
@@ -60,6 +62,22 @@ def test_compiled_pairs_are_those_of_numpy(seed: int, links: int, mount: float, 
         # A pair within rounding of the reach, or a foot within rounding of a corner, may fall on either side.
         assert_same(compiled.contacts(points), by_numpy.contacts(points))
         assert compiled.crosses(points) == by_numpy.crosses(points)
+
+
+def test_what_c_looks_at_lives_as_long_as_the_search() -> None:
+    """The arrays behind its bare addresses are kept, also when whoever asked forgets the walls."""
+    question = asked(8, 0.0, 0.1, clutter(3, 8).workspace)
+    trees = (question.walls.edge_tree, question.walls.vertex_tree)
+    arrays = [weakref.ref(array) for tree in trees for array in (tree.items, tree.boxes, tree.offsets)]
+    compiled = compiled_pairs.compiled_pairs(question)
+    if compiled is None:
+        pytest.skip("no C compiler")
+    del question, trees
+    gc.collect()
+    assert all(array() is not None for array in arrays)
+    del compiled
+    gc.collect()
+    assert all(array() is None for array in arrays)
 
 
 def test_more_pairs_than_room_are_all_reported() -> None:
