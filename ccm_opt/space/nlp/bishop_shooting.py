@@ -86,14 +86,10 @@ class BishopShooting:
                 blocks += [spacing, joints.kept_among()]
         return (*blocks, self._frame_gaps())
 
-    def directions(self) -> list[ca.SX]:
-        """Mean direction of the curve over each link, in the axes of the frame at its beginning, n of shape (3, 1)."""
-        found = []
-        for link in range(self.links):
-            mean = self.means[:, link]
-            angle = _length(mean)
-            found.append(ca.vertcat(ca.cos(angle), ca.sin(angle) / angle * mean))
-        return found
+    def directions(self) -> ca.SX:
+        """Mean direction of the curve over each link, in the axes of the frame at its beginning, shape (3, n)."""
+        angle = _lengths(self.means)
+        return ca.vertcat(ca.cos(angle), ca.repmat(ca.sin(angle) / angle, 2, 1) * self.means)
 
     def _link_turns(self, index: int, joints: JointsAmongPieces) -> RowBlock:
         """Ω_i = U(s_(j+1)) − U(s_j) and ψ_i = (1/h) ∫ U ds − U(s_j) of every link."""
@@ -107,21 +103,19 @@ class BishopShooting:
 
     def _frame_gaps(self) -> RowBlock:
         """The frame at a joint is that at the joint before, carried over the link between."""
-        carried = [turned_by(ca.vertcat(0, -self.base_turn[1], self.base_turn[0]))]
-        for link in range(self.links - 1):
-            turn = self.turns[:, link]
-            mean = self.means[:, link]
-            roll = mean[0] * turn[1] - mean[1] * turn[0]
-            step = turned_by(ca.vertcat(roll, -turn[1], turn[0]))
-            carried.append(product(self.frames[:, link], step))
+        left, up = ca.vertsplit(self.turns[:, :-1])
+        mean_left, mean_up = ca.vertsplit(self.means[:, :-1])
+        steps = turned_by(ca.vertcat(mean_left * up - mean_up * left, -up, left))
+        first = turned_by(ca.vertcat(0, -self.base_turn[1], self.base_turn[0]))
+        carried = ca.horzcat(first, product(self.frames[:, :-1], steps))
         names = [f"link {link + 1}: gap in {part} of its frame" for link in range(self.links) for part in "wxyz"]
-        return equal_to_zero(tuple(names), ca.vec(self.frames) - ca.vertcat(*carried))
+        return equal_to_zero(tuple(names), ca.vec(self.frames - carried))
 
 
 def _named(direction: str, block: RowBlock) -> RowBlock:
     return replace(block, names=tuple(f"{name}, {direction}" for name in block.names))
 
 
-def _length(vector: ca.SX) -> ca.SX:
-    """Length of a vector, with a smooth least value far below what matters, so that sin(x)/x has a derivative at 0."""
-    return ca.sqrt(ca.sumsqr(vector) + 1e-16)
+def _lengths(vectors: ca.SX) -> ca.SX:
+    """Lengths of columns, with a smooth least value far below what matters, so that sin(x)/x has a derivative at 0."""
+    return ca.sqrt(ca.sum1(vectors**2) + 1e-16)

@@ -108,11 +108,12 @@ def _torques(links: ca.SX, points: ca.SX, moments: ca.SX, weights: ca.SX, payloa
     """Torques about the axes of every joint: z of the link before, and y of its own, shape (2, n)."""
     n = links.shape[1]
     # Σ_{i ≥ j} (c_i - P_j) × w_i = Σ c_i × w_i - P_j × Σ w_i
+    before = ca.horzcat(ca.SX([0.0, 0.0, 1.0]), axis(links[:, :-1], 2))
+    own = axis(links, 1)
     force = payload
     torques = []
     for link in reversed(range(n)):
         force = force + weights[:, link]
         about = moments[:, link] - ca.cross(points[:, link], force)
-        before = ca.SX([0.0, 0.0, 1.0]) if link == 0 else axis(links[:, link - 1], 2)
-        torques.append(ca.vertcat(ca.dot(about, before), ca.dot(about, axis(links[:, link], 1))))
+        torques.append(ca.vertcat(ca.dot(about, before[:, link]), ca.dot(about, own[:, link])))
     return ca.horzcat(*reversed(torques))

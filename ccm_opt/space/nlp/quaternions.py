@@ -1,4 +1,4 @@
-"""Unit quaternions (w, x, y, z) in CasADi's symbols, shape (4, 1)."""
+"""Unit quaternions (w, x, y, z) in CasADi's symbols, shape (4, n): one a column."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from ccm_opt.ground.arrays import FloatArray
 
 
 def product(first: Any, second: Any) -> Any:
-    """Hamilton's product, of symbols or numbers: the second turn in the axes that the first has turned."""
+    """Hamilton's products, column by column, of symbols or numbers: the second turn in the axes of the first."""
     w, x, y, z = ca.vertsplit(first)
     a, b, c, d = ca.vertsplit(second)
     return ca.vertcat(
@@ -20,21 +20,21 @@ def product(first: Any, second: Any) -> Any:
     )
 
 
-def turned_by(vector: ca.SX) -> ca.SX:
-    """The turn by a rotation vector, shape (3, 1) [rad]."""
-    angle = ca.sqrt(ca.sumsqr(vector) + 1e-16)  # smooth at no turn, and otherwise the same but for rounding
-    return ca.vertcat(ca.cos(angle / 2), ca.sin(angle / 2) / angle * vector)
+def turned_by(vectors: ca.SX) -> ca.SX:
+    """Turns by rotation vectors, shape (3, n) [rad]."""
+    angle = ca.sqrt(ca.sum1(vectors**2) + 1e-16)  # smooth at no turn, and otherwise the same but for rounding
+    share = ca.sin(angle / 2) / angle
+    return ca.vertcat(ca.cos(angle / 2), ca.repmat(share, 3, 1) * vectors)
 
 
-def axis(quaternion: ca.SX, number: int) -> ca.SX:
-    """The x, y or z axis (0, 1 or 2) after the turn, a column of its matrix, shape (3, 1)."""
-    w, x, y, z = ca.vertsplit(quaternion)
-    columns = (
-        ca.vertcat(w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y)),
-        ca.vertcat(2 * (x * y - w * z), w**2 - x**2 + y**2 - z**2, 2 * (y * z + w * x)),
-        ca.vertcat(2 * (x * z + w * y), 2 * (y * z - w * x), w**2 - x**2 - y**2 + z**2),
-    )
-    return columns[number]
+def axis(quaternions: ca.SX, number: int) -> ca.SX:
+    """The x, y or z axis (0, 1 or 2) after each turn, a column of its matrix, shape (3, n)."""
+    w, x, y, z = ca.vertsplit(quaternions)
+    if number == 0:
+        return ca.vertcat(w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y))
+    if number == 1:
+        return ca.vertcat(2 * (x * y - w * z), w**2 - x**2 + y**2 - z**2, 2 * (y * z + w * x))
+    return ca.vertcat(2 * (x * z + w * y), 2 * (y * z - w * x), w**2 - x**2 - y**2 + z**2)
 
 
 def chained_quaternions(turns: FloatArray) -> FloatArray:

@@ -18,19 +18,17 @@ def turning_rows(bends: ca.SX, links: ca.SX) -> RowBlock:
         links: quaternions of the links, shape (4, n).
     """
     n = bends.shape[1]
-    rows = []
-    for link in range(n):
-        half_a = bends[0, link] / 2
-        half_b = bends[1, link] / 2
-        turn = ca.vertcat(
-            ca.cos(half_a) * ca.cos(half_b),
-            -ca.sin(half_a) * ca.sin(half_b),
-            ca.cos(half_a) * ca.sin(half_b),
-            ca.sin(half_a) * ca.cos(half_b),
-        )
-        rows.append(links[:, link] - (turn if link == 0 else product(links[:, link - 1], turn)))
+    half_a = bends[0, :] / 2
+    half_b = bends[1, :] / 2
+    turns = ca.vertcat(
+        ca.cos(half_a) * ca.cos(half_b),
+        -ca.sin(half_a) * ca.sin(half_b),
+        ca.cos(half_a) * ca.sin(half_b),
+        ca.sin(half_a) * ca.cos(half_b),
+    )
+    turned = ca.horzcat(turns[:, 0], product(links[:, :-1], turns[:, 1:]))
     names = tuple(f"link {link + 1}: gap in {part} of its turn" for link in range(n) for part in "wxyz")
-    return equal_to_zero(names, ca.vertcat(*rows))
+    return equal_to_zero(names, ca.vec(links - turned))
 
 
 def place_rows(links: ca.SX, points: ca.SX, feed: ca.SX) -> RowBlock:
@@ -42,7 +40,7 @@ def place_rows(links: ca.SX, points: ca.SX, feed: ca.SX) -> RowBlock:
         feed: position of the base, scalar.
     """
     n = links.shape[1]
-    steps = ca.horzcat(*(axis(links[:, link], 0) for link in range(n))) / n
+    steps = axis(links, 0) / n
     before = ca.horzcat(ca.vertcat(feed, 0, 0), points[:, :-1] + steps)
     at_base = ("base: gap in x", "base: gap in y", "base: gap in z")
     of_links = tuple(f"link {link + 1}: gap in {name} of its end" for link in range(n) for name in "xyz")
@@ -57,13 +55,11 @@ def mapping_rows_in_space(curve: BishopShooting, links: ca.SX, offsets: ca.SX) -
         links: quaternions of the links, shape (4, n).
         offsets: what the links' y and z axes have of the curve's direction, shape (2, n).
     """
-    rows = []
-    for link, direction in enumerate(curve.directions()):
-        frame = curve.frames[:, link]
-        along = sum((direction[k] * axis(frame, k) for k in range(3)), ca.SX(0))
-        rows += [ca.dot(axis(links[:, link], k), along) - offsets[k - 1, link] for k in (1, 2)]
+    directions = curve.directions()
+    along = sum((ca.repmat(directions[k, :], 3, 1) * axis(curve.frames, k) for k in range(3)), ca.SX(0))
+    rows = ca.vertcat(*(ca.sum1(axis(links, k) * along) for k in (1, 2))) - offsets
     names = tuple(f"mapping of link {link + 1}, {side}" for link in range(curve.links) for side in ("left", "up"))
-    return equal_to_zero(names, ca.vertcat(*rows))
+    return equal_to_zero(names, ca.vec(rows))
 
 
 def side_rows(
