@@ -1,5 +1,6 @@
 """Unit quaternions (w, x, y, z) in CasADi's symbols, shape (4, n): one a column."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import casadi as ca
@@ -8,11 +9,16 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 
 
-def product(first: Any, second: Any) -> Any:
-    """Hamilton's products, column by column, of symbols or numbers: the second turn in the axes of the first."""
-    w, x, y, z = ca.vertsplit(first)
-    a, b, c, d = ca.vertsplit(second)
-    return ca.vertcat(
+def product(first: ca.SX, second: ca.SX) -> Any:
+    """Hamilton's products, column by column: the second turn in the axes of the first."""
+    return ca.vertcat(*_product_of(ca.vertsplit(first), ca.vertsplit(second)))
+
+
+def _product_of(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
+    """Parts of Hamilton's product, of symbols or numbers."""
+    w, x, y, z = first
+    a, b, c, d = second
+    return (
         w * a - x * b - y * c - z * d,
         w * b + x * a + y * d - z * c,
         w * c - x * d + y * a + z * b,
@@ -42,7 +48,7 @@ def chained_quaternions(turns: FloatArray) -> FloatArray:
     chained = np.empty_like(turns)
     latest = np.array([1.0, 0.0, 0.0, 0.0])
     for step, turn in enumerate(turns):
-        latest = np.asarray(product(ca.DM(latest), ca.DM(turn))).ravel()
+        latest = np.array(_product_of(latest, turn))
         chained[step] = latest
     return chained
 
