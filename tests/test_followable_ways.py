@@ -21,6 +21,7 @@ from ccm_opt.space.motion.grid_ways import TipGrid
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
 from ccm_opt.space.motion.space_search import find_motion
+from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
 from ccm_opt.space.motion.withdrawal import withdrawn
 from ccm_opt.space.planner import space_task, tip_box
 from tests.snakes_in_space import boxes, least_gaps
@@ -182,6 +183,36 @@ def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None
     assert pairs > 0.0
     if task.goal is not None:
         assert joint_positions(task.arm, q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
+
+
+@pytest.mark.parametrize("family", ["double-back", "pipe-three-bends"])
+def test_few_long_links_go_through_tight_bends(family: str) -> None:
+    """Links that are as long as the bends: each goes where the chords have room, close to the way of the tip."""
+    problem = site_problem(family, 700, 12, family)
+    soup = problem.workspace.soup
+    task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
+    q = find_motion(task).configurations
+    assert min(least_gaps(task.arm, soup, q, 10)) > 0.0
+    assert task.goal is not None
+    assert joint_positions(task.arm, q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 40))
+def test_joints_on_a_track_are_a_link_apart(seed: int, links: int) -> None:
+    """Though the track bends between them."""
+    random = np.random.default_rng(seed)
+    headings = np.cumsum(random.uniform(-0.15, 0.15, 300))
+    way = 0.01 * np.cumsum(np.column_stack((np.cos(headings), np.sin(headings), np.zeros(300))), axis=0)
+    track = SpaceTipTrack.along(np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), way)
+    link = 2.0 / links
+    tip = float(random.uniform(1.0, track.end))
+    arcs = track.joints_behind(tip, link, links)
+    assert arcs[-1] == tip
+    apart = np.linalg.norm(np.diff(track.at(arcs), axis=0), axis=1)
+    # Headings wander by less than a right angle over a link of a fifth of a metre or less.
+    tolerance = 0.02 if link < 0.2 else 1.0
+    assert np.max(np.abs(apart / link - 1.0)) < tolerance
 
 
 @pytest.mark.parametrize("seed", [41, 42, 43])

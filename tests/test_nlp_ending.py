@@ -9,13 +9,17 @@ import pytest
 import ccm_opt
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.problem import Limits
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.nlp.space_goal_pose import SpaceGoalPoses
 from ccm_opt.space.nlp_ending import IN_NLP_POSE, ended_by_nlp
-from ccm_opt.space.planner import space_task
-from ccm_opt.space.problem import SpaceProblem
+from ccm_opt.space.planner import SpacePlanner, space_task
+from ccm_opt.space.problem import SpaceJointPose, SpaceProblem, SpaceTipGoal
+from ccm_opt.space.scene.bodies import SphereBody
+from ccm_opt.space.scene.scene import SpaceObstacle, SpaceWorkspace
+from tests.space_arms import space_arm
 
 PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
 
@@ -33,8 +37,9 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     assert ending.record is not None
     assert ending.record.reached == (IN_NLP_POSE in motion.candidate) == (not ending.record.reason)
     assert ending.record.cost == pytest.approx(sum(ending.record.costs.values()))
-    if IN_NLP_POSE not in motion.candidate:
-        assert motion is found
+    # The optimisation leaves an end that was moved where it is.
+    assert (ending.task.goal is None) == (motion is not found)
+    if motion is found:
         return
     poses = SpaceGoalPoses(problem, tree)
     before = poses.gap(found.configurations[-1])
@@ -46,8 +51,26 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     assert len(task.certificate.failures(added)) == 0
     held = problem.arm.held_bends(motion.configurations[:, -1])
     assert np.all(motion.configurations[:, : 2 * problem.arm.links][held] == 0.0)
-    # Where it has the room that is wanted, the optimisation leaves the end where it is.
-    assert (ending.task.goal is None) == (after >= 0.9 * problem.wanted_gap)
+
+
+def test_a_link_that_lies_along_a_ball_turns_away_about_the_goal() -> None:
+    """No plane beside the ball leaves it more room than the tip has, which does not move: yet all that is wanted."""
+    arm = space_arm(4, radius=0.015, joint_limit=0.5 * np.pi, mount_length=0.015)
+    ball = SpaceObstacle("ball", SphereBody(np.array([0.2, 0.0, 0.15]), 0.06))
+    problem = SpaceProblem(
+        "ball",
+        SpaceWorkspace(None, (ball,)),
+        arm,
+        Limits(np.ones(12), 4.0 * np.ones(12)),
+        SpaceJointPose.from_configuration(np.zeros(8), 4),
+        SpaceTipGoal(np.array([0.25, 0.05, 0.2]), None),
+    )
+    gap = SpaceGoalPoses(problem, SurfaceTree.of(problem.workspace.soup)).gap
+    path = SpacePlanner().plan(problem)
+    room = [gap(q) for q in path.spline(np.linspace(0.0, 1.0, 200))]
+    assert min(room) >= 0.9 * problem.wanted_gap
+    assert path.goal_pose is not None
+    assert path.goal_pose.reached
 
 
 def test_a_goal_of_the_whole_arm_is_left_alone() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import SpaceGoalPoseRecord
+from ccm_opt.space.motion.opened_end import opened
 from ccm_opt.space.motion.pieces import edge_is_safe
 from ccm_opt.space.motion.pose_led import PoseLed
 from ccm_opt.space.motion.space_continuation import SpaceStalled, follow
@@ -48,42 +49,61 @@ def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) ->
         problem: what is asked.
         task: the same as the search is asked.
         motion: to the goal.
-
     """
     settings = SpacePoseSettings(iterations=task.settings.ending.iterations)
     if task.goal is None or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
     asked = SpaceGoalPoses(problem, task.tree, terms=terms, settings=settings)
+    opened_up = _opened_motion(asked, task, motion)
+    # The optimisation, whose planes stand still too, would only move it back.
+    otherwise = task if opened_up is motion else _settled(task, opened_up.configurations[-1])
+    motion = opened_up
     answers = asked.improved(motion.configurations[-1], task.deadline)
     feasible = [pose for pose in answers if asked.feasible(pose)]
     if not feasible:
         worst = answers[-1]
         reason = f"the program found none; of its rows '{worst.answer.worst_row}' is missed most"
-        return Ending(task, motion, pose_record(problem.wanted_gap, worst, len(answers), reason))
+        return Ending(otherwise, motion, pose_record(problem.wanted_gap, worst, len(answers), reason))
     best = min(feasible, key=lambda pose: pose.answer.cost)
     refused = partial(pose_record, problem.wanted_gap, best, len(answers))
     stepper = task.stepper(motion.curve, 0.0)
     last = onto_goal(stepper, task.goal, stepper.pose(motion.curve.fitted(best.q)))
     if last is None or not keeps_terms_at_goal(stepper, last):
-        return Ending(task, motion, refused("the curve of the motion cannot take it at the goal"))
+        return Ending(otherwise, motion, refused("the curve of the motion cannot take it at the goal"))
     enough = task.settings.ending.enough * task.wanted_gap
     room = asked.gap(last.q)
     if room < min(asked.gap(motion.configurations[-1]), enough):
-        return Ending(task, motion, refused("there is more room where the motion ends"))
+        return Ending(otherwise, motion, refused("there is more room where the motion ends"))
     poses = _on_the_way(task, stepper, motion.unknowns[-1], last)
     if not edge_is_safe(stepper, poses[-1].v, last.v):
-        return Ending(task, motion, refused("the arm cannot be moved there from where the motion ends"))
-    ways = [*poses[1:], last]
-    whole = SpaceMotion(
+        return Ending(otherwise, motion, refused("the arm cannot be moved there from where the motion ends"))
+    whole = _continued(motion, [*poses[1:], last], f"{motion.candidate}, {IN_NLP_POSE}")
+    return Ending(_settled(task, last.q), whole, pose_record(problem.wanted_gap, best, len(answers)))
+
+
+def _opened_motion(asked: SpaceGoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
+    """The motion, moved on at its goal to where there is more room, if it ends with less than is wanted."""
+    before = asked.gap(motion.configurations[-1])
+    if before >= task.settings.ending.enough * task.wanted_gap:
+        return motion
+    poses = opened(task, motion)
+    return motion if asked.gap(poses[-1].q) <= before else _continued(motion, poses[1:], motion.candidate)
+
+
+def _settled(task: SpaceTask, end: FloatArray) -> SpaceTask:
+    """The task with a pose of the whole arm as its goal."""
+    return replace(task, goal=None, goal_pose=end)
+
+
+def _continued(motion: SpaceMotion, poses: list[SpacePose], candidate: str) -> SpaceMotion:
+    """The motion with further keyframes at its end, under a name."""
+    return SpaceMotion(
         motion.curve,
-        np.vstack((motion.unknowns, *(pose.v for pose in ways))),
-        np.vstack((motion.configurations, *(pose.q for pose in ways))),
-        f"{motion.candidate}, {IN_NLP_POSE}",
+        np.vstack((motion.unknowns, *(pose.v for pose in poses))),
+        np.vstack((motion.configurations, *(pose.q for pose in poses))),
+        candidate,
     )
-    # With room to spare the end is settled; else the optimisation may move it on.
-    settled = replace(task, goal=None, goal_pose=last.q) if room >= enough else task
-    return Ending(settled, whole, pose_record(problem.wanted_gap, best, len(answers)))
 
 
 def pose_record(wanted_gap: float, pose: SpaceArmPose, tried: int, reason: str = "") -> SpaceGoalPoseRecord:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.motion.followable_search import WayEnd
 from ccm_opt.space.motion.followable_ways import FollowableWays
 from ccm_opt.space.motion.grid_ways import TipGrid, shortened
+from ccm_opt.space.motion.settings.way_settings import BendAllowance
 from ccm_opt.space.motion.task import SpaceTask
 
 
@@ -22,13 +23,13 @@ class TipWay:
         name: in words, for the record.
         corners: shape (m, 3) [m].
         margin: share of the margin that steps along it keep.
-        followed: whether all joints are drawn onto it behind the tip.
+        followed: weight with which all joints are drawn onto it behind the tip; 0 where they are not.
     """
 
     name: str
     corners: FloatArray
     margin: float = 1.0
-    followed: bool = False
+    followed: float = 0.0
 
 
 @dataclass
@@ -51,7 +52,7 @@ class SpaceTipWays:
     heading: FloatArray
     fed: float | None = None
     _followed: list[FloatArray] = field(default_factory=list)  # ways that an arm could follow, as far as was tried
-    _grids: dict[tuple[int, float], TipGrid] = field(default_factory=dict)
+    _grids: dict[tuple[int, float, float], TipGrid] = field(default_factory=dict)
     _tried: set[float] = field(default_factory=set)  # sizes of the cells of grids that were gone through [m]
     _seen: list[FloatArray] = field(default_factory=list)  # ways through them
 
@@ -102,25 +103,29 @@ class SpaceTipWays:
         settings = self.task.settings
         if self.fed is None:
             return
+        followable = settings.followable
         seen = self._followed
-        for nearness, margin in settings.followable.prices:
-            for approach in settings.followable.approaches:
-                way = self._followable(cells, nearness, margin, approach)
-                if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
-                    seen.append(way)
-                    yield TipWay("behind the tip", way, settings.ways.close, followed=True)
-                    yield TipWay("behind the tip, more freely", way, settings.ways.close)
+        allowances = followable.allowances(self.task.arm, self.task.unit)
+        for allowance, price, approach in product(allowances, followable.prices, followable.approaches):
+            way = self._followable(cells, allowance, price, approach)
+            if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
+                seen.append(way)
+                yield TipWay("behind the tip", way, settings.ways.close, settings.guide.onto_track)
+                yield TipWay("close behind the tip", way, settings.ways.close, settings.guide.close_onto_track)
+                yield TipWay("behind the tip, more freely", way, settings.ways.close)
 
-    def _followable(self, cells: int, nearness: float, margin: float, approach: float) -> FloatArray | None:
+    def _followable(
+        self, cells: int, allowance: BendAllowance, price: tuple[float, float], approach: float
+    ) -> FloatArray | None:
         """A way past all places with bends that the arm can take behind its tip."""
         task = self.task
         settings = task.settings.followable
-        grid = self._grid(cells, margin)
+        nearness, margin = price
+        grid = self._grid(cells, margin, allowance.beside)
         avoided = self._followed
         dear = _prices(grid, avoided, task.settings.ways.detour_price) if avoided else None
-        search = FollowableWays(
-            grid, grid.prices(nearness, dear), settings.radius(task.arm, task.unit), task.unit, settings, task.deadline
-        )
+        prices = grid.prices(nearness, dear)
+        search = FollowableWays(grid, prices, allowance.radius, task.unit, settings, task.deadline)
         most = (self.fed or 0.0) + settings.spare_length * task.unit
         goals = [WayEnd(place, None) for place in task.via]
         last = self._before_goal(approach)
@@ -187,16 +192,17 @@ class SpaceTipWays:
         parts.append(np.stack(places[len(inner) - 1 :]))
         return self._joined(parts)
 
-    def _grid(self, cells: int, margin: float) -> TipGrid:
-        if (cells, margin) not in self._grids:
+    def _grid(self, cells: int, margin: float, beside: float = 0.0) -> TipGrid:
+        """The grid of places with room for the tip, a share of the margin and a further distance [m]."""
+        if (cells, margin, beside) not in self._grids:
             task = self.task
-            kept = task.arm.radius + task.clearance + margin * task.margin
+            kept = task.arm.radius + task.clearance + margin * task.margin + beside
             far = task.settings.ways.far * task.unit
             low, high = self._box
-            self._grids[cells, margin] = TipGrid.over(
+            self._grids[cells, margin, beside] = TipGrid.over(
                 task.tree, low, high, cells, kept, far, task.settings.ways.finest * task.unit, task.deadline
             )
-        return self._grids[cells, margin]
+        return self._grids[cells, margin, beside]
 
     @cached_property
     def _box(self) -> FloatArray:

@@ -160,7 +160,7 @@ class _Search:
                 track = SpaceTipTrack.along(poses[-1].chain.points, corners)
                 guide: SpaceGuide = SpaceTipLed(track, task.unit, task.settings.step.follow, task.settings.guide)
                 if way.followed:
-                    guide = SpaceTrackLed(track, track.end, task.unit, task.settings.guide)
+                    guide = SpaceTrackLed(track, track.end, task.unit, task.settings.guide, way.followed)
                 poses += follow(stepper, guide, poses[-1], task.deadline)[1:]
                 if place is not None:
                     poses += settle(stepper, place, poses[-1], task.deadline)[1:]

@@ -17,13 +17,22 @@ class SpaceTrackLed:
         end: arc length at which the tip ends, before or beyond where it begins [m].
         unit: length of a nominal link [m].
         settings: of guides.
+        weight: on the joints' distances from the track; that of the settings when None.
     """
 
-    def __init__(self, track: SpaceTipTrack, end: float, unit: float, settings: SpaceGuideSettings) -> None:
+    def __init__(
+        self,
+        track: SpaceTipTrack,
+        end: float,
+        unit: float,
+        settings: SpaceGuideSettings,
+        weight: float | None = None,
+    ) -> None:
         self._track = track
         self._end = end
         self._unit = unit
         self._settings = settings
+        self._weight = settings.onto_track if weight is None else weight
         self._arc = track.start
 
     def terms(self, pose: SpacePose) -> list[SpaceTerm]:
@@ -31,14 +40,15 @@ class SpaceTrackLed:
         unit = self._unit
         points = pose.chain.points
         links = len(points) - 1
-        link = float(np.linalg.norm(points[1] - points[0]))
-        arcs: FloatArray = self._tip_arc(pose) - link * np.arange(links, -1.0, -1.0)
+        # The same number for every pose, for which the track keeps a table.
+        link = self._track.start / links
+        arcs = self._track.joints_behind(self._tip_arc(pose), link, links)
         along = self._track.at(arcs + 0.5 * link) - self._track.at(arcs - 0.5 * link)
         along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
         beside: FloatArray = np.eye(3) - along[:, :, None] * along[:, None, :]
         rows = np.einsum("kij,kjp->kip", beside, pose.chain.moving) / unit
         missing = np.einsum("kij,kj->ki", beside, self._track.at(arcs) - points) / unit
-        weight = self._settings.onto_track * NOMINAL_LINKS / links
+        weight = self._weight * NOMINAL_LINKS / links
         return [
             SpaceTerm(pose.chain.moving[-1] / unit, (self._target - pose.tip) / unit, 1.0),
             SpaceTerm(rows.reshape(3 * (links + 1), -1), missing.ravel(), weight),

@@ -27,10 +27,19 @@ class EndingSettings:
     Attributes:
         iterations: most iterations of the NLP; where it succeeds it takes some fifteen.
         enough: share of the wanted gap that its pose has to have for the end to be settled.
+        opening: gap that steps at the goal make room for before the NLP is asked, as a multiple of the wanted one; a
+            little more, so that the planes of the NLP leave all that is wanted (taste).
+        opening_steps: most of these; five bring nearly all that there is.
+        opening_weight: of the goal in them, beside the pull of walls that are too near.
+        opened: they end when no joint moves farther than this [u].
     """
 
     iterations: int = 25
     enough: float = 0.9
+    opening: float = 1.05
+    opening_steps: int = 20
+    opening_weight: float = 10.0
+    opened: float = 0.02
 
 
 @dataclass(frozen=True)

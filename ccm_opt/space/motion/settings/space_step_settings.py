@@ -59,6 +59,8 @@ class SpaceGuideSettings:
         leash: how far the target may be ahead of the tip [u].
         track_leash: the same where all joints are drawn onto the track of the tip [u].
         onto_track: weight on their distance from it.
+        close_onto_track: the same where an arm got stuck on walls; links that are long beside the bends of a duct do
+            with less (measured in pipes and slots with 8 and 12 links).
         advance: how far it moves on at a time [u].
         patience: steps without progress before a guide is given up.
         approach: length of the straight end of a path along the wanted direction [u].
@@ -74,6 +76,7 @@ class SpaceGuideSettings:
     leash: float = 1.5
     track_leash: float = 1.0
     onto_track: float = 0.1
+    close_onto_track: float = 3.0
     advance: float = 0.4
     patience: int = 60
     approach: float = 3.0

@@ -42,12 +42,28 @@ class WaySettings:
 
 
 @dataclass(frozen=True)
+class BendAllowance:
+    """What is counted on where an arm that follows its tip bends.
+
+    Attributes:
+        radius: of the tightest bend [m].
+        beside: how far a link reaches out of it between its joints, beyond what a nominal link does [m].
+    """
+
+    radius: float
+    beside: float
+
+
+@dataclass(frozen=True)
 class FollowableWaySettings:
     """Of ways that an arm can follow behind its tip, with bends no sharper than it takes.
 
     Attributes:
         tightest: radius of the tightest bend [u]; the least where knots of the curve still show a right angle.
-        limit_share: of the tightest bend that the joint limits allow, the multiple that is counted on.
+        limit_shares: radii that are counted on, as multiples of that of the circle through the joints of an arm which
+            bends as far as it may; tried in turn. The circle that its links touch has a radius of cos(limit / 2) of
+            that, 0.71 for right angles: with less than the whole, links reach out of a bend on both sides.
+        tighter: a radius is tried beside one before if it is less than this share of that.
         step: length of the arcs of which a way is made [u].
         bends: of the arcs, as shares of the tightest one; straight ones come first.
         azimuths: towards which arcs bend.
@@ -65,7 +81,8 @@ class FollowableWaySettings:
     """
 
     tightest: float = 1.5
-    limit_share: float = 1.15
+    limit_shares: tuple[float, ...] = (1.15, 0.75)
+    tighter: float = 0.9
     step: float = 1.0
     bends: tuple[float, ...] = (0.5, 1.0)
     azimuths: int = 8
@@ -80,8 +97,23 @@ class FollowableWaySettings:
     approaches: tuple[float, ...] = (1.0, 0.0)
     prices: tuple[tuple[float, float], ...] = ((3.0, 1.0), (1.0, 0.0))
 
-    def radius(self, arm: SpaceArm, unit: float) -> float:
-        """Radius of the tightest bend that is counted on for an arm, by the length u of its nominal links [m]."""
+    def allowances(self, arm: SpaceArm, unit: float) -> list[BendAllowance]:
+        """What is counted on for an arm in bends, in turn.
+
+        Args:
+            arm: the arm.
+            unit: length u of its nominal links [m].
+        """
         # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
         half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
-        return max(self.tightest * unit, self.limit_share * 0.5 * arm.link_length / float(np.sin(half)))
+        through_joints = 0.5 * arm.link_length / float(np.sin(half))
+        radii: list[float] = []
+        for share in self.limit_shares:
+            radius = max(self.tightest * unit, share * through_joints)
+            if not radii or radius < self.tighter * radii[-1]:
+                radii.append(radius)
+        found = []
+        for radius in radii:
+            height = max(arm.link_length**2 - unit**2, 0.0) / (8.0 * radius)
+            found += [BendAllowance(radius, beside) for beside in dict.fromkeys((height, 0.0))]
+        return found
