@@ -68,7 +68,7 @@ def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PI
     # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
     widths = [max(scale * spans[0], 1.6), max(scale * spans[1], 2.6)]
     heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
-    figure = Figure(figsize=(sum(widths) + 1.5, sum(heights) + 2.27), dpi=settings.dots_per_inch)
+    figure = Figure(figsize=(sum(widths) + 1.7, sum(heights) + 2.27), dpi=settings.dots_per_inch)
     grid = figure.add_gridspec(
         2,
         2,
@@ -78,7 +78,7 @@ def sheet_of_sides(window: FloatArray, settings: SpacePictureSettings = SPACE_PI
         right=1.0 - 0.15 / figure.get_figwidth(),
         bottom=0.95 / figure.get_figheight(),
         top=1.0 - 0.62 / figure.get_figheight(),
-        wspace=0.65 / np.mean(widths),
+        wspace=0.85 / np.mean(widths),
         hspace=0.72 / np.mean(heights),
     )
     views = tuple(figure.add_subplot(cell) for cell in (grid[0, 0], grid[1, 0], grid[1, 1]))
