@@ -112,6 +112,27 @@ def test_a_joint_bent_close_to_the_tube_is_straight_before_it_is_held(links: int
     assert 0.0 < near * usual - room < straight
 
 
+@given(seeds, st.integers(4, 40), st.floats(0.05, 0.8), st.floats(0.05, 0.8))
+@settings(max_examples=40, deadline=None)
+def test_between_two_poses_joints_stay_straight_as_far_as_in_either(
+    seed: int, links: int, begin: float, end: float
+) -> None:
+    """Wherever joints of the one lie between those of the other, of which the tube holds some."""
+    rng = np.random.default_rng(seed)
+    arm = snake(links, feed=fed)
+    usual = free_before(arm)
+    start, goal = (np.append(rng.normal(size=2 * links) * 0.3, feed) for feed in (begin, end))
+    for q in (start, goal):
+        q[: 2 * links][arm.held_bends(float(q[-1]) - 1.01 * usual)] = 0.0
+    curve, first = CurveMap.through(arm, start)
+    blended, last = curve.blended_to(goal)
+    assert blended.straight_before == pytest.approx(usual)
+    for share in rng.uniform(size=8):
+        v = np.append(first, 0.0) + share * (last - np.append(first, 0.0))
+        q = blended.configuration(v)
+        assert np.all(q[: 2 * links][arm.held_bends(float(q[-1]) - 0.99 * usual)] == 0.0)
+
+
 def test_a_fed_arm_follows_its_own_shape() -> None:
     """Beyond the tube, where joints bend as they like."""
     # Four links farther out a joint takes the bend of the one four before it: those that are free of the tube in both.

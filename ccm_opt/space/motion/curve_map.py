@@ -92,7 +92,7 @@ class CurveMap:
         x = v[: len(self.scale)] * self.scale
         feed = x[len(x) - len(self.arm.base_axes) :]
         places = self.places(float(np.sum(feed)))
-        turns = self._turns(x, self._shapes(places)) + self._offsets(places, v)
+        turns = self._turns(x, self._shapes(places)) + self.offsets(places, v)
         return np.concatenate((turns.ravel(), feed))
 
     def slopes(self, v: FloatArray) -> FloatArray:
@@ -113,8 +113,8 @@ class CurveMap:
         slopes[1 : 2 * n : 2, turned + k : turned + 2 * k] = shapes * self.scale[turned + k : turned + 2 * k]
         if feeds:
             step = 1e-6 * arm.length
-            ahead = self._turns(x, self._shapes(places + step)) + self._offsets(places + step, v)
-            behind = self._turns(x, self._shapes(places - step)) + self._offsets(places - step, v)
+            ahead = self._turns(x, self._shapes(places + step)) + self.offsets(places + step, v)
+            behind = self._turns(x, self._shapes(places - step)) + self.offsets(places - step, v)
             by_feed = (ahead - behind).ravel() / (2.0 * step)
             column = turned + 2 * k
             slopes[: 2 * n, column] = by_feed * self.scale[column]
@@ -131,7 +131,7 @@ class CurveMap:
         if feeds:
             v[len(self.scale) - 1] = q[2 * n] / self.scale[-1]
         places = self.places(float(np.sum(q[2 * n :])))
-        wanted = q[: 2 * n].reshape(n, 2) - self._offsets(places, v)
+        wanted = q[: 2 * n].reshape(n, 2) - self.offsets(places, v)
         shapes = self._shapes(places)
         turned = 0 if feeds else 2
         k = self.knots
@@ -162,7 +162,9 @@ class CurveMap:
         places = self.places(float(np.sum(q[2 * self.arm.links :])))
         offset = self._interpolated(self.offset, places)
         grid = np.union1d(self.offset_at, places) if self.arm.base_axes else places
-        at_grid = np.column_stack([np.interp(grid, places, column, 0.0, 0.0) for column in left.T])
+        # Gated as by its own joints: a joint of the start may lie between one that the tube holds and one that is bent.
+        known = replace(self, offset=left, offset_at=places, blend=None)
+        at_grid = known.offsets(grid, v) * (grid <= places[-1])[:, None]
         own = self._interpolated(self.offset, grid) if self.arm.base_axes else offset
         return replace(self, offset=own, offset_at=grid, blend=at_grid), np.append(v, 1.0)
 
@@ -206,8 +208,8 @@ class CurveMap:
             turns[0] += x[:2]
         return turns
 
-    def _offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
-        """Turns of the joints beside those of the curve, shape (links, 2) [rad]."""
+    def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
+        """Turns of joints at places beside those of the curve, for unknowns v, shape (places, 2) [rad]."""
         offsets = self._interpolated(self.offset, places)
         if self.blend is not None:
             offsets = offsets + v[-1] * self._interpolated(self.blend, places)
