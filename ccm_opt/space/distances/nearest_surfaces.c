@@ -16,7 +16,7 @@ PUBLIC void nearest_surfaces(NearestQuery *q)
     for (int64_t k = 0; k < q->count; k++) {
         Segment segment = segment_between(q->segments + 6 * k);
         double least;
-        Found found = nearest_face(&q->surfaces, &segment, q->reach, q->slack, -1, &least);
+        Found found = nearest_face(&q->surfaces, &segment, q->reach, q->slack, &least);
         if (!isfinite(segment.square + dot(segment.start, segment.start))) found.gap = least = NAN;
         q->gap[k] = q->face ? found.gap : least;
         if (!q->face) continue;
@@ -32,6 +32,6 @@ PUBLIC double segment_gap(const Surfaces *surfaces, const double *ends, double r
     Segment segment = segment_between(ends);
     double least;
     if (!isfinite(segment.square + dot(segment.start, segment.start))) return NAN;
-    nearest_face(surfaces, &segment, reach, slack, -1, &least);
+    nearest_face(surfaces, &segment, reach, slack, &least);
     return least;
 }

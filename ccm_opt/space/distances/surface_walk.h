@@ -46,26 +46,35 @@ static inline void step_down(Walk *walk, const Surfaces *surfaces, const Probe *
     }
 }
 
-/* The nearest triangle; no triangle is nearer than the least, which is below its gap by the slack at most. A hint of
-   one that may be near, or -1, saves time. */
-static inline Found nearest_face(const Surfaces *surfaces, const Segment *segment, double reach, double slack,
-                                 int64_t hint, double *least)
+/* Look at what is below a node and may be nearer than what was found, or than the reach where nothing was; the least
+   is lowered to the bounds of what is passed by. */
+static inline void look_below(const Surfaces *surfaces, const Segment *segment, const Probe *probe, int64_t below,
+                              double reach, double slack, Found *found, double *least)
 {
-    Found found = {reach, {0.0, 0.0, {0.0, 0.0, 0.0}}, -1};
-    if (hint >= 0) look_at(surfaces, segment, hint, &found);
-    Probe probe = probe_of(segment);
-    Walk walk = {0};
-    walk.least = reach;
-    step_to(&walk, 0, least_gap(&probe, surfaces->nodes, reach));
-    double limit = found.face >= 0 ? found.gap - slack : reach;
+    double limit = found->face >= 0 ? found->gap - slack : reach;
+    Walk walk;
+    walk.top = 0;
+    walk.least = *least;
+    step_to(&walk, below, least_gap(probe, surfaces->nodes + below, limit));
     while (next_node(&walk, limit)) {
         const Node *node = surfaces->nodes + walk.node;
         for (int64_t face = node->first; face < node->first + node->count; face++)
-            look_at(surfaces, segment, face, &found);
-        if (found.face >= 0) limit = found.gap - slack;
-        if (node->count == 0) step_down(&walk, surfaces, &probe, node, limit);
+            look_at(surfaces, segment, face, found);
+        if (found->face >= 0) limit = found->gap - slack;
+        if (node->count == 0) step_down(&walk, surfaces, probe, node, limit);
     }
-    *least = smaller(walk.least, found.gap);
+    *least = walk.least;
+}
+
+/* The nearest triangle; no triangle is nearer than the least, which is below its gap by the slack at most. */
+static inline Found nearest_face(const Surfaces *surfaces, const Segment *segment, double reach, double slack,
+                                 double *least)
+{
+    Found found = {reach, {0.0, 0.0, {0.0, 0.0, 0.0}}, -1};
+    Probe probe = probe_of(segment);
+    *least = reach;
+    look_below(surfaces, segment, &probe, 0, reach, slack, &found, least);
+    *least = smaller(*least, found.gap);
     return found;
 }
 
