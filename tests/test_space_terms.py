@@ -112,7 +112,7 @@ def test_a_goal_pose_keeps_the_users_constraints_and_heeds_the_costs() -> None:
     pulled = SpaceGoalPoses(scene.problem, scene.tree, terms=compile_terms(arm, [], [low_elbow])).best(scene.seed)
     assert pulled is not None
     assert joint_positions(arm, pulled.q)[6, 2] < middle[2]
-    assert "user: low elbow" in pulled.costs
+    assert "user: low elbow" in pulled.answer.costs
 
 
 @given(SEEDS, st.booleans())
