@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.curve.guide_exit import free_before
 from ccm_opt.space.motion.chain import Chains
-from ccm_opt.space.motion.curve_map import CurveMap, feed_to_next_stop, free_before
+from ccm_opt.space.motion.curve_map import CurveMap, feed_to_next_stop
 from tests.snakes_in_space import snake
 
 seeds = st.integers(0, 2**32 - 1)

@@ -11,10 +11,10 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import SpaceGoalPoseRecord
 from ccm_opt.space.motion.opened_end import opened
-from ccm_opt.space.motion.pieces import edge_is_safe
+from ccm_opt.space.motion.pieces import edge_is_safe, failing_edges
 from ccm_opt.space.motion.pose_led import PoseLed
 from ccm_opt.space.motion.space_continuation import SpaceStalled, follow
-from ccm_opt.space.motion.space_goal import keeps_terms_at_goal, onto_goal
+from ccm_opt.space.motion.space_goal import SpaceTipPose, keeps_terms_at_goal, onto_goal
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
@@ -50,36 +50,78 @@ def ended_by_nlp(problem: SpaceProblem, task: SpaceTask, motion: SpaceMotion) ->
         task: the same as the search is asked.
         motion: to the goal.
     """
-    settings = SpacePoseSettings(iterations=task.settings.ending.iterations)
+    ending_settings = task.settings.ending
+    settings = SpacePoseSettings(iterations=ending_settings.iterations)
     if task.goal is None or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
-    asked = SpaceGoalPoses(problem, task.tree, terms=terms, settings=settings)
+    asked = SpaceGoalPoses(problem, task.tree, terms=terms, settings=settings, room_share=ending_settings.room_share)
+    ending = _asked_from(asked, task, task.goal, motion)
+    room = asked.gap(ending.motion.configurations[-1])
+    if room >= ending_settings.enough * task.wanted_gap:
+        return ending
     opened_up = _opened_motion(asked, task, motion)
-    # The optimisation, whose planes stand still too, would only move it back.
-    otherwise = task if opened_up is motion else _settled(task, opened_up.configurations[-1])
-    motion = opened_up
+    if opened_up is motion:
+        return ending
+    again = _asked_from(asked, task, task.goal, opened_up)
+    if asked.gap(again.motion.configurations[-1]) <= room:
+        return ending
+    # The optimisation, whose planes stand still too, would only move what was opened back.
+    return replace(again, task=_settled(task, again.motion.configurations[-1]))
+
+
+def _asked_from(asked: SpaceGoalPoses, task: SpaceTask, goal: SpaceTipPose, motion: SpaceMotion) -> Ending:
+    """What the NLP says from where a motion ends, and the motion moved on to its pose where that can be."""
+    wanted = asked.problem.wanted_gap
     answers = asked.improved(motion.configurations[-1], task.deadline)
     feasible = [pose for pose in answers if asked.feasible(pose)]
     if not feasible:
         worst = answers[-1]
         reason = f"the program found none; of its rows '{worst.answer.worst_row}' is missed most"
-        return Ending(otherwise, motion, pose_record(problem.wanted_gap, worst, len(answers), reason))
+        return Ending(task, motion, pose_record(wanted, worst, len(answers), reason))
     best = min(feasible, key=lambda pose: pose.answer.cost)
-    refused = partial(pose_record, problem.wanted_gap, best, len(answers))
-    stepper = task.stepper(motion.curve, 0.0)
-    last = onto_goal(stepper, task.goal, stepper.pose(motion.curve.fitted(best.q)))
+    refused = partial(pose_record, wanted, best, len(answers))
+    # What the motion's own curve cannot show of the pose is one more unknown of it, which is 0 as far as the motion
+    # goes and 1 in the pose.
+    curve, end = motion.curve.blended_to(best.q)
+    begun = replace(motion, curve=curve, unknowns=np.pad(motion.unknowns, ((0, 0), (0, 1))))
+    stepper = task.stepper(curve, 0.0)
+    last = onto_goal(stepper, goal, stepper.pose(end))
     if last is None or not keeps_terms_at_goal(stepper, last):
-        return Ending(otherwise, motion, refused("the curve of the motion cannot take it at the goal"))
+        return Ending(task, motion, refused("the curve of the motion cannot take it at the goal"))
     enough = task.settings.ending.enough * task.wanted_gap
-    room = asked.gap(last.q)
-    if room < min(asked.gap(motion.configurations[-1]), enough):
-        return Ending(otherwise, motion, refused("there is more room where the motion ends"))
-    poses = _on_the_way(task, stepper, motion.unknowns[-1], last)
-    if not edge_is_safe(stepper, poses[-1].v, last.v):
-        return Ending(otherwise, motion, refused("the arm cannot be moved there from where the motion ends"))
-    whole = _continued(motion, [*poses[1:], last], f"{motion.candidate}, {IN_NLP_POSE}")
-    return Ending(_settled(task, last.q), whole, pose_record(problem.wanted_gap, best, len(answers)))
+    if asked.gap(last.q) < min(asked.gap(motion.configurations[-1]), enough):
+        return Ending(task, motion, refused("there is more room where the motion ends"))
+    whole = _bent_to(task, stepper, begun, last) or _led_on(task, stepper, begun, last)
+    if whole is None:
+        return Ending(task, motion, refused("the arm cannot be moved there from where the motion ends"))
+    whole = replace(whole, candidate=f"{motion.candidate}, {IN_NLP_POSE}")
+    return Ending(_settled(task, last.q), whole, pose_record(wanted, best, len(answers)))
+
+
+def _bent_to(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: SpacePose) -> SpaceMotion | None:
+    """The motion with more and more of the difference to another end added along it, where that is certified."""
+    if motion.u is not None or task.via:
+        return None  # it is tied to where along the motion, or where the tip, is: nothing can be added to it
+    travelled = np.cumsum(np.linalg.norm(np.diff(motion.configurations, axis=0) * task.slowness, axis=1))
+    along = np.concatenate(([0.0], travelled / max(float(travelled[-1]), 1e-12)))
+    change = end.v - motion.unknowns[-1]
+    for beginning in task.settings.ending.bending_from:
+        share = np.clip((along - beginning) / (1.0 - beginning), 0.0, 1.0)
+        unknowns = motion.unknowns + (share**2 * (3.0 - 2.0 * share))[:, None] * change
+        unknowns[-1] = end.v
+        if len(failing_edges(stepper, unknowns)) == 0:
+            configurations = np.stack([motion.curve.configuration(v) for v in unknowns])
+            return replace(motion, unknowns=unknowns, configurations=configurations)
+    return None
+
+
+def _led_on(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: SpacePose) -> SpaceMotion | None:
+    """The motion with a way from its end to another added, or None without one."""
+    poses = _on_the_way(task, stepper, motion.unknowns[-1], end)
+    if not edge_is_safe(stepper, poses[-1].v, end.v):
+        return None
+    return _continued(motion, [*poses[1:], end], motion.candidate)
 
 
 def _opened_motion(asked: SpaceGoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:

@@ -16,8 +16,8 @@ from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.motion.limits.user_ends import refuse_broken_goal, refuse_broken_start
 from ccm_opt.solution import JointPath, SpaceGoalPoseRecord
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
 from ccm_opt.space.motion.passed_places import first_missed
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings

@@ -19,15 +19,16 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.compiled_source import pointer_to
 from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.space.curve.guide_exit import free_before, free_shares_of_bends
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.motion.arm_library import arm_library
 
 KNOTS = 11
-STRAIGHT_BEFORE = 0.3
-"""Nominal links beyond a guide tube on which joints are straight: the less, the more places to stop at."""
-FREE_AFTER = 2.0
-"""Nominal links beyond it from where on they bend as they like."""
-NOMINAL_LINKS = 24
-"""Nominal links to the length of an arm, the unit of length of all weights in planning."""
+SETTLING = 1e-3
+"""Weight on differences of unknowns from knot to knot that settles what the joints leave open, and no more."""
+SMOOTHNESS = 2.0
+"""The same where the joints' turns that a smoother curve does not show are blended in: among bays of a wing box, blades
+and pipes motions to such an end are a twentieth shorter than with little, and roomier."""
 
 
 class _ShapeStruct(ctypes.Structure):
@@ -123,8 +124,13 @@ class CurveMap:
             slopes[: 2 * n, -1] = self._interpolated(self.blend, places).ravel()
         return slopes
 
-    def fitted(self, q: FloatArray) -> FloatArray:
-        """Unknowns of the curve that comes nearest to a configuration, the least of them where several do."""
+    def fitted(self, q: FloatArray, smoothness: float = SETTLING) -> FloatArray:
+        """Unknowns of the curve that comes nearest to a configuration.
+
+        Args:
+            q: shape (c,) [rad, m].
+            smoothness: weight on differences of the unknowns from knot to knot, beside those of turns of the joints.
+        """
         n = self.arm.links
         feeds = len(self.arm.base_axes)
         v = np.zeros(self.dimension)
@@ -135,8 +141,7 @@ class CurveMap:
         shapes = self._shapes(places)
         turned = 0 if feeds else 2
         k = self.knots
-        # A little weight on differences settles what the joints leave open.
-        smooth = 1e-3 * np.diff(np.eye(k), axis=0)
+        smooth = smoothness * np.diff(np.eye(k), axis=0)
         for axis in range(2):
             columns = slice(turned + axis * k, turned + (axis + 1) * k)
             rows = shapes * self.scale[columns]
@@ -157,7 +162,7 @@ class CurveMap:
         Args:
             q: shape (c,) [rad, m].
         """
-        v = self.fitted(q)
+        v = self.fitted(q, SMOOTHNESS)
         left = (q - self.configuration(v))[: 2 * self.arm.links].reshape(-1, 2)
         places = self.places(float(np.sum(q[2 * self.arm.links :])))
         offset = self._interpolated(self.offset, places)
@@ -252,22 +257,14 @@ class CurveMap:
             ahead = self._twice_integrated(places + l)
             here = self._twice_integrated(places)
             behind = self._twice_integrated(places - l)
-            return np.asarray((ahead - 2.0 * here + behind) / l * self._free(places)[:, None])
+            return np.asarray((ahead - 2.0 * here + behind) / l * free_shares_of_bends(self.arm, places)[:, None])
         places = np.ascontiguousarray(places)
         shapes = np.empty((len(places), self.knots))
         query = _ShapeStruct(len(places), self.knots, self.spacing, l)
         query.places = places.ctypes.data
         query.shapes = shapes.ctypes.data
         library.curve_shapes(pointer_to(query))
-        return shapes * self._free(places)[:, None] if self.arm.base_axes else shapes
-
-    def _free(self, places: FloatArray) -> FloatArray:
-        """Share of its turn that a joint at a place takes, which grows smoothly beyond a guide tube, shape (links,)."""
-        if not self.arm.base_axes:
-            return np.ones(len(places))
-        straight = free_before(self.arm)
-        x = np.clip((places - straight) / (FREE_AFTER * self.nominal_length - straight), 0.0, 1.0)
-        return np.asarray(x * x * (3.0 - 2.0 * x))
+        return shapes * free_shares_of_bends(self.arm, places)[:, None] if self.arm.base_axes else shapes
 
     @cached_property
     def _library(self) -> ctypes.PyDLL | None:
@@ -286,14 +283,6 @@ class CurveMap:
         end = top - last
         whole[:, -1] = _cube(end + 1.0) - _cube(end) - 3.0 * _square(end)
         return h * h * whole / 6.0
-
-
-def free_before(arm: SpaceArm) -> float:
-    """Arc length beyond the end of the guide tube on which joints stay straight [m].
-
-    Every joint that comes out stops there once, so that none begins to bend while the tube still holds it.
-    """
-    return STRAIGHT_BEFORE * arm.length / NOMINAL_LINKS
 
 
 def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:

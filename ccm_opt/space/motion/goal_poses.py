@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.motion.space_goal import SpaceTipPose, keeps_terms_at_goal, onto_goal, terms_to_goal
 from ccm_opt.space.motion.space_pose import SpacePose
 from ccm_opt.space.motion.space_step import SpaceStepper

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
-from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.motion.settings.space_step_settings import SpaceGuideSettings
 from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm
 

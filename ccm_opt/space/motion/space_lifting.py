@@ -11,8 +11,9 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.motion.chain import Chains
-from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap
+from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.pieces import failing_edges, in_pieces
 from ccm_opt.space.motion.settings.space_lifting_settings import LiftingSettings
 from ccm_opt.space.motion.space_goal import onto_goal

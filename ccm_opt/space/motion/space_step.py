@@ -8,9 +8,10 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.small_qp import solve_small_qp
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.chain import Chains
-from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap, feed_to_next_stop
+from ccm_opt.space.motion.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.motion.space_pose import SpacePose, SpaceTerm

@@ -9,8 +9,9 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.distances.surface_tree import SurfaceTree
-from ccm_opt.space.motion.curve_map import NOMINAL_LINKS, CurveMap
+from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.space_certificate import SpaceCertificate
 from ccm_opt.space.motion.space_goal import SpaceTipPose

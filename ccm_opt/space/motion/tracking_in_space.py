@@ -11,7 +11,7 @@ import numpy as np
 from ccm_opt.errors import Diagnosis, MotionNotFound
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.motion.settings.step_settings import TrackingSettings
-from ccm_opt.space.motion.curve_map import NOMINAL_LINKS
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.motion.pieces import edge_is_safe, pieces
 from ccm_opt.space.motion.pose_led import PoseLed
 from ccm_opt.space.motion.space_continuation import SpaceStalled, follow, settle

@@ -32,6 +32,7 @@ class SpaceGoalPoses:
         near: configuration of the pose to stay near, shape (c,) [rad, m]; None for the pose that is improved.
         terms: the user's constraints and costs, or None.
         settings: of the NLP.
+        room_share: room that is worth something, as a multiple of the problem's wanted gap.
     """
 
     problem: SpaceProblem
@@ -39,6 +40,7 @@ class SpaceGoalPoses:
     near: FloatArray | None = None
     terms: UserTerms | None = None
     settings: SpacePoseSettings = field(default_factory=SpacePoseSettings)
+    room_share: float = 1.0
 
     def best(self, seed: FloatArray, deadline: Deadline | None = None) -> SpaceArmPose | None:
         """The best feasible pose of ``improved``; None when there is none."""
@@ -89,7 +91,7 @@ class SpaceGoalPoses:
     @property
     def wanted_gap(self) -> float:
         """Room beyond radius and clearance above which more is worth nothing [m]; never none, as in the plane."""
-        return self.problem.wanted_gap or self.problem.default_gap
+        return self.room_share * (self.problem.wanted_gap or self.problem.default_gap)
 
     @cached_property
     def target(self) -> TipTarget:

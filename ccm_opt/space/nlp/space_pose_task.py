@@ -6,6 +6,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.space.curve.guide_exit import free_shares_of_bends
 from ccm_opt.space.curve.tip_target import TipTarget
 
 
@@ -93,8 +94,13 @@ class SpacePoseTask:
         return int(np.sum(held))
 
     def bend_limits(self, share: float) -> FloatArray:
-        """Bounds of all bends, zero where the guide tube holds them, shape (2 links,) [rad]."""
-        limits = share * self.arm.bend_limits
+        """Bounds of all bends, shape (2 links,) [rad]: zero where the guide tube holds them, little just beyond it.
+
+        A sharp bend just beyond the tube would have to be made, and taken back, over a short way of the feed.
+        """
+        feed = float(self.arm.coordinates.advance(self.start))
+        places = feed + self.arm.link_length * np.arange(self.arm.links, dtype=np.float64) - self.arm.hole
+        limits = share * self.arm.bend_limits * np.repeat(free_shares_of_bends(self.arm, places), 2)
         # The start may be nearer to its limit than that.
         limits = np.maximum(limits, np.minimum(np.abs(self.start[: len(limits)]), self.arm.bend_limits))
         limits[: 2 * self.first_bending] = 0.0
