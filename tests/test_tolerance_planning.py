@@ -106,7 +106,7 @@ def test_the_command_looks_at_a_written_plan(tmp_path: Path) -> None:
 
     result = CliRunner().invoke(app, ["tolerance", "--no-simulation", str(folder)])
     assert result.exit_code == 0, result.output
-    assert "base heading" in result.output
+    assert "base turned by" in result.output
     written = json.loads((folder / "tolerance.json").read_text(encoding="utf-8"))
     assert written["tolerance"][0]["name"] == "joints"
     assert written["tolerance"][0]["size_deg"] >= 0.5

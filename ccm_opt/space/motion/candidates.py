@@ -8,10 +8,10 @@ from itertools import pairwise, product
 import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.space.motion.bend_allowances import BendAllowance, bend_allowances
 from ccm_opt.space.motion.followable_search import WayEnd
 from ccm_opt.space.motion.followable_ways import FollowableWays
 from ccm_opt.space.motion.grid_ways import TipGrid, shortened
-from ccm_opt.space.motion.settings.way_settings import BendAllowance
 from ccm_opt.space.motion.task import SpaceTask
 
 
@@ -105,7 +105,7 @@ class SpaceTipWays:
             return
         followable = settings.followable
         seen = self._followed
-        allowances = followable.allowances(self.task.arm, self.task.unit)
+        allowances = bend_allowances(self.task.arm, self.task.unit, followable)
         for allowance, price, approach in product(allowances, followable.prices, followable.approaches):
             way = self._followable(cells, allowance, price, approach)
             if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):

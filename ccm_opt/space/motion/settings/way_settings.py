@@ -5,10 +5,6 @@ Lengths are in nominal links u = L / 24 unless said otherwise.
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from ccm_opt.jointed.space_arm import SpaceArm
-
 
 @dataclass(frozen=True)
 class WaySettings:
@@ -39,19 +35,6 @@ class WaySettings:
     detour_price: float = 4.0
     detours: int = 3
     around: float = 4.0
-
-
-@dataclass(frozen=True)
-class BendAllowance:
-    """What is counted on where an arm that follows its tip bends.
-
-    Attributes:
-        radius: of the tightest bend [m].
-        beside: how far a link reaches out of it between its joints, beyond what a nominal link does [m].
-    """
-
-    radius: float
-    beside: float
 
 
 @dataclass(frozen=True)
@@ -96,24 +79,3 @@ class FollowableWaySettings:
     cells: tuple[int, ...] = (200_000, 1_500_000)
     approaches: tuple[float, ...] = (1.0, 0.0)
     prices: tuple[tuple[float, float], ...] = ((3.0, 1.0), (1.0, 0.0))
-
-    def allowances(self, arm: SpaceArm, unit: float) -> list[BendAllowance]:
-        """What is counted on for an arm in bends, in turn.
-
-        Args:
-            arm: the arm.
-            unit: length u of its nominal links [m].
-        """
-        # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
-        half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
-        through_joints = 0.5 * arm.link_length / float(np.sin(half))
-        radii: list[float] = []
-        for share in self.limit_shares:
-            radius = max(self.tightest * unit, share * through_joints)
-            if not radii or radius < self.tighter * radii[-1]:
-                radii.append(radius)
-        found = []
-        for radius in radii:
-            height = max(arm.link_length**2 - unit**2, 0.0) / (8.0 * radius)
-            found += [BendAllowance(radius, beside) for beside in dict.fromkeys((height, 0.0))]
-        return found
