@@ -51,7 +51,7 @@ class SpacePoseSize:
         cls, links: int, sides: int, settings: SpacePoseSettings, *, loaded: bool = False
     ) -> "SpacePoseSize":
         """The size of a question."""
-        return cls(links, sides, settings.segments, settings.window, settings.least_piece, loaded)
+        return cls(links, sides, settings.segments_for(links), settings.window, settings.least_piece, loaded)
 
 
 @dataclass(frozen=True, eq=False)

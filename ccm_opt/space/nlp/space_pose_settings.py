@@ -1,6 +1,9 @@
 """The numbers of the goal-pose NLP in space: the size of the curve, weights of the objective, the solver's limits."""
 
+import math
 from dataclasses import dataclass, replace
+
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 
 
 @dataclass(frozen=True)
@@ -8,8 +11,12 @@ class SpacePoseSettings:
     """How a goal pose is asked for; lengths are in units of the arm's length unless a unit is given.
 
     Attributes:
-        segments: curvature segments of the curve (measured by ``tests.benchmarks.bench_space_poses``: in clutter two to
-            five find the same room; with three, arms that are straight up to a hole take three times the iterations).
+        segments: curvature segments of the curve of an arm of up to 24 links (measured by
+            ``tests.benchmarks.bench_space_poses``: in clutter two to five find the same room; with three, arms that are
+            straight up to a hole take three times the iterations).
+        links_per_further_segment: arms of more links have one segment more for so many of them: with too few, most
+            joints share a piece between knots, and arms of 36 links take a hundred iterations and more instead of
+            fifteen (measured behind holes and in a tank with 36 and 60 links).
         window: spline pieces on either side of the one in which a joint lies at first, among which the joint may come
             to lie while knots move (as in the plane).
         least_piece: least share of its segment that a piece between knots keeps (as in the plane).
@@ -45,6 +52,7 @@ class SpacePoseSettings:
     """
 
     segments: int = 5
+    links_per_further_segment: float = 2.4
     window: int = 1
     least_piece: float = 0.08
     limit_share: float = 0.98
@@ -72,6 +80,11 @@ class SpacePoseSettings:
     feasible: float = 1e-6
     binding: float = 1e-4
     enough: float = 0.999
+
+    def segments_for(self, links: int) -> int:
+        """Curvature segments of the curve of an arm of so many links."""
+        further = max(links - NOMINAL_LINKS, 0) / self.links_per_further_segment
+        return self.segments + math.ceil(further)
 
     @property
     def widening(self) -> tuple["SpacePoseSettings", ...]:
