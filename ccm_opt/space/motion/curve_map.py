@@ -24,7 +24,7 @@ from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.motion.arm_library import arm_library
 
 KNOTS = 11
-SETTLING = 1e-3
+SETTLING = 1e-2
 """Weight on differences of unknowns from knot to knot that settles what the joints leave open, and no more."""
 SMOOTHNESS = 2.0
 """The same where the joints' turns that a smoother curve does not show are blended in: among bays of a wing box, blades
