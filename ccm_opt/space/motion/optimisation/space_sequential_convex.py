@@ -30,6 +30,7 @@ class _Iterate:
     Attributes:
         sweep: the motion, certified.
         rows: what it has to keep, drawn about it.
+        lack: of room, of all intervals together [u].
         merit: its cost and what it lacks at the first price.
         damping: of the next step.
         prices: of slack in each interval, shape (K,).
@@ -37,6 +38,7 @@ class _Iterate:
 
     sweep: SpaceSweep
     rows: SpaceRows
+    lack: float
     merit: float
     damping: float
     prices: FloatArray
@@ -94,7 +96,8 @@ class SequentialConvex:
                 # The rows did not foresee what came of the step: a shorter one.
                 damping = settings.refused_growth * max(following.damping, settings.raised_damping)
                 iterate = replace(best, damping=damping, prices=following.prices)
-            if idle >= settings.patience or self.task.deadline.passed():
+            patience = settings.patience if best.lack <= 0.0 else settings.patience_in_want
+            if idle >= patience or self.task.deadline.passed():
                 break
         return best.sweep.unknowns
 
@@ -102,9 +105,9 @@ class SequentialConvex:
         """A motion with its rows: what its steps did not foresee counts in its merit."""
         settings = self._settings
         rows = motion_rows(sweep, self.task.wanted_gap, settings.margin * self.task.unit, settings)
-        lack = room_lacking(sweep, self.task.wanted_gap, settings) / self.task.unit
-        merit = self._cost.value(sweep) + settings.price * float(np.sum(lack))
-        return _Iterate(sweep, rows, merit, damping, prices)
+        lack = float(np.sum(room_lacking(sweep, self.task.wanted_gap, settings))) / self.task.unit
+        merit = self._cost.value(sweep) + settings.price * lack
+        return _Iterate(sweep, rows, lack, merit, damping, prices)
 
     def _round(self, iterate: _Iterate) -> _Iterate | None:
         """One accepted step, or None when none is."""

@@ -61,6 +61,7 @@ class SpaceOptimisationSettings:
         good: share of the foreseen gain from which a step is good.
         worth: share of the merit that a round has to gain.
         patience: rounds in a row that may gain less.
+        patience_in_want: the same of a motion that lacks room.
         tries: programs of one round before it is given up.
         near_limit: coordinates nearer to their limit than this are limited in the program [rad, m].
         spare_turn: of the limits that rows leave [rad, m].
@@ -76,7 +77,7 @@ class SpaceOptimisationSettings:
     many: float = 1.2
     leg_depth: int = 4
     first_stride: int = 8
-    rounds: int = 10
+    rounds: int = 24
     first_rounds: int = 2
     margin: float = 0.02
     active: float = 0.5
@@ -103,6 +104,7 @@ class SpaceOptimisationSettings:
     good: float = 0.6
     worth: float = 0.02
     patience: int = 1
+    patience_in_want: int = 3
     tries: int = 6
     near_limit: float = 0.3
     spare_turn: float = 0.004
