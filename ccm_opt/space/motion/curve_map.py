@@ -65,8 +65,13 @@ class CurveMap:
 
     @classmethod
     def through(cls, arm: SpaceArm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
-        """The map that holds a configuration exactly, and its unknowns there."""
-        knots = max(3, min(knots, arm.links - 1))
+        """The map that holds a configuration exactly, and its unknowns there.
+
+        Joints slide along the curve of a fed arm, which may have more knots than there are joints; on a fixed base more
+        would say nothing.
+        """
+        if not arm.base_axes:
+            knots = max(3, min(knots, arm.links - 1))
         spacing = arm.length / (knots - 1)
         plain = cls(arm, spacing, knots, np.ones(0), np.zeros((2, 2)), np.array([0.0, 1.0]))
         shapes = plain._shapes(plain._places_at_full_feed)

@@ -9,13 +9,15 @@ import numpy as np
 from ccm_opt.errors import MotionNotFound
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.progress import tell_candidate
+from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.motion.candidates import SpaceTipWays, TipWay
 from ccm_opt.space.motion.connect import Connect
-from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.curve_map import KNOTS, CurveMap
 from ccm_opt.space.motion.goal_poses import goal_poses
 from ccm_opt.space.motion.passed_places import passings
-from ccm_opt.space.motion.pieces import edge_is_safe, pieces
+from ccm_opt.space.motion.pieces import edge_is_safe, failing_edges, pieces
 from ccm_opt.space.motion.pose_led import PoseLed
+from ccm_opt.space.motion.slid_along import feeds_to_end, slid_along
 from ccm_opt.space.motion.space_continuation import SpaceGuide, SpaceStalled, follow, settle
 from ccm_opt.space.motion.space_failures import SpaceFailure, nothing_found
 from ccm_opt.space.motion.space_goal import SpaceTipPose
@@ -139,9 +141,34 @@ class _Search:
         task = self.task
         goal = self._goal(task.stepper(curve), end)
         for way in ways:
-            found = self._attempt(way.name, task.stepper(curve, way.margin), start, self._along(way, goal, end))
+            if way.slid:
+                found = self._slid(way) if self.stage is None and np.array_equal(start, self._spaces()[1]) else None
+            else:
+                found = self._attempt(way.name, task.stepper(curve, way.margin), start, self._along(way, goal, end))
             if found is not None or task.deadline.passed():
                 return found
+        return None
+
+    def _slid(self, way: TipWay) -> SpaceMotion | None:
+        """From the start with all joints on a way, in a curve of the fewest knots that leave it half of its room."""
+        task = self.task
+        arm = task.arm
+        settings = task.settings.slide
+        corners = np.vstack([part for part, _ in self._legs(way)])
+        track = SpaceTipTrack.along(joint_positions(arm, task.start), corners)
+        feeds = feeds_to_end(arm, track, float(task.start[-1]), settings.step * task.unit)
+        configurations = slid_along(arm, track, feeds)
+        for room in (settings.room * task.wanted_gap, 0.0):
+            certified = replace(task, clearance=task.clearance + room)
+            for knots in settings.knots:
+                curve, v, end = self._spaces(knots)
+                stepper = certified.stepper(curve, 0.0)
+                unknowns = np.stack([v, *(curve.fitted(q) for q in configurations[1:])])
+                if len(failing_edges(stepper, unknowns)) > 0:
+                    continue
+                stepper = task.stepper(curve, way.margin)
+                poses = [stepper.pose(u) for u in unknowns]
+                return self._attempt(way.name, stepper, v, partial(self._ended, self._goal(stepper, end), poses, end))
         return None
 
     def _goal(self, stepper: SpaceStepper, end: SpacePose | None) -> SpaceTipPose:
@@ -164,11 +191,18 @@ class _Search:
                 poses += follow(stepper, guide, poses[-1], task.deadline)[1:]
                 if place is not None:
                     poses += settle(stepper, place, poses[-1], task.deadline)[1:]
-            if end is None:
-                return [*poses, *settle(stepper, goal, poses[-1], task.deadline)[1:]]
-            return [*poses, *self._moved_to(end, stepper, poses[-1])[1:]]
+            return self._ended(goal, poses, end, stepper, poses[0])
 
         return lead
+
+    def _ended(
+        self, goal: SpaceTipPose, poses: list[SpacePose], end: SpacePose | None, stepper: SpaceStepper, first: SpacePose
+    ) -> list[SpacePose]:
+        """Poses that have come near the goal, and others onto it, or on to a pose of the whole arm."""
+        del first
+        if end is None:
+            return [*poses, *settle(stepper, goal, poses[-1], self.task.deadline)[1:]]
+        return [*poses, *self._moved_to(end, stepper, poses[-1])[1:]]
 
     def _legs(self, way: TipWay) -> Iterator[tuple[FloatArray, SpaceTipPose | None]]:
         """A way from place to place that the tip passes, each with the place at its end, and from the last on."""
@@ -272,12 +306,12 @@ class _Search:
         return SpaceMotion(curve, unknowns, configurations, "from place to place")
 
     # ------------------------------------------------------------ what all share
-    def _spaces(self) -> tuple[CurveMap, FloatArray, SpacePose | None]:
+    def _spaces(self, knots: int = KNOTS) -> tuple[CurveMap, FloatArray, SpacePose | None]:
         """The curve's map, the unknowns of the start, and the pose at the goal where a whole pose is asked."""
         if self.stage is not None:
             return self.stage.curve, self.stage.start, None
         task = self.task
-        curve, start = CurveMap.through(task.arm, task.start)
+        curve, start = CurveMap.through(task.arm, task.start, knots)
         if task.goal_pose is None:
             return curve, start, None
         curve, end = curve.blended_to(task.goal_pose)

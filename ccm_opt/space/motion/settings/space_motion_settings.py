@@ -8,7 +8,7 @@ from ccm_opt.space.motion.settings.space_lifting_settings import LiftingSettings
 from ccm_opt.space.motion.settings.space_optimisation_settings import SpaceObjectiveSettings, SpaceOptimisationSettings
 from ccm_opt.space.motion.settings.space_proof_settings import SpaceCertificateSettings, SpaceSmoothPathSettings
 from ccm_opt.space.motion.settings.space_step_settings import SpaceGuideSettings, SpaceStepSettings
-from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings, WaySettings
+from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings, SlideSettings, WaySettings
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,7 @@ class SpaceMotionSettings:
         guide: of what leads the tip.
         ways: that the tip may take.
         followable: ways for arms that follow their tip.
+        slide: of arms that are slid along them.
         goal_poses: by drawn curves.
         connect: the last resort.
         lifting: of arms of many links.
@@ -36,6 +37,7 @@ class SpaceMotionSettings:
     guide: SpaceGuideSettings = field(default_factory=SpaceGuideSettings)
     ways: WaySettings = field(default_factory=WaySettings)
     followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
+    slide: SlideSettings = field(default_factory=SlideSettings)
     goal_poses: GoalPoseSettings = field(default_factory=GoalPoseSettings)
     connect: SpaceConnectSettings = field(default_factory=SpaceConnectSettings)
     lifting: LiftingSettings = field(default_factory=LiftingSettings)

@@ -58,7 +58,8 @@ class FollowableWaySettings:
         most_states: that are looked at.
         spare_length: by how much a way may be longer than what an arm can be fed [u].
         cells: of the grids that they are looked for in, in turn.
-        approaches: lengths of the straight end along the wanted direction, tried in turn [u].
+        approaches: lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links
+            where these are longer.
         prices: tried in turn: what a way along a wall costs more than one far away, as a multiple, and the share of the
             margin with which the grid is free.
     """
@@ -79,3 +80,19 @@ class FollowableWaySettings:
     cells: tuple[int, ...] = (200_000, 1_500_000)
     approaches: tuple[float, ...] = (1.0, 0.0)
     prices: tuple[tuple[float, float], ...] = ((3.0, 1.0), (1.0, 0.0))
+
+
+@dataclass(frozen=True)
+class SlideSettings:
+    """Of arms that are slid along a way of the tip with all joints on it.
+
+    Attributes:
+        step: of the feed from keyframe to keyframe [u].
+        knots: of the curve, tried in turn: the more, the better it shows sharp bends, and the longer the optimisation
+            takes (measured in pipes: with 8 to 16 links 16 show what chords leave, with 24 links 22 do).
+        room: share of the wanted gap that the first fit of these leaves; where none does, any that touches nothing.
+    """
+
+    step: float = 0.5
+    knots: tuple[int, ...] = (11, 16, 22)
+    room: float = 0.5

@@ -1,0 +1,98 @@
+"""A fed arm that follows its leader exactly: every joint on the track of the tip, as far as the guide tube lets it.
+
+Links are chords of the track, so the arm stays on it however few links it has. Joints that are about to leave the tube,
+or have just left it, bend little, as everywhere in planning: they stay near the line of the tube a little longer.
+"""
+
+import numpy as np
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.jointed.space_inverse_kinematics import configuration_from_positions
+from ccm_opt.jointed.space_kinematics import joint_positions
+from ccm_opt.space.curve.guide_exit import free_shares_of_bends
+from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
+
+_FINE = 0.02
+"""Spacing of places at which the track is looked at for the next joint, in links."""
+_AHEAD = 100
+"""So many of them are looked at, which is two links: a half circle that a link spans has π / 2."""
+_BACK = 40
+"""From so many before where a joint would lie on a straight track: in bends links leave out a part of it."""
+
+
+def slid_along(arm: SpaceArm, track: SpaceTipTrack, feeds: FloatArray) -> FloatArray:
+    """Configurations of an arm that is fed along a track, shape (k, c) [rad, m].
+
+    Args:
+        arm: on a feed axis, with all joints on the track where its base is at the first of the feeds.
+        track: of its tip; it begins at the base there.
+        feeds: positions of the base, increasing, shape (k,) [m].
+    """
+    link = arm.link_length
+    spacing = _FINE * link
+    ends = track.end + 2.0 * link
+    places = _prolonged(track, np.arange(0.0, ends, spacing))
+    tube = arm.direction
+    points = [arm.base + feeds[:, None] * tube]
+    directions = np.broadcast_to(tube, (len(feeds), 3))
+    # Where on the track, in places, each joint is at the least.
+    first = np.round((feeds - feeds[0]) / spacing).astype(np.intp)
+    per_link = round(1.0 / _FINE)
+    for joint in range(arm.links):
+        free = free_shares_of_bends(arm, feeds + joint * link - arm.hole)[:, None]
+        window = np.clip(first[:, None] - _BACK + np.arange(_AHEAD + _BACK), 0, len(places) - 1)
+        nearest, chord = _chord(places[window], points[-1], link)
+        directions = (1.0 - free) * directions + free * chord
+        directions = directions / np.linalg.norm(directions, axis=1)[:, None]
+        points.append(points[-1] + link * directions)
+        here = window[np.arange(len(feeds)), nearest]
+        first = np.where(free[:, 0] > 0.0, here, first) + per_link
+    return configuration_from_positions(arm, np.stack(points, axis=1))
+
+
+def feeds_to_end(arm: SpaceArm, track: SpaceTipTrack, start: float, step: float) -> FloatArray:
+    """Positions of the base from the start of a motion to where the tip is nearest to the end of its track, shape (k,).
+
+    Args:
+        arm: on a feed axis.
+        track: of its tip.
+        start: where the base is at first [m].
+        step: about how far apart they are [m].
+    """
+    # Links leave out a part of bends, so the tip is at the end before the base has come as far as the track is long.
+    farthest = max(min(start + track.end - track.start, arm.base_range[1]), start)
+    before = np.linspace(max(start, farthest - 2.0 * arm.link_length), farthest, 41)
+    feeds = np.concatenate(([start], before))
+    tips = joint_positions(arm, slid_along(arm, track, feeds))[1:, -1]
+    last = float(before[np.argmin(np.linalg.norm(tips - track.corners[-1], axis=1))])
+    return np.linspace(start, last, max(2, int(np.ceil((last - start) / step)) + 1))
+
+
+def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatArray, FloatArray]:
+    """The number of the place nearest to each joint, and the direction to where the track is a link away from it.
+
+    Args:
+        window: places of the track in their order, shape (k, m, 3) [m].
+        joints: shape (k, 3) [m].
+        link: length of a link [m].
+    """
+    away = np.linalg.norm(window - joints[:, None], axis=2)
+    rows = np.arange(len(joints))
+    nearest = np.argmin(away[:, :_AHEAD], axis=1)
+    behind = np.arange(window.shape[1]) <= nearest[:, None]
+    beyond = np.argmax((away >= link) & ~behind, axis=1)
+    # Where the track ends too soon, towards its end.
+    beyond = np.where(beyond == 0, window.shape[1] - 1, beyond)
+    before = beyond - 1
+    grown = away[rows, beyond] - away[rows, before]
+    share = np.clip((link - away[rows, before]) / np.where(grown > 0.0, grown, 1.0), 0.0, 1.0)[:, None]
+    aim = (1.0 - share) * window[rows, before] + share * window[rows, beyond] - joints
+    return nearest, aim / np.maximum(np.linalg.norm(aim, axis=1), 1e-12)[:, None]
+
+
+def _prolonged(track: SpaceTipTrack, arcs: FloatArray) -> FloatArray:
+    """Places at arc lengths, straight on beyond the end of the track, shape (m, 3) [m]."""
+    last = track.corners[-1] - track.corners[-2]
+    last = last / np.linalg.norm(last)
+    return np.asarray(track.at(arcs) + np.maximum(arcs - track.end, 0.0)[:, None] * last)
