@@ -24,14 +24,12 @@ class TipWay:
         corners: shape (m, 3) [m].
         margin: share of the margin that steps along it keep.
         followed: weight with which all joints are drawn onto it behind the tip; 0 where they are not.
-        slid: whether the arm is slid along it with all joints on it.
     """
 
     name: str
     corners: FloatArray
     margin: float = 1.0
     followed: float = 0.0
-    slid: bool = False
 
 
 @dataclass
@@ -112,7 +110,6 @@ class SpaceTipWays:
             way = self._followable(cells, allowance, price, approach)
             if way is not None and not any(_alike(way, other, 0.5 * self.task.unit) for other in seen):
                 seen.append(way)
-                yield TipWay("on the track of the tip", way, settings.ways.close, slid=True)
                 yield TipWay("behind the tip", way, settings.ways.close, settings.guide.onto_track)
                 yield TipWay("close behind the tip", way, settings.ways.close, settings.guide.close_onto_track)
                 yield TipWay("behind the tip, more freely", way, settings.ways.close)

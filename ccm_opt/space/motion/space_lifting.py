@@ -54,7 +54,7 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
         task: of the arm.
         found: of the task that ``coarse_task`` makes of it.
     """
-    curve, start = CurveMap.through(task.arm, task.start)
+    curve, start = CurveMap.through(task.arm, task.start, found.curve.knots)
     stepper = task.stepper(curve, 0.0)
     unknowns = _fitted(stepper, found, start, task.settings.lifting)
     end = None if task.goal is None else onto_goal(stepper, task.goal, stepper.pose(unknowns[-1]))

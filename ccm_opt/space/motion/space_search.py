@@ -140,14 +140,21 @@ class _Search:
         """Along one way after the other."""
         task = self.task
         goal = self._goal(task.stepper(curve), end)
+        # Whoever begins elsewhere than the task does has no track of the tip behind the arm.
+        slides = self.stage is None and task.arm.base_axes and np.array_equal(start, self._spaces()[1])
         for way in ways:
-            if way.slid:
-                found = self._slid(way) if self.stage is None and np.array_equal(start, self._spaces()[1]) else None
-            else:
-                found = self._attempt(way.name, task.stepper(curve, way.margin), start, self._along(way, goal, end))
+            found = self._attempt(way.name, task.stepper(curve, way.margin), start, self._along(way, goal, end))
+            if slides and way.followed and (found is None or not self._has_room(found)):
+                found = self._slid(way) or found
             if found is not None or task.deadline.passed():
                 return found
         return None
+
+    def _has_room(self, motion: SpaceMotion) -> bool:
+        """Whether a motion keeps so much of the wanted gap that the optimisation can be expected to make the rest."""
+        task = self.task
+        roomy = replace(task, clearance=task.clearance + task.settings.slide.grazing * task.wanted_gap)
+        return len(failing_edges(roomy.stepper(motion.curve, 0.0), motion.unknowns)) == 0
 
     def _slid(self, way: TipWay) -> SpaceMotion | None:
         """From the start with all joints on a way, in a curve of the fewest knots that leave it half of its room."""
@@ -168,7 +175,9 @@ class _Search:
                     continue
                 stepper = task.stepper(curve, way.margin)
                 poses = [stepper.pose(u) for u in unknowns]
-                return self._attempt(way.name, stepper, v, partial(self._ended, self._goal(stepper, end), poses, end))
+                return self._attempt(
+                    "on the track of the tip", stepper, v, partial(self._ended, self._goal(stepper, end), poses, end)
+                )
         return None
 
     def _goal(self, stepper: SpaceStepper, end: SpacePose | None) -> SpaceTipPose:

@@ -90,9 +90,12 @@ class SlideSettings:
         step: of the feed from keyframe to keyframe [u].
         knots: of the curve, tried in turn: the more, the better it shows sharp bends, and the longer the optimisation
             takes (measured in pipes: with 8 to 16 links 16 show what chords leave, with 24 links 22 do).
+        grazing: a motion led by the tip that keeps less than this share of the wanted gap is slid instead if it can be;
+            the optimisation seldom makes room for such a one.
         room: share of the wanted gap that the first fit of these leaves; where none does, any that touches nothing.
     """
 
     step: float = 0.5
     knots: tuple[int, ...] = (11, 16, 22)
+    grazing: float = 0.1
     room: float = 0.5
