@@ -156,6 +156,19 @@ def test_motions_within_the_certified_joint_error_touch_nothing(seed: int, links
         assert perturbed_gap(arm, workspace, poses, np.tile(shift, (len(poses), 1))) >= -1e-9
 
 
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6), st.sampled_from([3, 6]))
+def test_some_of_very_many_cases_bring_the_upper_end_down_to_the_same(seed: int, links: int) -> None:
+    """Where more cases than a few are left, a sample of them is looked at first: what is certified is the same."""
+    arm, workspace, poses = drawn_case(np.random.default_rng(seed), links)
+    motion = motion_of(poses)
+    model = joint_errors(arm)
+    usual = survived_error(arm, workspace, motion, model)
+    sampled = survived_error(arm, workspace, motion, model, replace(DEFAULT_TOLERANCE, chunk=4, sample=2))
+    # Each says that its bound could not certify more than this much above what it certifies.
+    assert sampled.size == pytest.approx(usual.size, rel=3.0 * DEFAULT_TOLERANCE.precision)
+
+
 @settings(max_examples=10, deadline=None)
 @given(SEEDS, st.sampled_from((4, 10)))
 def test_what_is_not_settled_in_time_is_certified_for_less(seed: int, links: int) -> None:

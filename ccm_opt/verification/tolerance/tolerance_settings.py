@@ -32,6 +32,7 @@ class ToleranceSettings:
         far_turn: turn of a vector beyond which a linearisation does not find the worst errors well [rad]. Measured on
             random chains of 24 vectors: the bound grows loose from there on.
         far_steps: steps that find them then. Taste.
+        sample: cases of very many that bring the upper end down before all are looked at. Taste.
         chunk: cases handled at a time, so that the intermediate arrays stay small. Taste.
         tube_directions: directions in which the places of every joint are bounded for the picture of the tube. Taste.
         tube_poses: poses of that picture. Taste.
@@ -70,6 +71,7 @@ class ToleranceSettings:
     largest_length: float = 0.25
     far_turn: float = 0.25
     far_steps: int = 12
+    sample: int = 256
     chunk: int = 2048
     tube_directions: int = 24
     tube_poses: int = 160
