@@ -13,12 +13,13 @@ from ccm_opt.diagnosis.passages import wide_and_short_enough
 from ccm_opt.diagnosis.reach import supple_enough, within_reach
 from ccm_opt.driver.call_arguments import expect_arguments
 from ccm_opt.driver.file_words import in_words_of_its_file
+from ccm_opt.driver.flooding import flooded
 from ccm_opt.driver.reach_flood import Cell, ReachFlood
 from ccm_opt.driver.solve_settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.errors import ProblemError
 from ccm_opt.ground.arguments import is_number, is_whole
 from ccm_opt.ground.arrays import BoolArray, FloatArray
-from ccm_opt.ground.executors import LocalWorkers, ThisProcess, Workers, completed
+from ccm_opt.ground.executors import Workers
 from ccm_opt.ground.expected import expect_that
 from ccm_opt.ground.length_words import file_length
 from ccm_opt.ground.rounding import ROUNDING
@@ -123,16 +124,10 @@ def _reach_map_in_plane(
         closed = frozenset(_out_of_reach(problem, x, y))
     flood = ReachFlood(x, y, len(grid.headings), closed, numbers.reach)
     question = ReachQuestion.about(problem, grid.headings, numbers.reach)
-    crew = workers if not isinstance(workers, int) else ThisProcess() if workers == 1 else LocalWorkers(workers)
     open_cells = len(x) * len(y) - len(closed)
     with stages("cells"):
         flood.begin(_start_cell(problem, x, y, closed), start_headings(problem))
-        for task, result in completed(crew, partial(cell_poses, question), flood):
-            if isinstance(result, BaseException):
-                raise result
-            flood.add(task, result)
-            if progress is not None:
-                progress(len(flood.poses), open_cells)
+        flooded(flood, partial(cell_poses, question), workers, open_cells, progress)
     with stages("proofs"):
         blocked = closed | frozenset(_behind_walls(problem, x, y, flood))
     timings = {**stages.timings, "cells": flood.cpu}

@@ -6,9 +6,10 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.driver.file_words import in_words_of_its_file
+from ccm_opt.driver.flooding import flooded
 from ccm_opt.errors import NoPlanFound, ProblemError
 from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.ground.executors import LocalWorkers, ThisProcess, Workers, completed
+from ccm_opt.ground.executors import Workers
 from ccm_opt.ground.length_words import file_length
 from ccm_opt.ground.rounding import ROUNDING
 from ccm_opt.ground.stages import Stages
@@ -63,14 +64,7 @@ def reach_map_in_space(
     flood = TipFlood(axes, width, closed, len(tried), settings)
     with stages("motion"):
         _begin(flood, problem, looker)
-    crew = workers if not isinstance(workers, int) else ThisProcess() if workers == 1 else LocalWorkers(workers)
-    open_cells = int(np.sum(~closed))
-    for task, found in completed(crew, partial(look_at_cell, question), flood):
-        if isinstance(found, BaseException):
-            raise found
-        flood.add(task, found)
-        if progress is not None:
-            progress(len(flood.poses), open_cells)
+    flooded(flood, partial(look_at_cell, question), workers, int(np.sum(~closed)), progress)
     reachable = np.zeros(closed.shape, dtype=bool)
     for cell in flood.poses:
         reachable[cell] = True
