@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -118,7 +118,8 @@ class _Search:
         poses = withdrawn(task.stepper(curve, 0.0), start, task.deadline)
         if len(poses) < 2:
             return None
-        found = self._by_ways(self._ways(curve, poses[-1].v, end).first(), curve, poses[-1].v, end)
+        ways = self._ways(curve, poses[-1].v, end).first()
+        found = self._by_ways(ways, curve, poses[-1].v, end, slides=False)
         if found is None:
             return None
         unknowns = np.vstack(([pose.v for pose in poses[:-1]], found.unknowns))
@@ -135,13 +136,26 @@ class _Search:
         return SpaceTipWays(task, pose.tip, goal.position, goal.direction, pose.tip_direction, fed)
 
     def _by_ways(
-        self, ways: Iterator[TipWay], curve: CurveMap, start: FloatArray, end: SpacePose | None
+        self,
+        ways: Iterator[TipWay],
+        curve: CurveMap,
+        start: FloatArray,
+        end: SpacePose | None,
+        *,
+        slides: bool = True,
     ) -> SpaceMotion | None:
-        """Along one way after the other."""
+        """Along one way after the other.
+
+        Args:
+            ways: of the tip.
+            curve: of the motion.
+            start: unknowns, shape (p,).
+            end: the pose at the goal where a whole pose is asked.
+            slides: whether the motion begins at the task's start, so that the arm lies on the track of its tip.
+        """
         task = self.task
         goal = self._goal(task.stepper(curve), end)
-        # Whoever begins elsewhere than the task does has no track of the tip behind the arm.
-        slides = self.stage is None and task.arm.base_axes and np.array_equal(start, self._spaces()[1])
+        slides = slides and self.stage is None and bool(task.arm.base_axes)
         for way in ways:
             found = self._attempt(way.name, task.stepper(curve, way.margin), start, self._along(way, goal, end))
             if slides and way.followed and (found is None or not self._has_room(found)):
@@ -160,24 +174,34 @@ class _Search:
         """From the start with all joints on a way, in a curve of the fewest knots that leave it half of its room."""
         task = self.task
         arm = task.arm
-        settings = task.settings.slide
         corners = np.vstack([part for part, _ in self._legs(way)])
         track = SpaceTipTrack.along(joint_positions(arm, task.start), corners)
-        feeds = feeds_to_end(arm, track, float(task.start[-1]), settings.step * task.unit)
-        configurations = slid_along(arm, track, feeds)
+        feeds = feeds_to_end(arm, track, float(task.start[-1]), task.settings.slide.step * task.unit)
+        fitted = self._fitted_slide(slid_along(arm, track, feeds))
+        if fitted is None:
+            return None
+        curve, end, unknowns = fitted
+        stepper = task.stepper(curve, way.margin)
+        poses = [stepper.pose(v) for v in unknowns]
+        ended = partial(self._ended, poses, self._goal(stepper, end), end)
+        return self._attempt("on the track of the tip", stepper, unknowns[0], lambda led, _: ended(led))
+
+    def _fitted_slide(self, configurations: FloatArray) -> tuple[CurveMap, SpacePose | None, FloatArray] | None:
+        """The curve that shows configurations, the pose at the goal where one is asked, and unknowns, all certified."""
+        task = self.task
+        settings = task.settings.slide
+
+        @cache
+        def fit(knots: int) -> tuple[CurveMap, SpacePose | None, FloatArray]:
+            curve, start, end = self._spaces(knots)
+            return curve, end, np.stack([start, *(curve.fitted(q) for q in configurations[1:])])
+
         for room in (settings.room * task.wanted_gap, 0.0):
             certified = replace(task, clearance=task.clearance + room)
             for knots in settings.knots:
-                curve, v, end = self._spaces(knots)
-                stepper = certified.stepper(curve, 0.0)
-                unknowns = np.stack([v, *(curve.fitted(q) for q in configurations[1:])])
-                if len(failing_edges(stepper, unknowns)) > 0:
-                    continue
-                stepper = task.stepper(curve, way.margin)
-                poses = [stepper.pose(u) for u in unknowns]
-                return self._attempt(
-                    "on the track of the tip", stepper, v, partial(self._ended, self._goal(stepper, end), poses, end)
-                )
+                curve, end, unknowns = fit(knots)
+                if len(failing_edges(certified.stepper(curve, 0.0), unknowns)) == 0:
+                    return curve, end, unknowns
         return None
 
     def _goal(self, stepper: SpaceStepper, end: SpacePose | None) -> SpaceTipPose:
@@ -200,15 +224,14 @@ class _Search:
                 poses += follow(stepper, guide, poses[-1], task.deadline)[1:]
                 if place is not None:
                     poses += settle(stepper, place, poses[-1], task.deadline)[1:]
-            return self._ended(goal, poses, end, stepper, poses[0])
+            return self._ended(poses, goal, end, stepper)
 
         return lead
 
     def _ended(
-        self, goal: SpaceTipPose, poses: list[SpacePose], end: SpacePose | None, stepper: SpaceStepper, first: SpacePose
+        self, poses: list[SpacePose], goal: SpaceTipPose, end: SpacePose | None, stepper: SpaceStepper
     ) -> list[SpacePose]:
         """Poses that have come near the goal, and others onto it, or on to a pose of the whole arm."""
-        del first
         if end is None:
             return [*poses, *settle(stepper, goal, poses[-1], self.task.deadline)[1:]]
         return [*poses, *self._moved_to(end, stepper, poses[-1])[1:]]
