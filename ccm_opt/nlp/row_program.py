@@ -1,11 +1,10 @@
-"""An NLP as data: named rows, named parts of its objective, and the solver that is built from them."""
+"""An NLP as data: named rows and named parts of its objective."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
-from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -78,21 +77,3 @@ class RowProgram(ABC):
         own = np.ones(len(self.parts) - len(weights))
         amounts = np.asarray(self.parts_function(variables, parameters), dtype=np.float64).ravel()
         return dict(zip(self.parts, (amounts * np.append(weights, own)).tolist(), strict=True))
-
-
-_solvers: WeakKeyDictionary[RowProgram, dict[tuple[Any, ...], ca.Function]] = WeakKeyDictionary()
-
-
-def built_solver(program: RowProgram, options: Mapping[str, Any]) -> ca.Function:
-    """The IPOPT solver of a program; built once for the same options, kept as long as the program lives."""
-    kept = _solvers.setdefault(program, {})
-    asked = tuple(options.items())
-    if asked not in kept:
-        symbols = {
-            "x": program.variables,
-            "p": program.parameters.column,
-            "f": program.objective,
-            "g": program.constraints,
-        }
-        kept[asked] = ca.nlpsol("goal_pose", "ipopt", symbols, dict(options))
-    return kept[asked]

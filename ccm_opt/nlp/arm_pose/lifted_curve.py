@@ -158,6 +158,13 @@ class LiftedCurve:
         )
 
     @cached_property
+    def bows_at_ends(self) -> ca.SX:
+        """Symbols of the bows at the start and the end of every piece, zero where segments meet, shape (2, 4 K)."""
+        inner = ca.reshape(self.bows, PIECES - 1, self.segments)
+        zero = ca.SX.zeros(1, self.segments)
+        return ca.horzcat(ca.vec(ca.vertcat(zero, inner)), ca.vec(ca.vertcat(inner, zero))).T
+
+    @cached_property
     def segment_lengths(self) -> ca.SX:
         """L_k, shape (1, K)."""
         return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))

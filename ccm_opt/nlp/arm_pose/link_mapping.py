@@ -6,7 +6,7 @@ which is smooth as often as the curve itself is.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve, SplinePieces
 from ccm_opt.nlp.constraints import RowBlock, equal_to_zero, not_negative
+from ccm_opt.nlp.repeated_rows import Repeated, selection
 
 
 def mapping_rows(curve: LiftedCurve, link_headings: ca.SX, window: int) -> tuple[RowBlock, RowBlock]:
@@ -77,6 +78,30 @@ class JointsAmongPieces:
         names += [f"joint {j}: knot {self.last[j] + 1} stays behind it" for j in before]
         return not_negative(tuple(names), rows)
 
+    def turns_and_integrals(self) -> Repeated:
+        """∫ κ and ∫∫ κ over the part before the joint of every piece that is looked at for one, shape (2, pairs)."""
+        joint, piece = self._pairs
+        knots = np.stack((piece, piece + 1)).ravel("F").tolist()
+        columns = (
+            ca.reshape(self.curve.arcs[knots], 2, -1),
+            ca.reshape(self.curve.curvatures[knots], 2, -1),
+            self.curve.bows_at_ends[:, piece.tolist()],
+            self.curve.headings[piece.tolist()].T,
+        )
+        form = partial(_before_joint, self.curve.moment_scale)
+        return Repeated(form, columns, (ca.SX(ca.DM(self.arcs[joint])).T,))
+
+    def sums_over_pieces(self) -> tuple[ca.DM, ca.DM]:
+        """What θ and Θ at every joint have of ``turns_and_integrals`` beside what is before the first piece.
+
+        Returns:
+            Sparse matrices, shape (links + 1, 2 pairs).
+        """
+        joint, _ = self._pairs
+        shape = (len(self.arcs), 2 * len(joint))
+        places = 2 * np.arange(len(joint))
+        return selection(*shape, joint, places), selection(*shape, joint, places + 1)
+
     @cached_property
     def _pairs(self) -> tuple[IntArray, IntArray]:
         """Every joint with every piece from its first to its last, as two arrays."""
@@ -99,3 +124,22 @@ class JointsAmongPieces:
         return ca.DM.triplet(
             joint.tolist(), list(range(len(joint))), ca.DM.ones(len(joint)), len(self.arcs), len(joint)
         )
+
+
+def _before_joint(scale: float, arcs: ca.SX, curvatures: ca.SX, bows: ca.SX, heading: ca.SX, joint: ca.SX) -> ca.SX:
+    """Turn and integral of the heading over what of a piece lies before a joint, column by column, shape (2, e).
+
+    Args:
+        scale: of the bows.
+        arcs: where the piece begins and ends, shape (2, e).
+        curvatures: there, likewise.
+        bows: likewise.
+        heading: where it begins, shape (1, e) [rad].
+        joint: arc length of the joint, shape (1, e).
+    """
+    start, end = ca.vertsplit(arcs)
+    first, last = ca.vertsplit(curvatures)
+    first_moment, last_moment = ca.vertsplit(scale * bows)
+    piece = SplinePieces(start, end - start, heading, first, last, first_moment, last_moment)
+    inside = ca.fmin(ca.fmax(joint - start, 0), piece.width)
+    return ca.vertcat(piece.turn_after(inside), piece.integral_after(inside))

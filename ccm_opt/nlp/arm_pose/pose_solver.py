@@ -15,9 +15,9 @@ from ccm_opt.ground.ipopt_call import ipopt_answer
 from ccm_opt.nlp.arm_pose.pose_program import PoseProgram
 from ccm_opt.nlp.arm_pose.pose_settings import PoseSettings
 from ccm_opt.nlp.arm_pose.pose_task import PoseTask, free_from
+from ccm_opt.nlp.built_solver import built_solver
 from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
 from ccm_opt.nlp.row_answer import RowAnswer, RowReading
-from ccm_opt.nlp.row_program import built_solver
 
 _SWITCHES: dict[str, Any] = {
     **IPOPT_SWITCHES,

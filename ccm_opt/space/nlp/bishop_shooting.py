@@ -18,6 +18,7 @@ import casadi as ca
 from ccm_opt.nlp.arm_pose.lifted_curve import LiftedCurve
 from ccm_opt.nlp.arm_pose.link_mapping import JointsAmongPieces
 from ccm_opt.nlp.constraints import RowBlock, equal_to_zero
+from ccm_opt.nlp.repeated_rows import Repeated, repeated_rows
 from ccm_opt.space.nlp.quaternions import product, turned_by
 
 DIRECTIONS = ("left", "up")
@@ -84,32 +85,51 @@ class BishopShooting:
             blocks += [_named(name, block) for block in (splines, gaps, self._link_turns(index, joints))]
             if index == 0:  # the knots are shared
                 blocks += [spacing, joints.kept_among()]
-        return (*blocks, self._frame_gaps())
-
-    def directions(self) -> ca.SX:
-        """Mean direction of the curve over each link, in the axes of the frame at its beginning, shape (3, n)."""
-        angle = _lengths(self.means)
-        return ca.vertcat(ca.cos(angle), ca.repmat(ca.sin(angle) / angle, 2, 1) * self.means)
+        return (*blocks, *self._frame_gaps())
 
     def _link_turns(self, index: int, joints: JointsAmongPieces) -> RowBlock:
         """Ω_i = U(s_(j+1)) − U(s_j) and ψ_i = (1/h) ∫ U ds − U(s_j) of every link."""
-        turns = joints.turns()
-        integrals = joints.integrals()
-        whole = turns[1:] - turns[:-1] - self.turns[index, :].T
-        mean = self.links * (integrals[1:] - integrals[:-1]) - turns[:-1] - self.means[index, :].T
+        part = self.parts[index]
+        turn, integral = joints.sums_over_pieces()
+        whole = turn[1:, :] - turn[:-1, :]
+        mean = self.links * (integral[1:, :] - integral[:-1, :]) - turn[:-1, :]
+        turned = part.headings[joints.first.tolist()]
+        integrals = part.integrals[joints.first.tolist()]
+        linear = ca.vertcat(
+            turned[1:] - turned[:-1] - self.turns[index, :].T,
+            self.links * (integrals[1:] - integrals[:-1]) - turned[:-1] - self.means[index, :].T,
+        )
         kinds = ("turn of link {}", "mean turn of link {}")
-        names = tuple(kind.format(link + 1) for kind in kinds for link in range(self.links))
-        return equal_to_zero(tuple(f"mapping: {name}" for name in names), ca.vertcat(whole, mean))
+        names = tuple(f"mapping: {kind.format(link + 1)}" for kind in kinds for link in range(self.links))
+        return repeated_rows(equal_to_zero, names, joints.turns_and_integrals(), ca.vertcat(whole, mean), linear)
 
-    def _frame_gaps(self) -> RowBlock:
+    def _frame_gaps(self) -> tuple[RowBlock, RowBlock]:
         """The frame at a joint is that at the joint before, carried over the link between."""
-        left, up = ca.vertsplit(self.turns[:, :-1])
-        mean_left, mean_up = ca.vertsplit(self.means[:, :-1])
-        steps = turned_by(ca.vertcat(mean_left * up - mean_up * left, -up, left))
         first = turned_by(ca.vertcat(0, -self.base_turn[1], self.base_turn[0]))
-        carried = ca.horzcat(first, product(self.frames[:, :-1], steps))
-        names = [f"link {link + 1}: gap in {part} of its frame" for link in range(self.links) for part in "wxyz"]
-        return equal_to_zero(tuple(names), ca.vec(self.frames - carried))
+        names = tuple(f"link {link + 1}: gap in {part} of its frame" for link in range(self.links) for part in "wxyz")
+        columns = (self.frames[:, :-1], self.turns[:, :-1], self.means[:, :-1], self.frames[:, 1:])
+        return (
+            equal_to_zero(names[:4], self.frames[:, 0] - first),
+            repeated_rows(equal_to_zero, names[4:], Repeated(_frame_gap, columns)),
+        )
+
+
+def mean_direction(means: ca.SX) -> ca.SX:
+    """Mean direction of the curve over links, in the axes of the frames at their beginnings, shape (3, n).
+
+    Args:
+        means: ψ, shape (2, n) [rad].
+    """
+    angle = _lengths(means)
+    return ca.vertcat(ca.cos(angle), ca.repmat(ca.sin(angle) / angle, 2, 1) * means)
+
+
+def _frame_gap(before: ca.SX, turns: ca.SX, means: ca.SX, frame: ca.SX) -> ca.SX:
+    """What frames lack of those before, carried over links with these Ω and ψ, column by column."""
+    left, up = ca.vertsplit(turns)
+    mean_left, mean_up = ca.vertsplit(means)
+    carried: ca.SX = product(before, turned_by(ca.vertcat(mean_left * up - mean_up * left, -up, left)))
+    return frame - carried
 
 
 def _named(direction: str, block: RowBlock) -> RowBlock:

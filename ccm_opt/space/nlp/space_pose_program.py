@@ -66,7 +66,7 @@ class SpacePoseParameters:
         goal: middle of the ball that the tip lies in, shape (3, 1).
         goal_room: its radius, scalar.
         across: two unit vectors across the direction asked for, shape (3, 2).
-        normals: of the regions' sides, inwards, shape (3, n · sides).
+        normals: of the regions' sides, inwards, shape (3 · sides, n).
         offsets: shape (sides, n).
         gap_shares: shape (sides, n).
         offsets_from_curve: what the links of the start have of the curve's directions across them, shape (2, n).
@@ -102,7 +102,7 @@ class SpacePoseParameters:
             goal=ca.SX.sym("goal", 3),
             goal_room=ca.SX.sym("goal_room"),
             across=ca.SX.sym("across", 3, 2),
-            normals=ca.SX.sym("normal", 3, size.links * size.sides),
+            normals=ca.SX.sym("normal", 3 * size.sides, size.links),
             offsets=ca.SX.sym("offset", size.sides, size.links),
             gap_shares=ca.SX.sym("gap_share", size.sides, size.links),
             offsets_from_curve=ca.SX.sym("offset_from_curve", 2, size.links),
@@ -186,9 +186,9 @@ def space_pose_program(size: SpacePoseSize) -> SpacePoseProgram:
     given = SpacePoseParameters.symbols(size)
     rows = [
         *curve.rows(size.least_piece, size.window),
-        turning_rows(bends, links),
-        place_rows(links, points, feed),
-        mapping_rows_in_space(curve, links, stray * given.offsets_from_curve),
+        *turning_rows(bends, links),
+        *place_rows(links, points, feed),
+        mapping_rows_in_space(curve, links, stray, given.offsets_from_curve),
         side_rows(points, given.first_shares, given.normals, given.offsets, given.gap_shares, gap),
         tip_place_row(points[:, size.links], given.goal, given.goal_room),
         tip_direction_rows(links[:, size.links - 1], given.across, tip_parts),

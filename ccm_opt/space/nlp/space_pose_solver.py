@@ -10,9 +10,9 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.ipopt_call import ipopt_answer
 from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
+from ccm_opt.nlp.built_solver import built_solver
 from ccm_opt.nlp.ipopt_switches import IPOPT_SWITCHES
 from ccm_opt.nlp.row_answer import RowAnswer, RowReading
-from ccm_opt.nlp.row_program import built_solver
 from ccm_opt.space.curve.space_configuration import SpaceConfiguration
 from ccm_opt.space.nlp.holding import holding_loads
 from ccm_opt.space.nlp.shooting_start import CurveNumbers, link_quaternions, start_values
