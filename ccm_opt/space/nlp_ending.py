@@ -111,7 +111,7 @@ def _bent_to(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: S
         unknowns = motion.unknowns + (share**2 * (3.0 - 2.0 * share))[:, None] * change
         unknowns[-1] = end.v
         if len(failing_edges(stepper, unknowns)) == 0:
-            configurations = np.stack([motion.curve.configuration(v) for v in unknowns])
+            configurations = motion.curve.configurations(np.asarray(unknowns))
             return replace(motion, unknowns=unknowns, configurations=configurations)
     return None
 

@@ -95,11 +95,25 @@ class CurveMap:
 
     def configuration(self, v: FloatArray) -> FloatArray:
         """The configuration q of unknowns, shape (c,) [rad, m]."""
-        x = v[: len(self.scale)] * self.scale
-        feed = x[len(x) - len(self.arm.base_axes) :]
-        places = self.places(float(np.sum(feed)))
-        turns = self._turns(x, self._shapes(places)) + self.offsets(places, v)
-        return np.concatenate((turns.ravel(), feed))
+        return np.asarray(self.configurations(v[None])[0])
+
+    def configurations(self, v: FloatArray) -> FloatArray:
+        """The configurations of several unknowns at once, shape (m, p) to (m, c) [rad, m]."""
+        n = self.arm.links
+        x = v[:, : len(self.scale)] * self.scale
+        feeds = x[:, x.shape[1] - len(self.arm.base_axes) :]
+        places = self.places(np.sum(feeds, axis=1, keepdims=True))
+        flat = np.broadcast_to(places, (len(v), n)).ravel()
+        shapes = self._shapes(flat).reshape(len(v), n, self.knots)
+        turns = self._interpolated(self.offset, flat).reshape(len(v), n, 2)
+        if self.blend is not None:
+            turns = turns + v[:, -1, None, None] * self._interpolated(self.blend, flat).reshape(len(v), n, 2)
+        turned = 0 if self.arm.base_axes else 2
+        of_axes = x[:, turned : turned + 2 * self.knots].reshape(len(v), 2, self.knots)
+        turns = turns + np.matmul(shapes, np.swapaxes(of_axes, 1, 2))
+        if turned:
+            turns[:, 0] += x[:, :2]
+        return np.concatenate((turns.reshape(len(v), 2 * n), feeds), axis=1)
 
     def slopes(self, v: FloatArray) -> FloatArray:
         """Derivatives of the configuration by the unknowns, shape (c, p)."""
@@ -203,8 +217,8 @@ class CurveMap:
     def _places_at_full_feed(self) -> FloatArray:
         return self.places(sum(axis.high for axis in self.arm.base_axes))
 
-    def places(self, feed: float) -> FloatArray:
-        """Arc lengths of the joints, shape (links,) [m]."""
+    def places(self, feed: FloatArray | float) -> FloatArray:
+        """Arc lengths of the joints, shape (links,) [m]; of several feeds, shape (m, 1), those of each in a row."""
         arm = self.arm
         along = arm.link_length * np.arange(arm.links)
         return np.asarray(along + feed - arm.hole if arm.base_axes else along)

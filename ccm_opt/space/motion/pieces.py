@@ -29,16 +29,24 @@ def pieces(stepper: SpaceStepper, before: FloatArray, after: FloatArray) -> list
 
 def edge_is_safe(stepper: SpaceStepper, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
     """Whether an edge keeps all limits and is certified."""
-    places = [stepper.curve.configuration(v) for v in pieces(stepper, before, after)]
-    if not all(stepper.within_limits(q) for q in places):
-        return False
-    return all(stepper.certificate.safe(p, q, depth) for p, q in pairwise(places))
+    return len(failing_edges(stepper, np.stack((before, after)), depth)) == 0
 
 
 def failing_edges(stepper: SpaceStepper, unknowns: FloatArray, depth: int | None = None) -> IntArray:
     """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified."""
-    edges = enumerate(pairwise(unknowns))
-    return np.array([k for k, (a, b) in edges if not edge_is_safe(stepper, a, b, depth)], dtype=np.intp)
+    edges = [pieces(stepper, before, after) for before, after in pairwise(unknowns)]
+    configurations = stepper.curve.configurations(np.array([v for edge in edges for v in edge]))
+    kept = [stepper.within_limits(q) for q in configurations]
+    failing = []
+    first = 0
+    for k, edge in enumerate(edges):
+        places = range(first, first + len(edge))
+        first += len(edge)
+        if not all(kept[place] for place in places) or not all(
+            stepper.certificate.safe(configurations[place], configurations[place + 1], depth) for place in places[:-1]
+        ):
+            failing.append(k)
+    return np.array(failing, dtype=np.intp)
 
 
 def in_pieces(stepper: SpaceStepper, unknowns: FloatArray) -> FloatArray:

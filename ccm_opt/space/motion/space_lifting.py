@@ -63,7 +63,7 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     unknowns = np.vstack((unknowns[:-1], end.v))
     if len(failing_edges(stepper, unknowns)) > 0:
         return None
-    configurations = np.stack([curve.configuration(v) for v in in_pieces(stepper, unknowns)])
+    configurations = curve.configurations(in_pieces(stepper, unknowns))
     return SpaceMotion(curve, unknowns, configurations, f"{found.candidate}, lifted from {found.curve.arm.links} links")
 
 

@@ -59,7 +59,7 @@ def _on_equations(
                     return None
                 values[float(place)] = pose.v
         of_unknowns = make_interp_spline(knots, np.array([values[float(place)] for place in knots]), k=DEGREE)
-        control = np.stack([motion.curve.configuration(v) for v in of_unknowns.c])
+        control = motion.curve.configurations(of_unknowns.c)
         spline = BSpline(of_unknowns.t, control, DEGREE)
         missed = _missed_spans(user, spline, knots, settings.equation_samples)
         if not len(missed):

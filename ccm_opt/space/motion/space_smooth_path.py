@@ -133,14 +133,14 @@ def _through_curve(task: SpaceTask, curve: CurveMap, control: FloatArray, ends: 
     """
     unknowns = clamped_spline(control, ends)
     if not task.arm.base_axes:
-        return BSpline(unknowns.t, np.stack([curve.configuration(v) for v in control]), DEGREE)
+        return BSpline(unknowns.t, curve.configurations(np.asarray(control)), DEGREE)
     fed = np.asarray(unknowns(ends))[:, curve.feed_column] * curve.scale[curve.feed_column]
     most = task.settings.smooth_path.feed * task.unit
     parts = np.maximum(np.ceil(np.abs(np.diff(fed)) / most), 1.0).astype(np.intp)
     inner = np.concatenate([np.linspace(ends[k], ends[k + 1], part + 1)[1:] for k, part in enumerate(parts)])
     knots = np.concatenate((np.zeros(DEGREE + 1), inner, np.ones(DEGREE)))
     places = np.mean([knots[1 + k : len(knots) - DEGREE + k] for k in range(DEGREE)], axis=0)
-    return BSpline(knots, np.stack([curve.configuration(v) for v in np.asarray(unknowns(places))]), DEGREE)
+    return BSpline(knots, curve.configurations(np.asarray(unknowns(places))), DEGREE)
 
 
 def _within_limits(task: SpaceTask, spline: BSpline) -> bool:

@@ -59,7 +59,7 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
     return SpaceMotion(
         motion.curve,
         unknowns,
-        np.stack([motion.curve.configuration(v) for v in in_pieces(stepper, unknowns)]),
+        motion.curve.configurations(in_pieces(stepper, unknowns)),
         motion.candidate,
         None if motion.u is None else u,
     )
@@ -151,7 +151,7 @@ def thinned(
         return np.vstack((labelled[:1], *(part[1:] for part in parts)))
 
     few = fewer(settings.first_stride)
-    configurations = np.stack([motion.curve.configuration(v) for v in few[:, :p]])
+    configurations = motion.curve.configurations(few[:, :p])
     sizes = np.linalg.norm(np.diff(configurations * task.slowness, axis=0), axis=1)
     whole = subdivided(few, sizes, settings.intervals)
     if len(failing_edges(stepper, whole[:, :p])) > 0:

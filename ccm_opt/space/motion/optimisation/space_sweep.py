@@ -78,4 +78,4 @@ class SpaceSweep:
         if share == 1.0:
             return self.points[1:]
         between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
-        return np.stack([self.stepper.chains.places(self.curve.configuration(v))[0] for v in between])
+        return np.stack([self.stepper.chains.places(q)[0] for q in self.curve.configurations(between)])
