@@ -17,7 +17,7 @@ from ccm_opt.space.motion.compiled_followable_search import compiled_arcs, searc
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.followable_search import FollowSearch, InterpretedSearch, WayArcs, WayEnd
 from ccm_opt.space.motion.followable_ways import FollowableWays
-from ccm_opt.space.motion.grid_ways import TipGrid
+from ccm_opt.space.motion.grid_ways import TipGrid, WaysBetween
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
 from ccm_opt.space.motion.space_search import find_motion
@@ -151,6 +151,30 @@ def test_costs_to_a_place_are_those_of_the_cheapest_ways() -> None:
         prices = np.array([price[cell] for cell in cells])
         total = float(np.sum(0.5 * lengths * (prices[:-1] + prices[1:])))
         assert costs[cells[0]] == pytest.approx(total, rel=1e-3)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_a_grid_for_ways_of_some_length_has_all_cells_that_they_pass(seed: int) -> None:
+    """Where no such way passes there is no room; everywhere else the grid is as it is without."""
+    random = np.random.default_rng(seed)
+    tree = SurfaceTree.of(boxes(wall_with_a_gap()))
+    low, high = np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])
+    whole = TipGrid.over(tree, low, high, 8000, KEPT, 0.1)
+    start, goal = random.uniform(low, high, (2, 3))
+    longest = float(np.linalg.norm(goal - start)) * random.uniform(1.01, 1.8)
+    asked = WaysBetween(start, goal, longest)
+    part = TipGrid.over(tree, low, high, 8000, KEPT, 0.1, ways=asked)
+    left_out = np.abs(part.gaps - whole.gaps) > 1e-12  # their corners differ in rounding
+    np.testing.assert_array_equal(part.gaps[left_out], -KEPT)
+    middles = np.stack(np.meshgrid(*(np.arange(n) for n in whole.gaps.shape), indexing="ij"), axis=-1)
+    detours = sum(np.linalg.norm(whole.low + whole.cell * middles - place, axis=-1) for place in (start, goal))
+    assert np.all(detours[left_out] > longest)
+    # A bent way of that length passes none that is left out.
+    corner = start + random.uniform(0.0, 1.0) * (goal - start) + random.normal(0.0, 0.05, 3)
+    way = np.concatenate((np.linspace(start, corner, 40), np.linspace(corner, goal, 40)))
+    if np.sum(np.linalg.norm(np.diff(way, axis=0), axis=1)) <= longest:
+        assert not any(left_out[part.index(place)] for place in np.clip(way, low, high))
 
 
 @pytest.mark.parametrize("feed", [None, Feed(0.0, 0.5, 0.5), Feed(-0.3, 0.4, 0.1), Feed(0.0, 0.8, 0.9)])

@@ -11,7 +11,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.motion.bend_allowances import BendAllowance, bend_allowances
 from ccm_opt.space.motion.followable_search import WayEnd
 from ccm_opt.space.motion.followable_ways import FollowableWays
-from ccm_opt.space.motion.grid_ways import TipGrid, shortened
+from ccm_opt.space.motion.grid_ways import TipGrid, WaysBetween, shortened
 from ccm_opt.space.motion.task import SpaceTask
 
 
@@ -52,7 +52,7 @@ class SpaceTipWays:
     heading: FloatArray
     fed: float | None = None
     _followed: list[FloatArray] = field(default_factory=list)  # ways that an arm could follow, as far as was tried
-    _grids: dict[tuple[int, float, float], TipGrid] = field(default_factory=dict)
+    _grids: dict[tuple[int, float, float, float], TipGrid] = field(default_factory=dict)
     _tried: set[float] = field(default_factory=set)  # sizes of the cells of grids that were gone through [m]
     _seen: list[FloatArray] = field(default_factory=list)  # ways through them
 
@@ -121,12 +121,12 @@ class SpaceTipWays:
         task = self.task
         settings = task.settings.followable
         nearness, margin = price
-        grid = self._grid(cells, margin, allowance.beside)
+        grid = self._grid(cells, margin, allowance.beside, self._longest_followed)
         avoided = self._followed
         dear = _prices(grid, avoided, task.settings.ways.detour_price) if avoided else None
         prices = grid.prices(nearness, dear)
         search = FollowableWays(grid, prices, allowance.radius, task.unit, settings, task.deadline)
-        most = (self.fed or 0.0) + settings.spare_length * task.unit
+        most = self._longest_followed
         goals = [WayEnd(place, None) for place in task.via]
         # The last link lies on the way, not on a chord of a bend, where it is as long as a link.
         last = self._before_goal(approach * max(1.0, task.arm.link_length / task.unit))
@@ -193,17 +193,32 @@ class SpaceTipWays:
         parts.append(np.stack(places[len(inner) - 1 :]))
         return self._joined(parts)
 
-    def _grid(self, cells: int, margin: float, beside: float = 0.0) -> TipGrid:
-        """The grid of places with room for the tip, a share of the margin and a further distance [m]."""
-        if (cells, margin, beside) not in self._grids:
+    @property
+    def _longest_followed(self) -> float:
+        """Length of the longest way to where the approach begins that an arm can follow behind its tip [m]."""
+        return (self.fed or 0.0) + self.task.settings.followable.spare_length * self.task.unit
+
+    def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
+        """The grid of places with room for the tip, a share of the margin and a further distance [m].
+
+        Args:
+            cells: about how many.
+            margin: share of the margin.
+            beside: the further distance [m].
+            longest: way that is looked for, to where the approach begins; cells that none passes have no room [m].
+        """
+        key = (cells, margin, beside, longest)
+        if key not in self._grids:
             task = self.task
+            approaches = task.settings.followable.approaches
+            approach = max(approaches) * max(1.0, task.arm.link_length / task.unit) * task.unit
+            ways = WaysBetween(self.start, self.goal, longest + approach) if np.isfinite(longest) else None
             kept = task.arm.radius + task.clearance + margin * task.margin + beside
             far = task.settings.ways.far * task.unit
             low, high = self._box
-            self._grids[cells, margin, beside] = TipGrid.over(
-                task.tree, low, high, cells, kept, far, task.settings.ways.finest * task.unit, task.deadline
-            )
-        return self._grids[cells, margin, beside]
+            finest = task.settings.ways.finest * task.unit
+            self._grids[key] = TipGrid.over(task.tree, low, high, cells, kept, far, finest, task.deadline, ways)
+        return self._grids[key]
 
     @cached_property
     def _box(self) -> FloatArray:

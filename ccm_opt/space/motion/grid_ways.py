@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.ground.compiled_source import compiled_source, pointer_to
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.space.distances.surface_tree import SurfaceTree
@@ -31,6 +31,34 @@ class _WayStruct(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("before", "cost", "heap", "key")),
         *((name, ctypes.c_int64) for name in ("capacity", "found")),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class WaysBetween:
+    """All ways between two places that are no longer than some length; together they fill an ellipsoid.
+
+    Attributes:
+        start: where they begin, shape (3,) [m].
+        goal: where they end, shape (3,) [m].
+        longest: length of the longest [m].
+    """
+
+    start: FloatArray
+    goal: FloatArray
+    longest: float
+
+    def pass_near(self, sides: tuple[FloatArray, FloatArray, FloatArray], near: float) -> BoolArray:
+        """Which places of a grid such a way passes, or comes as near to.
+
+        Args:
+            sides: x, y and z of the places [m].
+            near: what is near [m].
+
+        Returns:
+            Shape (nx, ny, nz).
+        """
+        detour = _distances(sides, self.start) + _distances(sides, self.goal)
+        return np.asarray(detour <= self.longest + 2.0 * near)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +93,7 @@ class TipGrid:
         far: float,
         finest: float = 0.0,
         deadline: Deadline | None = None,
+        ways: WaysBetween | None = None,
     ) -> "TipGrid":
         """The grid over a box. Cells that are not looked at in time count as without room.
 
@@ -77,6 +106,7 @@ class TipGrid:
             far: distance beyond that from which on walls do not matter [m].
             finest: size that cells have at least [m].
             deadline: when to stop; never when None.
+            ways: that are asked for; cells that none of them passes count as without room. Any when None.
         """
         size = np.maximum(high - low, 1e-9)
         cell = max(float((np.prod(size) / cells) ** (1.0 / 3.0)), finest)
@@ -87,10 +117,15 @@ class TipGrid:
         for layer in range(0, int(counts[0]), LAYER):
             if end.passed():
                 break
-            thick = min(LAYER, int(counts[0]) - layer)
-            corner = first + np.array([layer * cell, 0.0, 0.0])
-            looked = tree.grid(corner, cell, (thick, int(counts[1]), int(counts[2])), kept + far)
-            gaps[layer : layer + thick] = looked - kept
+            block = _Block(np.array([layer, 0, 0]), np.minimum([layer + LAYER, counts[1], counts[2]], counts))
+            if ways is None:
+                gaps[block.slices] = tree.grid(first + cell * block.start, cell, block.counts, kept + far) - kept
+                continue
+            # What passes between the middles of two cells comes within a diagonal of one.
+            passed = ways.pass_near(block.sides(first, cell), 2.0 * cell)
+            part, inside = block.part_with(passed)
+            looked = tree.grid(first + cell * part.start, cell, part.counts, kept + far) - kept
+            gaps[part.slices] = np.where(passed[inside], looked, -kept)
         return cls(first, cell, gaps, far, kept, end)
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
@@ -224,6 +259,50 @@ class TipGrid:
         library.cheapest_way(pointer_to(query))
         # Settled cells have the negative of their cost.
         return before, np.abs(cost).reshape(shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Cells of a grid from some number to another along each axis.
+
+    Attributes:
+        start: shape (3,).
+        stop: one behind the last, shape (3,).
+    """
+
+    start: IntArray
+    stop: IntArray
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Numbers of cells along x, y and z."""
+        x, y, z = (int(count) for count in self.stop - self.start)
+        return x, y, z
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        """To take them from an array."""
+        return tuple(slice(int(start), int(stop)) for start, stop in zip(self.start, self.stop, strict=True))
+
+    def sides(self, low: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """x, y and z of the middles of cells of a grid whose first one lies at a place [m]."""
+        x, y, z = (low[axis] + cell * np.arange(self.start[axis], self.stop[axis]) for axis in range(3))
+        return x, y, z
+
+    def part_with(self, wanted: BoolArray) -> tuple["_Block", tuple[slice, ...]]:
+        """The smallest part that has all wanted cells, shape of the counts, none where none is; and its place in it."""
+        low, high = np.zeros(3, dtype=np.intp), np.zeros(3, dtype=np.intp)
+        for axis in range(3):
+            there = np.flatnonzero(np.any(wanted, axis=tuple(other for other in range(3) if other != axis)))
+            if len(there):
+                low[axis], high[axis] = there[0], there[-1] + 1
+        return _Block(self.start + low, self.start + high), _Block(low, high).slices
+
+
+def _distances(sides: tuple[FloatArray, FloatArray, FloatArray], place: FloatArray) -> FloatArray:
+    """Distances of the places of a grid from another, shape (nx, ny, nz) [m]."""
+    x, y, z = ((side - there) ** 2 for side, there in zip(sides, place, strict=True))
+    return np.asarray(np.sqrt(x[:, None, None] + y[:, None] + z))
 
 
 def _interpreted_search(
