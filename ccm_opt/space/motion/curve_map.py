@@ -99,48 +99,39 @@ class CurveMap:
 
     def configurations(self, v: FloatArray) -> FloatArray:
         """The configurations of several unknowns at once, shape (m, p) to (m, c) [rad, m]."""
-        n = self.arm.links
-        x = v[:, : len(self.scale)] * self.scale
-        feeds = x[:, x.shape[1] - len(self.arm.base_axes) :]
-        places = self.places(np.sum(feeds, axis=1, keepdims=True))
-        flat = np.broadcast_to(places, (len(v), n)).ravel()
-        shapes = self._shapes(flat).reshape(len(v), n, self.knots)
-        turns = self._interpolated(self.offset, flat).reshape(len(v), n, 2)
-        if self.blend is not None:
-            turns = turns + v[:, -1, None, None] * self._interpolated(self.blend, flat).reshape(len(v), n, 2)
-        turned = 0 if self.arm.base_axes else 2
-        of_axes = x[:, turned : turned + 2 * self.knots].reshape(len(v), 2, self.knots)
-        turns = turns + np.matmul(shapes, np.swapaxes(of_axes, 1, 2))
-        if turned:
-            turns[:, 0] += x[:, :2]
-        return np.concatenate((turns.reshape(len(v), 2 * n), feeds), axis=1)
+        feeds = self._feeds(v)
+        turns = self._turns(v, self.places(np.sum(feeds, axis=1, keepdims=True)))
+        return np.concatenate((turns.reshape(len(v), -1), feeds), axis=1)
 
     def slopes(self, v: FloatArray) -> FloatArray:
         """Derivatives of the configuration by the unknowns, shape (c, p)."""
-        arm = self.arm
-        n = arm.links
-        x = v[: len(self.scale)] * self.scale
-        feeds = len(arm.base_axes)
-        places = self.places(float(np.sum(x[len(x) - feeds :])))
-        shapes = self._shapes(places)
-        slopes = np.zeros((2 * n + feeds, self.dimension))
-        turned = 0 if feeds else 2
-        if turned:
-            slopes[0, 0] = 1.0
-            slopes[1, 1] = 1.0
+        return np.asarray(self.all_slopes(v[None])[0])
+
+    def all_slopes(self, v: FloatArray) -> FloatArray:
+        """Derivatives of the configurations of several unknowns by these, shape (m, p) to (m, c, p)."""
+        n = self.arm.links
         k = self.knots
-        slopes[0 : 2 * n : 2, turned : turned + k] = shapes * self.scale[turned : turned + k]
-        slopes[1 : 2 * n : 2, turned + k : turned + 2 * k] = shapes * self.scale[turned + k : turned + 2 * k]
-        if feeds:
-            step = 1e-6 * arm.length
-            ahead = self._turns(x, self._shapes(places + step)) + self.offsets(places + step, v)
-            behind = self._turns(x, self._shapes(places - step)) + self.offsets(places - step, v)
-            by_feed = (ahead - behind).ravel() / (2.0 * step)
+        fed = bool(self.arm.base_axes)
+        places = self.places(np.sum(self._feeds(v), axis=1, keepdims=True))
+        flat = np.broadcast_to(places, (len(v), n)).ravel()
+        shapes = self._shapes(flat).reshape(len(v), n, k)
+        slopes = np.zeros((len(v), 2 * n + fed, self.dimension))
+        turned = 0 if fed else 2
+        if turned:
+            slopes[:, 0, 0] = 1.0
+            slopes[:, 1, 1] = 1.0
+        for axis in (0, 1):
+            columns = slice(turned + axis * k, turned + (axis + 1) * k)
+            slopes[:, axis : 2 * n : 2, columns] = shapes * self.scale[columns]
+        if fed:
+            step = 1e-6 * self.arm.length
+            ahead, behind = self._turns(v, places + step), self._turns(v, places - step)
             column = turned + 2 * k
-            slopes[: 2 * n, column] = by_feed * self.scale[column]
-            slopes[2 * n, column] = self.scale[column]
+            by_feed = (ahead - behind).reshape(len(v), 2 * n) / (2.0 * step)
+            slopes[:, : 2 * n, column] = by_feed * self.scale[column]
+            slopes[:, 2 * n, column] = self.scale[column]
         if self.blend is not None:
-            slopes[: 2 * n, -1] = self._interpolated(self.blend, places).ravel()
+            slopes[:, : 2 * n, -1] = self._interpolated(self.blend, flat).reshape(len(v), 2 * n)
         return slopes
 
     def fitted(self, q: FloatArray, smoothness: float = SETTLING) -> FloatArray:
@@ -223,14 +214,31 @@ class CurveMap:
         along = arm.link_length * np.arange(arm.links)
         return np.asarray(along + feed - arm.hole if arm.base_axes else along)
 
-    def _turns(self, x: FloatArray, shapes: FloatArray) -> FloatArray:
-        """Turns of the joints about both axes without offsets, shape (links, 2) [rad]."""
-        turned = 0 if self.arm.base_axes else 2
+    def _feeds(self, v: FloatArray) -> FloatArray:
+        """How far the base is carried, shape (m, 0) or (m, 1) [m]."""
+        last = len(self.scale)
+        first = last - len(self.arm.base_axes)
+        return np.asarray(v[:, first:last] * self.scale[first:])
+
+    def _turns(self, v: FloatArray, places: FloatArray) -> FloatArray:
+        """Turns of the joints about both axes, shape (m, links, 2) [rad].
+
+        Args:
+            v: unknowns, shape (m, p).
+            places: of the joints, shape (m, links) or (links,) [m].
+        """
+        n = self.arm.links
         k = self.knots
-        turns = np.column_stack((shapes @ x[turned : turned + k], shapes @ x[turned + k : turned + 2 * k]))
+        flat = np.broadcast_to(places, (len(v), n)).ravel()
+        turned = 0 if self.arm.base_axes else 2
+        curvatures = (v[:, turned : turned + 2 * k] * self.scale[turned : turned + 2 * k]).reshape(len(v), 2, k)
+        turns = np.matmul(self._shapes(flat).reshape(len(v), n, k), np.swapaxes(curvatures, 1, 2))
+        turns += self._interpolated(self.offset, flat).reshape(len(v), n, 2)
+        if self.blend is not None:
+            turns += v[:, -1, None, None] * self._interpolated(self.blend, flat).reshape(len(v), n, 2)
         if turned:
-            turns[0] += x[:2]
-        return turns
+            turns[:, 0] += v[:, :2] * self.scale[:2]
+        return np.asarray(turns)
 
     def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
         """Turns of joints at places beside those of the curve, for unknowns v, shape (places, 2) [rad]."""

@@ -64,9 +64,15 @@ class SpaceStepper:
 
     def pose(self, v: FloatArray) -> SpacePose:
         """The pose of unknowns."""
-        q = self.curve.configuration(v)
-        slopes = self._fixed_slopes if self._fixed_slopes is not None else self.curve.slopes(v)
-        return SpacePose(v, q, slopes, self.chains.at(q, slopes))
+        return self.poses(v[None])[0]
+
+    def poses(self, unknowns: FloatArray) -> tuple[SpacePose, ...]:
+        """The poses of several unknowns, shape (m, p)."""
+        configurations = self.curve.configurations(unknowns)
+        fixed = self._fixed_slopes
+        all_slopes = self.curve.all_slopes(unknowns) if fixed is None else [fixed] * len(unknowns)
+        rows = zip(unknowns, configurations, all_slopes, strict=True)
+        return tuple(SpacePose(v, q, slopes, self.chains.at(q, slopes)) for v, q, slopes in rows)
 
     @cached_property
     def _fixed_slopes(self) -> FloatArray | None:

@@ -36,7 +36,7 @@ class SpaceSweep:
     @cached_property
     def poses(self) -> tuple[SpacePose, ...]:
         """At the keyframes."""
-        return tuple(self.stepper.pose(v) for v in self.unknowns)
+        return self.stepper.poses(self.unknowns)
 
     @cached_property
     def configurations(self) -> FloatArray:
