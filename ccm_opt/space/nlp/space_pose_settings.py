@@ -66,7 +66,7 @@ class SpacePoseSettings:
     torque_weight: float = 0.1
     tolerance: float = 1e-4
     iterations: int = 100
-    first_barrier: float = 1e-3
+    first_barrier: float = 1e-4
     push: float = 1e-5
     rounds: int = 4
     worthwhile: float = 0.02
@@ -76,7 +76,7 @@ class SpacePoseSettings:
     pair_reach: float = 0.1
     far_reach: float = 1.0
     more_sides: int = 24
-    region_sizes: tuple[int, ...] = (2, 4, 8, 16, 32, 64)
+    region_sizes: tuple[int, ...] = (2, 4, 6, 8, 10, 12, 16, 24, 32, 64)
     feasible: float = 1e-6
     binding: float = 1e-4
     enough: float = 0.999

@@ -80,7 +80,7 @@ class SpaceOptimisationSettings:
     rounds: int = 24
     first_rounds: int = 2
     margin: float = 0.02
-    active: float = 0.5
+    active: float = 0.3
     most_travel: float = 0.75
     between: tuple[float, ...] = (0.25, 0.75)
     planes: int = 6
