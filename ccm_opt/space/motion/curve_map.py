@@ -100,39 +100,47 @@ class CurveMap:
     def configurations(self, v: FloatArray) -> FloatArray:
         """The configurations of several unknowns at once, shape (m, p) to (m, c) [rad, m]."""
         feeds = self._feeds(v)
-        turns = self._turns(v, self.places(np.sum(feeds, axis=1, keepdims=True)))
+        places = self._places_at(feeds)
+        turns = self._turns(v, places, self._shapes(places))
         return np.concatenate((turns.reshape(len(v), -1), feeds), axis=1)
 
     def slopes(self, v: FloatArray) -> FloatArray:
         """Derivatives of the configuration by the unknowns, shape (c, p)."""
-        return np.asarray(self.all_slopes(v[None])[0])
+        _, slopes = self.configurations_and_slopes(v[None])
+        return np.asarray(slopes[0])
 
-    def all_slopes(self, v: FloatArray) -> FloatArray:
-        """Derivatives of the configurations of several unknowns by these, shape (m, p) to (m, c, p)."""
-        n = self.arm.links
-        k = self.knots
+    def configurations_and_slopes(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The configurations of several unknowns, shape (m, p), and their derivatives by these.
+
+        Returns:
+            Shapes (m, c) [rad, m] and (m, c, p).
+        """
+        m, n, k = len(v), self.arm.links, self.knots
         fed = bool(self.arm.base_axes)
-        places = self.places(np.sum(self._feeds(v), axis=1, keepdims=True))
-        flat = np.broadcast_to(places, (len(v), n)).ravel()
-        shapes = self._shapes(flat).reshape(len(v), n, k)
-        slopes = np.zeros((len(v), 2 * n + fed, self.dimension))
+        feeds = self._feeds(v)
+        places = self._places_at(feeds)
+        if fed:
+            # By the feed joints slide along the curve: a central difference.
+            step = 1e-6 * self.arm.length
+            places = np.concatenate((places, places + step, places - step))
+            v = np.tile(v, (3, 1))
+        shapes = self._shapes(places)
+        turns = self._turns(v, places, shapes).reshape(len(v), 2 * n)
+        slopes = np.zeros((m, 2 * n + fed, self.dimension))
         turned = 0 if fed else 2
         if turned:
             slopes[:, 0, 0] = 1.0
             slopes[:, 1, 1] = 1.0
         for axis in (0, 1):
             columns = slice(turned + axis * k, turned + (axis + 1) * k)
-            slopes[:, axis : 2 * n : 2, columns] = shapes * self.scale[columns]
+            slopes[:, axis : 2 * n : 2, columns] = shapes[:m] * self.scale[columns]
         if fed:
-            step = 1e-6 * self.arm.length
-            ahead, behind = self._turns(v, places + step), self._turns(v, places - step)
             column = turned + 2 * k
-            by_feed = (ahead - behind).reshape(len(v), 2 * n) / (2.0 * step)
-            slopes[:, : 2 * n, column] = by_feed * self.scale[column]
+            slopes[:, : 2 * n, column] = (turns[m : 2 * m] - turns[2 * m :]) / (2.0 * step) * self.scale[column]
             slopes[:, 2 * n, column] = self.scale[column]
         if self.blend is not None:
-            slopes[:, : 2 * n, -1] = self._interpolated(self.blend, flat).reshape(len(v), 2 * n)
-        return slopes
+            slopes[:, : 2 * n, -1] = self._interpolated(self.blend, places[:m]).reshape(m, 2 * n)
+        return np.concatenate((turns[:m], feeds), axis=1), slopes
 
     def fitted(self, q: FloatArray, smoothness: float = SETTLING) -> FloatArray:
         """Unknowns of the curve that comes nearest to a configuration.
@@ -220,22 +228,26 @@ class CurveMap:
         first = last - len(self.arm.base_axes)
         return np.asarray(v[:, first:last] * self.scale[first:])
 
-    def _turns(self, v: FloatArray, places: FloatArray) -> FloatArray:
+    def _places_at(self, feeds: FloatArray) -> FloatArray:
+        """Arc lengths of the joints at several feeds, shape (m, 0) or (m, 1) to (m, links) [m]."""
+        places = self.places(np.sum(feeds, axis=1, keepdims=True))
+        return np.asarray(np.broadcast_to(places, (len(feeds), self.arm.links)))
+
+    def _turns(self, v: FloatArray, places: FloatArray, shapes: FloatArray) -> FloatArray:
         """Turns of the joints about both axes, shape (m, links, 2) [rad].
 
         Args:
             v: unknowns, shape (m, p).
-            places: of the joints, shape (m, links) or (links,) [m].
+            places: of the joints, shape (m, links) [m].
+            shapes: there, shape (m, links, knots) [m].
         """
-        n = self.arm.links
         k = self.knots
-        flat = np.broadcast_to(places, (len(v), n)).ravel()
         turned = 0 if self.arm.base_axes else 2
         curvatures = (v[:, turned : turned + 2 * k] * self.scale[turned : turned + 2 * k]).reshape(len(v), 2, k)
-        turns = np.matmul(self._shapes(flat).reshape(len(v), n, k), np.swapaxes(curvatures, 1, 2))
-        turns += self._interpolated(self.offset, flat).reshape(len(v), n, 2)
+        turns = np.matmul(shapes, np.swapaxes(curvatures, 1, 2))
+        turns += self._interpolated(self.offset, places)
         if self.blend is not None:
-            turns += v[:, -1, None, None] * self._interpolated(self.blend, flat).reshape(len(v), n, 2)
+            turns += v[:, -1, None, None] * self._interpolated(self.blend, places)
         if turned:
             turns[:, 0] += v[:, :2] * self.scale[:2]
         return np.asarray(turns)
@@ -248,17 +260,19 @@ class CurveMap:
         return offsets
 
     def _interpolated(self, values: FloatArray, places: FloatArray) -> FloatArray:
-        """Turns at places, linear between those where they are known; held joints have none."""
-        if not np.any(values):
-            return np.zeros((len(places), 2))
-        turns = np.column_stack([np.interp(places, self.offset_at, column) for column in values.T])
-        if not self.arm.base_axes:
-            return turns
-        # Between a joint in the guide tube and the first one outside that is bent, turns grow from where they may.
+        """Turns at places, linear between those where they are known, shape (..., 2); held joints have none."""
         first = self._first_bent(values)
-        straight = self.straight_before
-        gate = np.clip((places - straight) / max(first - straight, 1e-9 * self.arm.length), 0.0, 1.0)
-        return np.asarray(turns * gate[:, None])
+        turns = np.zeros((*places.shape, 2))
+        if not np.isfinite(first):
+            return turns
+        for axis in (0, 1):
+            turns[..., axis] = np.interp(places, self.offset_at, values[:, axis])
+        if self.arm.base_axes:
+            # Between a joint in the guide tube and the first one outside that is bent, turns grow from where they may.
+            straight = self.straight_before
+            gate = np.clip((places - straight) / max(first - straight, 1e-9 * self.arm.length), 0.0, 1.0)
+            turns *= gate[..., None]
+        return turns
 
     def _first_bent(self, values: FloatArray) -> float:
         """Arc length of the first joint that has a turn [m]; infinite where none has."""
@@ -277,21 +291,24 @@ class CurveMap:
         return usual if first > usual else 0.5 * max(first, 0.0)
 
     def _shapes(self, places: FloatArray) -> FloatArray:
-        """Turns of joints at places by a unit of curvature at each knot, shape (links, knots) [m]."""
+        """Turns of joints at places by a unit of curvature at each knot, shape (..., knots) [m]."""
         library = self._library
         l = self.arm.link_length
+        flat = np.ascontiguousarray(places).ravel()
         if library is None:
-            ahead = self._twice_integrated(places + l)
-            here = self._twice_integrated(places)
-            behind = self._twice_integrated(places - l)
-            return np.asarray((ahead - 2.0 * here + behind) / l * free_shares_of_bends(self.arm, places)[:, None])
-        places = np.ascontiguousarray(places)
-        shapes = np.empty((len(places), self.knots))
-        query = _ShapeStruct(len(places), self.knots, self.spacing, l)
-        query.places = places.ctypes.data
-        query.shapes = shapes.ctypes.data
-        library.curve_shapes(pointer_to(query))
-        return shapes * free_shares_of_bends(self.arm, places)[:, None] if self.arm.base_axes else shapes
+            ahead = self._twice_integrated(flat + l)
+            here = self._twice_integrated(flat)
+            behind = self._twice_integrated(flat - l)
+            shapes = np.asarray((ahead - 2.0 * here + behind) / l)
+        else:
+            shapes = np.empty((len(flat), self.knots))
+            query = _ShapeStruct(len(flat), self.knots, self.spacing, l)
+            query.places = flat.ctypes.data
+            query.shapes = shapes.ctypes.data
+            library.curve_shapes(pointer_to(query))
+        if self.arm.base_axes:
+            shapes *= free_shares_of_bends(self.arm, flat)[:, None]
+        return shapes.reshape(*places.shape, self.knots)
 
     @cached_property
     def _library(self) -> ctypes.PyDLL | None:

@@ -68,9 +68,12 @@ class SpaceStepper:
 
     def poses(self, unknowns: FloatArray) -> tuple[SpacePose, ...]:
         """The poses of several unknowns, shape (m, p)."""
-        configurations = self.curve.configurations(unknowns)
         fixed = self._fixed_slopes
-        all_slopes = self.curve.all_slopes(unknowns) if fixed is None else [fixed] * len(unknowns)
+        if fixed is None:
+            configurations, all_slopes = self.curve.configurations_and_slopes(unknowns)
+        else:
+            configurations = self.curve.configurations(unknowns)
+            all_slopes = np.broadcast_to(fixed, (len(unknowns), *fixed.shape))
         rows = zip(unknowns, configurations, all_slopes, strict=True)
         return tuple(SpacePose(v, q, slopes, self.chains.at(q, slopes)) for v, q, slopes in rows)
 
