@@ -74,6 +74,9 @@ NAN_STL = binary_stl(np.where(CUBE > 0.5, np.nan, CUBE))
 SIGNALLING_STL = NAN_STL.replace(bytes.fromhex("0000c07f"), bytes.fromhex("0000a07f"))
 """Of numbers that are none, too, but that warn when they are computed with."""
 FLAT_STL = binary_stl(np.zeros((8, 3)))
+INFINITE = cube_3mf(transform='transform="0 1 0 0 0 inf 1 0 0 5 6 7"')
+OVERFLOWING = cube_3mf(transform='transform="1e308 1e308 0 0 0 1 1e308 0 0 1 6 7"')
+"""Moved by numbers that are finite, to where none is."""
 UNKNOWN = three_mf('<model><resources/><build><item objectid="7"/></build></model>')
 ENTITIES = three_mf(
     '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaaaaaaaaaaaa">'
@@ -111,10 +114,12 @@ DEEP = three_mf(f'<model><resources>{"".join(NESTED)}</resources><build><item ob
         ("part.3mf", b"PK\3\4 and then nothing", "not readable as 3MF"),
         ("part.3mf", UNKNOWN, "refers to something that is not there"),
         ("part.3mf", ENTITIES, "not readable as 3MF"),
+        ("part.3mf", INFINITE, "vertices are no numbers or infinite"),
+        ("part.3mf", OVERFLOWING, "vertices are no numbers or infinite"),
         ("part.3mf", DEEP, "nested more than 20 deep"),
         ("part.step", b"ISO-10303-21;", "no mesh of a known kind; expected a file that ends in one of .stl, .obj"),
     ],
-    ids=range(23),
+    ids=range(25),
 )
 def test_a_broken_mesh_is_one_clear_error(tmp_path: Path, name: str, content: bytes, words: str) -> None:
     """A mesh that cannot be used is one defect of the file, under the key of the mesh and with its line."""

@@ -97,7 +97,7 @@ def _mutated(content: bytes, largest: int, seed: int) -> bytes:
     if generator.random() < 0.5:
         made: bytes = atheris.Mutate(content, largest)
         return made
-    return mutated(content, generator)[:largest]
+    return mutated(content, generator, largest)
 
 
 def _reading(file: Path) -> Callable[[bytes], None]:

@@ -31,10 +31,11 @@ _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_]\w*")
 
 
-def mutated(content: bytes, generator: random.Random) -> bytes:
-    """The content after one to four mutations."""
+def mutated(content: bytes, generator: random.Random, largest: int | None = None) -> bytes:
+    """The content after one to four mutations, of at most so many bytes."""
     for _ in range(generator.randint(1, 4)):
-        content = generator.choice(MUTATIONS)(content, generator)
+        # Cut every time, since all words of what was nested by the thousand would be looked for otherwise.
+        content = generator.choice(MUTATIONS)(content, generator)[:largest]
     return content
 
 

@@ -28,8 +28,10 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
     model = _parsed(_model_text(content, settings))
     parts = _Parts(settings)
     try:
-        for number, transform in model.built or [(number, np.eye(4)[:, :3]) for number in model.objects]:
-            _collect(model, number, transform, parts, 0)
+        # Numbers beyond all measure may become infinite, or none at all, on the way: such vertices are refused later.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for number, transform in model.built or [(number, np.eye(4)[:, :3]) for number in model.objects]:
+                _collect(model, number, transform, parts, 0)
     except (KeyError, ValueError, IndexError, OverflowError) as error:
         raise ProblemError(f"not readable as 3MF: its model refers to something that is not there ({error})") from None
     return RawMesh.joined(parts.meshes)
