@@ -1,5 +1,7 @@
 """Contacts of the arm with walls and itself, against shapely."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -213,3 +215,18 @@ def test_the_tightest_contact_is_named() -> None:
     tightest = workspace.walls[int(gaps.argmin())]
     assert f"'{tightest.name}', gap {short_length(gaps.min())}" in finder.describe(walls)
     assert finder.describe(walls).startswith(f"link {walls.first[walls.gap.argmin()] + 1} and")
+
+
+@settings(max_examples=60)
+@given(seed=seeds)
+def test_what_misses_most_of_its_margin_is_the_tightest(seed: int) -> None:
+    """Of contacts with margins of their own the tightest is not the one of the least gap, nor of the largest margin."""
+    arm, workspace, points = random_mixed_pose(seed)
+    finder = make_finder(arm, workspace, 1.0)
+    found = finder.find(points)
+    margins = np.random.default_rng(seed).uniform(0.0, 0.3, len(found))
+    tightest = finder.tightest(replace(found, margin=margins))
+    assert tightest is not None
+    missing = [margin - gap for margin, gap in zip(margins, found.gap, strict=True)]
+    worst = missing.index(max(missing))
+    assert (tightest[0], tightest[2]) == (found.first[worst] + 1, found.gap[worst])

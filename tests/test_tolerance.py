@@ -25,9 +25,14 @@ from ccm_opt.verification.tolerance.error_model import (
     link_length_errors,
     wall_errors,
 )
+from ccm_opt.verification.tolerance.hidden_corners import hidden_corners
+from ccm_opt.verification.tolerance.largest_error import LargestError
+from ccm_opt.verification.tolerance.moving_chain import MovingChain
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors, worst_motion
 from ccm_opt.verification.tolerance.tolerance_settings import DEFAULT_TOLERANCE
+from ccm_opt.verification.tolerance.wall_cases import WallCases
 from ccm_opt.verification.wall_clearance import check_walls
+from ccm_opt.verification.wall_edges import wall_edges
 
 from .arms import plain_arm
 from .scenes import random_headings, random_polygon, self_gap, sweep_gaps
@@ -184,6 +189,30 @@ def test_what_is_not_settled_in_time_is_certified_for_less(seed: int, links: int
     for _ in range(4):
         extreme = hasty.size * rng.choice((-1.0, 1.0), links)
         assert perturbed_gap(arm, workspace, poses, np.tile(extreme, (len(poses), 1))) >= -1e-9
+
+
+@settings(max_examples=20, deadline=None)
+@given(SEEDS, st.sampled_from((4, 10)))
+def test_what_gives_way_is_told_of_the_worst_case(seed: int, links: int) -> None:
+    """Where no stretch may be halved the error is, until all cases are proved, and the worst of the others is told."""
+    arm, workspace, poses = drawn_case(np.random.default_rng(seed), links)
+    chain = MovingChain.through_all(ChainMotion(arm, 0.005 * np.arange(len(poses)), poses), joint_errors(arm))
+    walls = WallCases(chain, wall_edges(workspace), workspace.clearance, hidden_corners(workspace))
+    cases = walls.cases(walls.within(0.1))
+    hasty = replace(DEFAULT_TOLERANCE, depth=0)
+    giving_way = LargestError(0.1, hasty)
+    giving_way.prove(cases)
+    looking = LargestError(0.1, hasty)
+    halved = worst = np.inf
+    while len(cases := looking.undecided(cases, of_motion=True)) > 0:
+        halved = looking.upper = 0.5 * looking.upper
+        worst = cases.middles().linear_errors().min()
+    assert giving_way.upper == looking.upper
+    # Where the error was halved last, and not lowered by a pose since then.
+    if giving_way.upper == halved:
+        assert giving_way.limiting is not None
+        assert giving_way.limiting.error == halved
+        assert giving_way.limiting.case.linear_errors().tolist() == [worst]
 
 
 @settings(max_examples=15, deadline=None)

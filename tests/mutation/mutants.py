@@ -138,8 +138,14 @@ def _sites(node: ast.AST, *, in_function: bool = False) -> Iterator[_Site]:
         if name in {"annotation", "returns", "decorator_list", "type_comment"}:
             continue
         for child in value if isinstance(value, list) else [value]:
-            if isinstance(child, ast.AST):
+            if isinstance(child, ast.AST) and not _is_any_negative(child, node):
                 yield from _sites(child, in_function=inside)
+
+
+def _is_any_negative(node: ast.AST, parent: ast.AST) -> bool:
+    """Whether it stands for a length that numpy is to work out, as any other negative number would."""
+    reshapes = isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute) and parent.func.attr == "reshape"
+    return reshapes and isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
 
 
 def _mistakes(node: ast.AST) -> Iterator[Mistake]:
