@@ -248,9 +248,15 @@ def test_the_verifier_sees_what_reported_rates_hide(small_problem: Problem) -> N
 
 
 def test_a_problem_without_such_limits_has_no_such_checks(small_problem: Problem) -> None:
-    """Nobody who limits no point meets a check of one."""
+    """Nobody who limits no point meets a check of one, nor who limits its speed one of its acceleration."""
     trajectory = run(straight_path(np.full(4, 0.3)), small_problem.limits)
     assert check_points(small_problem.arm, small_problem.limits, trajectory) == []
+    for limit, checked in (
+        (PointLimit(None, 9.0, np.inf), "tip velocity"),
+        (PointLimit(None, np.inf, 9.0), "tip acceleration"),
+    ):
+        (check,) = check_points(small_problem.arm, with_points(small_problem.limits, limit), trajectory)
+        assert check.name == checked
 
 
 def test_a_whole_problem_keeps_the_limits_of_its_tip(tmp_path: Path, small_text: str) -> None:

@@ -12,14 +12,17 @@ from tests.mutation.mutants import Mutant
 
 TESTS = (
     "base_axes",
+    "consistency",
     "contradictions",
     "corruption",
     "effort_share",
     "fed_proofs",
     "left_unchecked",
+    "limit_tolerances",
     "motion_certificate",
     "motion_contacts",
     "near_pairs",
+    "pauses",
     "pinned_figures",
     "point_limits",
     "promises",
