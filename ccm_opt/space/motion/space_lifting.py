@@ -5,11 +5,11 @@ not commute, so that the same curvature gives arms of other links a slightly dif
 the places of the coarse arm's joints. The certificate of the arm itself decides.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
 from ccm_opt.space.motion.chain import Chains
@@ -36,11 +36,14 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     if float(np.max(np.abs(curve.offset), initial=0.0)) > settings.offset:
         return None
     coarse = coarse_arm(arm, settings)
-    coarse_curve, _ = CurveMap.through(coarse, np.zeros(len(coarse.coordinates)))
+    of_coarse = replace(task, arm=coarse).stepper(CurveMap.through(coarse, np.zeros(len(coarse.coordinates)))[0], 0.0)
+    points = _Along.coarse_joints(arm.links).of(Chains(arm).places(task.start)[0])
+    same_curve = start * curve.scale / of_coarse.curve.scale
+    begun = _nearest(of_coarse, _Along.joints(NOMINAL_LINKS), points, same_curve, settings)
     return replace(
         task,
         arm=coarse,
-        start=coarse_curve.configuration(start * curve.scale / coarse_curve.scale),
+        start=of_coarse.curve.configuration(begun),
         clearance=task.clearance + settings.clearance * task.unit,
         slowness=np.concatenate((np.ones(2 * coarse.links), task.slowness[2 * arm.links :])),
         deadline=task.deadline.within(settings.time_share * task.deadline.left),
@@ -96,28 +99,75 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray, settin
         start: unknowns of the arm at its start, shape (p,).
         settings: of lifting.
     """
-    links = stepper.curve.arm.links
     chains = Chains(found.curve.arm)
-    # Places along the arm at which the coarse one has joints, as joints and shares of a link.
-    along = np.linspace(0.0, float(links), NOMINAL_LINKS + 1)
-    low = np.minimum(along.astype(np.intp), links - 1)
-    share = along - low
+    along = _Along.coarse_joints(stepper.curve.arm.links)
     scale = found.curve.scale / stepper.curve.scale
-    shared = len(scale)  # what a goal is blended in by is the coarse arm's own
+    shared = len(scale)
     fitted = [start]
-    for before, v in zip(found.unknowns[:-1], found.unknowns[1:], strict=True):
-        wanted, _ = chains.places(found.curve.configuration(v))
-        # What the coarse arm changed is a good beginning.
-        now = fitted[-1] + (v - before)[:shared] * scale
-        for _ in range(settings.fits):
-            pose = stepper.pose(now)
-            points = pose.chain.points
-            moving = pose.chain.moving
-            at = (1.0 - share)[:, None] * points[low] + share[:, None] * points[low + 1]
-            slopes = (1.0 - share)[:, None, None] * moving[low] + share[:, None, None] * moving[low + 1]
-            rows = slopes.reshape(-1, len(now)) / stepper.unit
-            missing = ((wanted - at) / stepper.unit).ravel()
-            normal = rows.T @ rows + settings.ridge * np.eye(len(now))
-            now = now + np.linalg.solve(normal, rows.T @ missing)
-        fitted.append(now)
+    for q in found.curve.configurations(found.unknowns)[1:]:
+        # The curve that shows the coarse arm's bends best, whatever is blended in to these, is a good beginning.
+        same_curve = found.curve.fitted(q)[:shared] * scale
+        fitted.append(_nearest(stepper, along, chains.places(q)[0], same_curve, settings))
     return np.stack(fitted)
+
+
+@dataclass(frozen=True, eq=False)
+class _Along:
+    """Places along an arm: on which link each lies, and how much of the link lies before it.
+
+    Attributes:
+        link: shape (m,).
+        share: shape (m,).
+    """
+
+    link: IntArray
+    share: FloatArray
+
+    @classmethod
+    def coarse_joints(cls, links: int) -> "_Along":
+        """Where the joints and the tip of the coarse arm lie along an arm of so many links."""
+        along = np.linspace(0.0, float(links), NOMINAL_LINKS + 1)
+        link = np.minimum(along.astype(np.intp), links - 1)
+        return cls(link, along - link)
+
+    @classmethod
+    def joints(cls, links: int) -> "_Along":
+        """The joints and the tip of an arm of so many links themselves."""
+        link = np.minimum(np.arange(links + 1), links - 1)
+        return cls(link, (np.arange(links + 1) - link).astype(np.float64))
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """Values at these places, by those of the joints and the tip, linear in between, shape (links + 1, ...)."""
+        share = self.share.reshape(-1, *(1,) * (values.ndim - 1))
+        return np.asarray((1.0 - share) * values[self.link] + share * values[self.link + 1])
+
+
+def _nearest(
+    stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray, settings: LiftingSettings
+) -> FloatArray:
+    """Unknowns whose arm comes nearest to places, by the method of Levenberg and Marquardt.
+
+    Args:
+        stepper: of the arm.
+        along: where on the arm.
+        wanted: where these shall be, shape (m, 3) [m].
+        v: unknowns to begin at, shape (p,).
+        settings: of lifting.
+    """
+    pose = stepper.pose(v)
+    missing = ((wanted - along.of(pose.chain.points)) / stepper.unit).ravel()
+    ridge = settings.ridge
+    for _ in range(settings.fits):
+        rows = along.of(pose.chain.moving).reshape(len(missing), -1) / stepper.unit
+        step = np.linalg.solve(rows.T @ rows + ridge * np.eye(len(pose.v)), rows.T @ missing)
+        trial = stepper.pose(pose.v + step)
+        left = ((wanted - along.of(trial.chain.points)) / stepper.unit).ravel()
+        gained = float(missing @ missing - left @ left)
+        if not gained > 0.0:
+            ridge = settings.ridge_rise * max(ridge, settings.raised_ridge)
+            continue
+        settled = gained < settings.worth * float(missing @ missing)
+        pose, missing, ridge = trial, left, max(ridge / settings.ridge_rise, settings.ridge)
+        if settled:
+            break
+    return pose.v

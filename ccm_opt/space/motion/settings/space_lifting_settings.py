@@ -16,8 +16,11 @@ class LiftingSettings:
         most_bend: bound on the bends of the coarse arm's joints [rad].
         time_share: of the time that is left, which the search for nominal links may take.
         offset: bends of the start that no curve shows, beyond which nothing is lifted [rad].
-        fits: Gauss–Newton steps of each keyframe.
-        ridge: of them, in the squares of nominal links by unknowns.
+        fits: most steps by which an arm is laid on another.
+        ridge: least damping of them, in the squares of nominal links by unknowns.
+        raised_ridge: to which it is raised at once by a step that gains nothing.
+        ridge_rise: its further rise by such steps, and its fall by others.
+        worth: share of the squared distances that a step gains, below which it is the last.
     """
 
     most_links: int = 36
@@ -25,5 +28,8 @@ class LiftingSettings:
     most_bend: float = 0.9
     time_share: float = 0.4
     offset: float = 0.02
-    fits: int = 3
+    fits: int = 12
     ridge: float = 1e-4
+    raised_ridge: float = 1e-2
+    ridge_rise: float = 10.0
+    worth: float = 0.01
