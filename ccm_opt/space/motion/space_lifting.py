@@ -43,7 +43,7 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     return replace(
         task,
         arm=coarse,
-        start=of_coarse.curve.configuration(begun),
+        start=of_coarse.curve.configuration(begun.v),
         clearance=task.clearance + settings.clearance * task.unit,
         slowness=np.concatenate((np.ones(2 * coarse.links), task.slowness[2 * arm.links :])),
         deadline=task.deadline.within(settings.time_share * task.deadline.left),
@@ -104,11 +104,31 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray, settin
     scale = found.curve.scale / stepper.curve.scale
     shared = len(scale)
     fitted = [start]
-    for q in found.curve.configurations(found.unknowns)[1:]:
-        # The curve that shows the coarse arm's bends best, whatever is blended in to these, is a good beginning.
-        same_curve = found.curve.fitted(q)[:shared] * scale
-        fitted.append(_nearest(stepper, along, chains.places(q)[0], same_curve, settings))
+    changes = np.diff(found.unknowns, axis=0)[:, :shared] * scale
+    for q, change in zip(found.curve.configurations(found.unknowns)[1:], changes, strict=True):
+        places, _ = chains.places(q)
+        # What the coarse arm changed is a good beginning where nothing is blended in to its bends. Where many joints
+        # are bent, the curve that shows their bends best is a better one.
+        laid = _nearest(stepper, along, places, fitted[-1] + change, settings)
+        if laid.off > settings.near:
+            same_curve = found.curve.fitted(q)[:shared] * scale
+            other = _nearest(stepper, along, places, same_curve, settings)
+            laid = min(laid, other, key=lambda each: each.off)
+        fitted.append(laid.v)
     return np.stack(fitted)
+
+
+@dataclass(frozen=True, eq=False)
+class _Laid:
+    """An arm laid on places.
+
+    Attributes:
+        v: its unknowns, shape (p,).
+        off: how far it is off at most [u].
+    """
+
+    v: FloatArray
+    off: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +164,8 @@ class _Along:
 
 def _nearest(
     stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray, settings: LiftingSettings
-) -> FloatArray:
-    """Unknowns whose arm comes nearest to places, by the method of Levenberg and Marquardt.
+) -> _Laid:
+    """The arm that comes nearest to places, fed as far, by the method of Levenberg and Marquardt.
 
     Args:
         stepper: of the arm.
@@ -159,6 +179,8 @@ def _nearest(
     ridge = settings.ridge
     for _ in range(settings.fits):
         rows = along.of(pose.chain.moving).reshape(len(missing), -1) / stepper.unit
+        if stepper.curve.arm.base_axes:
+            rows[:, stepper.curve.feed_column] = 0.0
         step = np.linalg.solve(rows.T @ rows + ridge * np.eye(len(pose.v)), rows.T @ missing)
         trial = stepper.pose(pose.v + step)
         left = ((wanted - along.of(trial.chain.points)) / stepper.unit).ravel()
@@ -170,4 +192,4 @@ def _nearest(
         pose, missing, ridge = trial, left, max(ridge / settings.ridge_rise, settings.ridge)
         if settled:
             break
-    return pose.v
+    return _Laid(pose.v, float(np.max(np.linalg.norm(missing.reshape(-1, 3), axis=1))))

@@ -20,6 +20,7 @@ class LiftingSettings:
         ridge: least damping of them, in the squares of nominal links by unknowns.
         raised_ridge: to which it is raised at once by a step that gains nothing.
         ridge_rise: its further rise by such steps, and its fall by others.
+        near: how far its joints may be off for another beginning not to be tried [u].
         worth: share of the squared distances that a step gains, below which it is the last.
     """
 
@@ -28,8 +29,9 @@ class LiftingSettings:
     most_bend: float = 0.9
     time_share: float = 0.4
     offset: float = 0.02
-    fits: int = 12
+    fits: int = 20
     ridge: float = 1e-4
     raised_ridge: float = 1e-2
     ridge_rise: float = 10.0
+    near: float = 0.1
     worth: float = 0.01

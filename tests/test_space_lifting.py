@@ -1,0 +1,90 @@
+"""Motions of nominal links laid under arms of many: the same places all along, the same feed, the goal at the end."""
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.jointed.space_kinematics import joint_positions, link_rotations
+from ccm_opt.space.curve.nominal_links import NOMINAL_LINKS
+from ccm_opt.space.motion.curve_map import CurveMap
+from ccm_opt.space.motion.space_goal import SpaceTipPose
+from ccm_opt.space.motion.space_lifting import coarse_task, lifted_motion
+from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
+from tests.snakes_in_space import balls, snake, task_of
+
+NOTHING_NEAR = balls(np.array([[0.0, 0.0, 9.0]]), 0.01)
+FEED = Feed(0.0, 0.6, 0.6)
+NEAR = 0.5 / NOMINAL_LINKS
+"""Half of a nominal link of an arm of a metre [m]; most are within a millimetre or two."""
+
+
+def begun(random: np.random.Generator, links: int, *, fed: bool) -> SpaceTask:
+    """A task of an arm of a metre: in its guide tube, or on a base that is turned by up to 2.5 rad, a little bent."""
+    # Links may cross, so that nothing but its limits can be in the way of a shape that is drawn.
+    arm = replace(snake(links, feed=FEED if fed else None), self_collision=False)
+    start = np.zeros(len(arm.coordinates))
+    if not fed:
+        curve, _ = CurveMap.through(arm, start)
+        v = np.concatenate((random.uniform(-2.5, 2.5, 2), random.normal(0.0, 0.1, curve.dimension - 2)))
+        start = curve.configuration(v)
+    tip = joint_positions(arm, start)[-1]
+    return task_of(arm, NOTHING_NEAR, SpaceTipPose(tip, None, 1e-3, 1e-2), start=start)
+
+
+def coarse_motion(random: np.random.Generator, few: SpaceTask, *, fed: bool) -> SpaceMotion:
+    """A motion of the coarse arm to another shape, of which its curve does not show everything; not certified."""
+    curve, v = CurveMap.through(few.arm, few.start)
+    end = v + random.normal(0.0, 0.25, len(v))
+    if fed:
+        end[curve.feed_column] = 0.5 / curve.scale[curve.feed_column]
+    rough = curve.configuration(end)
+    bent = np.arange(2 * NOMINAL_LINKS) >= (NOMINAL_LINKS if fed else 0)
+    rough[: 2 * NOMINAL_LINKS] += random.normal(0.0, 0.02, 2 * NOMINAL_LINKS) * bent
+    blended, end = curve.blended_to(rough)
+    shares = np.linspace(0.0, 1.0, 8)[:, None]
+    unknowns = (1.0 - shares) * np.append(v, 0.0) + shares * end
+    # The blend rises and falls on the way, as an optimised one does.
+    unknowns[1:-1, -1] += random.normal(0.0, 0.3, 6)
+    return SpaceMotion(blended, unknowns, blended.configurations(unknowns), "drawn")
+
+
+def places_along(points: FloatArray) -> FloatArray:
+    """Places of an arm at the coarse joints and the tip, linear along its links, shape (25, 3) [m]."""
+    along = np.linspace(0.0, len(points) - 1.0, NOMINAL_LINKS + 1)
+    return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([37, 48, 60, 96]), st.booleans())
+@settings(max_examples=6, deadline=None)
+def test_the_arm_lies_where_the_coarse_one_does(seed: int, links: int, fed: bool) -> None:
+    """At every keyframe, to half a link, fed as far, and the tip ends on its goal; some shape may not be met."""
+    random = np.random.default_rng(seed)
+    met = [lies_along(random, begun(random, links, fed=fed), fed=fed) for _ in range(6)]
+    assert sum(met) >= 4
+
+
+def lies_along(random: np.random.Generator, task: SpaceTask, *, fed: bool) -> bool:
+    """Whether an arm can be laid along a motion that is drawn for a coarse one."""
+    links = task.arm.links
+    few = coarse_task(task)
+    assert few is not None
+    np.testing.assert_array_equal(few.start[2 * NOMINAL_LINKS :], task.start[2 * links :])
+    at_start = joint_positions(few.arm, few.start) - places_along(joint_positions(task.arm, task.start))
+    found = coarse_motion(random, few, fed=fed)
+    last = found.configurations[-1]
+    tip, direction = joint_positions(few.arm, last)[-1], link_rotations(few.arm, last)[-1, :, 0]
+    goal = SpaceTipPose(tip, direction, 1e-3, 1e-2)
+    lifted = lifted_motion(task_of(task.arm, NOTHING_NEAR, goal, start=task.start), found)
+    if lifted is None:
+        return False
+    own = lifted.curve.configurations(lifted.unknowns)
+    pairs = zip(own, found.configurations, strict=True)
+    apart = [places_along(joint_positions(task.arm, fine)) - joint_positions(few.arm, q) for fine, q in pairs]
+    # The last pose is moved onto the goal, by the feed too.
+    np.testing.assert_allclose(own[:-1, 2 * links :], found.configurations[:-1, 2 * NOMINAL_LINKS :], atol=1e-12)
+    assert np.linalg.norm(joint_positions(task.arm, lifted.configurations[-1])[-1] - tip) < 1e-6
+    return bool(np.max(np.linalg.norm([at_start, *apart], axis=-1)) < NEAR)
