@@ -1,4 +1,4 @@
-"""Limits may be used up to the last digit and by a tolerance beyond: every check that has one, from both sides."""
+"""Limits and goals may be missed by a tolerance: every check that has one, from both sides of it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccm_opt.problem import Problem, SimulationOptions
+from ccm_opt.jointed.link_chain import Feed
+from ccm_opt.problem import JointPose, Problem, SimulationOptions, Tolerances
 from ccm_opt.solution import Check, JointTrajectory
 from ccm_opt.verification import verify
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
-from tests.pinned.scenes import plan_of, states_of
+from tests.pinned.scenes import LINKS, plan_of, states_of
 
 TOLERANCE = DEFAULT_VERIFICATION.limit_tolerance
 Scaled = Callable[[Problem, float], Problem]
@@ -89,3 +90,90 @@ def test_a_limit_may_be_passed_by_its_tolerance(fed: bool) -> None:
             there = checks_of(scaled(problem, taken / (1.0 + share * TOLERANCE)), trajectory)[name]
             assert there.worst / there.limit == pytest.approx(1.0 + share * TOLERANCE, rel=1e-9), name
             assert there.passed is passes, name
+
+
+Plan = tuple[Problem, JointTrajectory]
+Missed = Callable[[Problem, JointTrajectory, float, int], Plan]
+"""A plan with which something is missed by so much beyond what is allowed, at one of the joints."""
+ROUNDING = 1e-9
+"""Angle that is missed by rounding [rad]."""
+SETTINGS = DEFAULT_VERIFICATION.for_problem(plan_of(1.0, fed=True)[0])
+
+
+def sharper_bend(problem: Problem, trajectory: JointTrajectory, beyond: float, _: int) -> Plan:
+    """A limit of the joints that is less than the largest bend."""
+    largest = float(np.abs(trajectory.bend_angles[:, 1:]).max())
+    return replace(problem, arm=replace(problem.arm, joint_limit=largest - beyond)), trajectory
+
+
+def sharper_bend_at_base(problem: Problem, trajectory: JointTrajectory, beyond: float, _: int) -> Plan:
+    """A limit of the joint at the base that is less than its largest bend."""
+    largest = float(np.abs(trajectory.bend_angles[:, 0]).max())
+    return replace(problem, arm=replace(problem.arm, base_limit=largest - beyond)), trajectory
+
+
+def longer_axis(problem: Problem, trajectory: JointTrajectory, beyond: float, _: int) -> Plan:
+    """An axis that ends before the base does."""
+    axis = Feed(-0.02, float(trajectory.base_positions.max()) - beyond, 0.0)
+    goal = replace(problem.goal, feed=axis.high)
+    return replace(problem, arm=replace(problem.arm, feed=axis), goal=goal), trajectory
+
+
+def stop_beside(field: str) -> Missed:
+    """A goal of the tip on the way that is kept less well than its tolerance, which is what it is missed by."""
+
+    def missed(problem: Problem, trajectory: JointTrajectory, beyond: float, _: int) -> Plan:
+        (stop,) = problem.stops
+        by = {"position": 0.5e-3, "heading": 0.004}[field]  # as ``plan_of`` says
+        tolerances = replace(stop.tolerances, **{field: by - beyond})
+        return replace(problem, stops=(replace(stop, tolerances=tolerances),)), trajectory
+
+    return missed
+
+
+def pose_beside(field: str, allowed: float) -> Missed:
+    """A start or a goal whose joints differ, one of them by more than is allowed."""
+
+    def missed(problem: Problem, trajectory: JointTrajectory, beyond: float, joint: int) -> Plan:
+        pose = getattr(problem, field)
+        assert isinstance(pose, JointPose)
+        bends = pose.bends + (-1.0) ** joint * (allowed + beyond) * np.eye(LINKS)[joint]
+        return replace(problem, **{field: replace(pose, bends=bends)}), trajectory
+
+    return missed
+
+
+def base_beside(field: str, allowed: float) -> Missed:
+    """A start or a goal whose base stands elsewhere."""
+
+    def missed(problem: Problem, trajectory: JointTrajectory, beyond: float, joint: int) -> Plan:
+        pose = getattr(problem, field)
+        moved = replace(pose, feed=pose.feed - (-1.0) ** joint * (allowed + beyond))
+        return replace(problem, **{field: moved}), trajectory
+
+    return missed
+
+
+MISSED: dict[str, tuple[Missed, float]] = {
+    "joint limit": (sharper_bend, SETTINGS.bend_tolerance),
+    "joint limit at the base": (sharper_bend_at_base, SETTINGS.bend_tolerance),
+    "feed range": (longer_axis, SETTINGS.range_tolerance),
+    "stop 1 position": (stop_beside("position"), SETTINGS.goal_rounding),
+    "stop 1 heading": (stop_beside("heading"), ROUNDING),
+    "start joints": (pose_beside("start", SETTINGS.start_tolerance), ROUNDING),
+    "goal joints": (pose_beside("goal", Tolerances().heading), ROUNDING),
+    "start feed": (base_beside("start", SETTINGS.curve_tip_tolerance), SETTINGS.goal_rounding),
+    "goal feed": (base_beside("goal", Tolerances().position), SETTINGS.goal_rounding),
+}
+"""By the name of the check, with what it forgives."""
+
+
+@pytest.mark.parametrize("name", sorted(MISSED))
+def test_goals_and_ends_may_be_missed_by_rounding(name: str) -> None:
+    """What is missed by nine tenths of rounding passes, what is missed by eleven is refused, at whichever joint."""
+    missed, forgiven = MISSED[name]
+    problem, trajectory = weightless(fed=True)
+    for joint in range(0, LINKS, 2):
+        for share, passes in ((0.9, True), (1.1, False)):
+            checks = checks_of(*missed(problem, trajectory, share * forgiven, joint))
+            assert checks[name.removesuffix(" at the base")].passed is passes

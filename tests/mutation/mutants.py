@@ -133,10 +133,11 @@ def _sites(node: ast.AST, *, in_function: bool = False) -> Iterator[_Site]:
         return
     for place, apply in _mistakes(node):
         yield _Site(place, apply, not in_function)
-    inside = in_function or isinstance(node, (ast.FunctionDef, ast.Lambda))
     for name, value in ast.iter_fields(node):
         if name in {"annotation", "returns", "decorator_list", "type_comment"}:
             continue
+        # Defaults of arguments are worked out where the function is defined.
+        inside = in_function or (name == "body" and isinstance(node, (ast.FunctionDef, ast.Lambda)))
         for child in value if isinstance(value, list) else [value]:
             if isinstance(child, ast.AST) and not _is_any_negative(child, node):
                 yield from _sites(child, in_function=inside)

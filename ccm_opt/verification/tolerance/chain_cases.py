@@ -85,10 +85,10 @@ class ChainCases:
         values["stretch"] = np.einsum("ab,mb->ma", shares, self.stretch)
         return ChainCases(**values)
 
-    def ends(self, side: int = 0) -> FloatArray:
-        """Ends of the chains without errors at one end of their stretches, shape (m, 2) [m]."""
-        length = self.lengths[:, side]
-        angle = self.angles[:, side]
+    def ends(self) -> FloatArray:
+        """Ends of the chains without errors at the start of their stretches, shape (m, 2) [m]."""
+        length = self.lengths[:, 0]
+        angle = self.angles[:, 0]
         return np.stack((np.sum(length * np.cos(angle), axis=1), np.sum(length * np.sin(angle), axis=1)), axis=1)
 
     def shortest_directions(self) -> tuple[FloatArray, FloatArray]:
