@@ -10,6 +10,7 @@ from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.distances.surface_tree import SurfaceTree
+from ccm_opt.space.motion.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from ccm_opt.space.motion.space_link_motion import segment_distances
 from ccm_opt.space.motion.task import SpaceTask
@@ -107,3 +108,18 @@ def least_gaps(arm: SpaceArm, soup: SurfaceSoup, keyframes: FloatArray, samples:
         points[:, j + 1].reshape(-1, 3),
     )[2]
     return float(walls.min()) - arm.radius, float(apart.min(initial=np.inf)) - 2.0 * arm.radius
+
+
+def tip_grid(
+    tree: SurfaceTree,
+    box: tuple[FloatArray, FloatArray],
+    cells: int,
+    kept: float,
+    far: float,
+    *,
+    deadline: Deadline | None = None,
+    ways: WaysBetween | None = None,
+) -> TipGrid:
+    """Places with room for the tip; arguments as of ``GridDistances.over`` and ``TipGrid.of``."""
+    distances = GridDistances.over(tree, box, cells, kept + far, deadline=deadline, ways=ways)
+    return TipGrid.of(distances, kept, far, deadline)

@@ -17,14 +17,14 @@ from ccm_opt.space.motion.compiled_followable_search import compiled_arcs, searc
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.followable_search import FollowSearch, InterpretedSearch, WayArcs, WayEnd
 from ccm_opt.space.motion.followable_ways import FollowableWays
-from ccm_opt.space.motion.grid_ways import TipGrid, WaysBetween
+from ccm_opt.space.motion.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.space.motion.settings.space_motion_settings import SpaceMotionSettings
 from ccm_opt.space.motion.settings.way_settings import FollowableWaySettings
 from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_tip_track import SpaceTipTrack
 from ccm_opt.space.motion.withdrawal import withdrawn
 from ccm_opt.space.planner import space_task, tip_box
-from tests.snakes_in_space import boxes, least_gaps
+from tests.snakes_in_space import boxes, least_gaps, tip_grid
 from tests.space_arms import space_arm
 
 UNIT = 0.0375
@@ -40,7 +40,7 @@ def wall_with_a_gap() -> list[tuple[list[float], list[float]]]:
 def ways(soup_boxes: list[tuple[list[float], list[float]]]) -> tuple[SurfaceTree, FollowableWays]:
     """What finds ways among boxes."""
     tree = SurfaceTree.of(boxes(soup_boxes))
-    grid = TipGrid.over(tree, np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4]), 150_000, KEPT, 2.0 * UNIT)
+    grid = tip_grid(tree, (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])), 150_000, KEPT, 2.0 * UNIT)
     return tree, FollowableWays(grid, grid.prices(1.0), RADIUS, UNIT, FollowableWaySettings())
 
 
@@ -80,7 +80,7 @@ def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, Floa
     random = np.random.default_rng(seed)
     corners = random.uniform(-0.4, 0.4, (5, 3))
     tree = SurfaceTree.of(boxes([(list(corner), list(corner + random.uniform(0.02, 0.3, 3))) for corner in corners]))
-    grid = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 20_000, KEPT, 2.0 * UNIT)
+    grid = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 20_000, KEPT, 2.0 * UNIT)
 
     def somewhere(cells: npt.NDArray[np.bool_]) -> FloatArray:
         return np.asarray(grid.low + grid.cell * (random.choice(np.argwhere(cells)) + random.uniform(-0.4, 0.4, 3)))
@@ -129,7 +129,7 @@ def test_no_way_turns_round_where_there_is_no_room_to() -> None:
 def test_a_coarse_grid_does_not_pass_a_thin_wall() -> None:
     """Cells with room on both sides of a sheet of metal are no neighbours, however coarse the grid."""
     tree = SurfaceTree.of(boxes([([0.0, -0.5, -0.5], [0.0005, 0.5, 0.5])]))
-    grid = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 700, 0.01, 0.2)
+    grid = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 700, 0.01, 0.2)
     assert grid.cell > 0.08
     assert grid.cheapest_way(np.array([-0.3, 0.0, 0.0]), np.array([0.3, 0.0, 0.0]), 3.0) is None
     assert grid.cheapest_way(np.array([-0.3, 0.3, 0.0]), np.array([-0.3, -0.3, 0.0]), 3.0) is not None
@@ -138,7 +138,7 @@ def test_a_coarse_grid_does_not_pass_a_thin_wall() -> None:
 def test_costs_to_a_place_are_those_of_the_cheapest_ways() -> None:
     """Searched from the goal to all cells, or from one cell to the goal: the same cost."""
     tree = SurfaceTree.of(boxes(wall_with_a_gap()))
-    grid = TipGrid.over(tree, np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4]), 20_000, KEPT, 0.1)
+    grid = tip_grid(tree, (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])), 20_000, KEPT, 0.1)
     price = grid.prices(3.0)
     goal = np.array([0.6, 0.1, 0.1])
     costs = grid.costs_to(goal, price)
@@ -153,6 +153,17 @@ def test_costs_to_a_place_are_those_of_the_cheapest_ways() -> None:
         assert costs[cells[0]] == pytest.approx(total, rel=1e-3)
 
 
+@pytest.mark.parametrize("kept", [0.0, KEPT, 0.05])
+def test_distances_known_farther_make_the_same_grid(kept: float) -> None:
+    """What is known for the widest margin serves the narrower ones."""
+    tree = SurfaceTree.of(boxes(wall_with_a_gap()))
+    box = (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4]))
+    shared = TipGrid.of(GridDistances.over(tree, box, 8000, 0.2), kept, 0.1)
+    own = tip_grid(tree, box, 8000, kept, 0.1)
+    np.testing.assert_allclose(shared.gaps, own.gaps, atol=1e-12)
+    assert np.max(own.gaps) <= 0.1 + 1e-12
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
 def test_a_grid_for_ways_of_some_length_has_all_cells_that_they_pass(seed: int) -> None:
@@ -160,11 +171,11 @@ def test_a_grid_for_ways_of_some_length_has_all_cells_that_they_pass(seed: int) 
     random = np.random.default_rng(seed)
     tree = SurfaceTree.of(boxes(wall_with_a_gap()))
     low, high = np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])
-    whole = TipGrid.over(tree, low, high, 8000, KEPT, 0.1)
+    whole = tip_grid(tree, (low, high), 8000, KEPT, 0.1)
     start, goal = random.uniform(low, high, (2, 3))
     longest = float(np.linalg.norm(goal - start)) * random.uniform(1.01, 1.8)
     asked = WaysBetween(start, goal, longest)
-    part = TipGrid.over(tree, low, high, 8000, KEPT, 0.1, ways=asked)
+    part = tip_grid(tree, (low, high), 8000, KEPT, 0.1, ways=asked)
     left_out = np.abs(part.gaps - whole.gaps) > 1e-12  # their corners differ in rounding
     np.testing.assert_array_equal(part.gaps[left_out], -KEPT)
     middles = np.stack(np.meshgrid(*(np.arange(n) for n in whole.gaps.shape), indexing="ij"), axis=-1)

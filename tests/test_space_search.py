@@ -15,7 +15,7 @@ from ccm_opt.space.distances.surface_tree import SurfaceTree
 from ccm_opt.space.motion.connect import Connect
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.goal_poses import goal_poses
-from ccm_opt.space.motion.grid_ways import TipGrid, shortened
+from ccm_opt.space.motion.grid_ways import shortened
 from ccm_opt.space.motion.optimisation.space_optimise import optimise
 from ccm_opt.space.motion.settings.space_end_settings import SpaceConnectSettings
 from ccm_opt.space.motion.space_goal import SpaceTipPose
@@ -24,7 +24,7 @@ from ccm_opt.space.motion.space_search import find_motion
 from ccm_opt.space.motion.space_smooth_path import certified_path
 from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 from ccm_opt.space.scene.surfaces import SurfaceSoup
-from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of
+from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of, tip_grid
 
 GOAL = SpaceTipPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
 BALLS = balls(np.array([[0.5, 0.25, 0.1], [0.7, -0.2, 0.2], [0.3, 0.3, -0.2], [0.6, 0.1, 0.45]]), 0.08)
@@ -173,7 +173,7 @@ def test_ways_through_the_grid_are_cheapest() -> None:
     """As cheap as by Dijkstra; where corners are cut the way stays clear."""
     soup = boxes([([-0.1, -0.5, -0.5], [0.1, 0.2, 0.5])])
     tree = SurfaceTree.of(soup)
-    grid = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 4000, 0.02, 0.1)
+    grid = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 4000, 0.02, 0.1)
     start = np.array([-0.4, -0.3, 0.0])
     goal = np.array([0.4, -0.3, 0.0])
     way = grid.cheapest_way(start, goal, 3.0)
@@ -202,10 +202,10 @@ def test_no_way_is_found_after_the_deadline() -> None:
     """Cells that were not looked at in time have no room; a search that the time ends says that there is no way."""
     tree = SurfaceTree.of(boxes([([-0.1, -0.5, -0.5], [0.1, 0.2, 0.5])]))
     ends = (np.array([-0.4, -0.3, 0.0]), np.array([0.4, -0.3, 0.0]))
-    late = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 4000, 0.02, 0.1, deadline=Deadline.after(-1.0))
+    late = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 4000, 0.02, 0.1, deadline=Deadline.after(-1.0))
     assert np.all(late.gaps < 0.0)
     assert late.cheapest_way(*ends, 3.0) is None
-    in_time = TipGrid.over(tree, np.full(3, -0.5), np.full(3, 0.5), 4000, 0.02, 0.1)
+    in_time = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 4000, 0.02, 0.1)
     assert in_time.cheapest_way(*ends, 3.0) is not None
     assert replace(in_time, deadline=Deadline.after(-1.0)).cheapest_way(*ends, 3.0) is None
     assert replace(in_time, deadline=Deadline.after(-1.0)).costs_to(ends[1], in_time.prices(3.0)) is None

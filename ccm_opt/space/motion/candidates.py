@@ -11,7 +11,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.space.motion.bend_allowances import BendAllowance, bend_allowances
 from ccm_opt.space.motion.followable_search import WayEnd
 from ccm_opt.space.motion.followable_ways import FollowableWays
-from ccm_opt.space.motion.grid_ways import TipGrid, WaysBetween, shortened
+from ccm_opt.space.motion.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
 from ccm_opt.space.motion.task import SpaceTask
 
 
@@ -53,6 +53,7 @@ class SpaceTipWays:
     fed: float | None = None
     _followed: list[FloatArray] = field(default_factory=list)  # ways that an arm could follow, as far as was tried
     _grids: dict[tuple[int, float, float, float], TipGrid] = field(default_factory=dict)
+    _known: dict[tuple[int, float], GridDistances] = field(default_factory=dict)
     _tried: set[float] = field(default_factory=set)  # sizes of the cells of grids that were gone through [m]
     _seen: list[FloatArray] = field(default_factory=list)  # ways through them
 
@@ -210,15 +211,26 @@ class SpaceTipWays:
         key = (cells, margin, beside, longest)
         if key not in self._grids:
             task = self.task
+            far = task.settings.ways.far * task.unit
+            around = task.arm.radius + task.clearance + beside
+            # With the whole margin they are asked for too, sooner or later.
+            distances = self._distances(cells, longest, around + max(margin, 1.0) * task.margin + far)
+            self._grids[key] = TipGrid.of(distances, around + margin * task.margin, far, task.deadline)
+        return self._grids[key]
+
+    def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
+        """Distances of the places of a grid, at least up to a reach; arguments as of ``_grid``."""
+        known = self._known.get((cells, longest))
+        if known is None or known.reach < reach:
+            task = self.task
             approaches = task.settings.followable.approaches
             approach = max(approaches) * max(1.0, task.arm.link_length / task.unit) * task.unit
             ways = WaysBetween(self.start, self.goal, longest + approach) if np.isfinite(longest) else None
-            kept = task.arm.radius + task.clearance + margin * task.margin + beside
-            far = task.settings.ways.far * task.unit
             low, high = self._box
             finest = task.settings.ways.finest * task.unit
-            self._grids[key] = TipGrid.over(task.tree, low, high, cells, kept, far, finest, task.deadline, ways)
-        return self._grids[key]
+            known = GridDistances.over(task.tree, (low, high), cells, reach, finest, task.deadline, ways)
+            self._known[cells, longest] = known
+        return known
 
     @cached_property
     def _box(self) -> FloatArray:

@@ -62,8 +62,68 @@ class WaysBetween:
 
 
 @dataclass(frozen=True, eq=False)
+class GridDistances:
+    """How far the places of a grid are from the surfaces.
+
+    Attributes:
+        low: the first place, the middle of its cell, shape (3,) [m].
+        cell: distance of the places along each axis [m].
+        values: distances, at most the reach; 0 where nothing was looked at, shape (nx, ny, nz) [m].
+        reach: distance from which on it does not matter how far it is [m].
+    """
+
+    low: FloatArray
+    cell: float
+    values: FloatArray
+    reach: float
+
+    @classmethod
+    def over(
+        cls,
+        tree: SurfaceTree,
+        box: tuple[FloatArray, FloatArray],
+        cells: int,
+        reach: float,
+        finest: float = 0.0,
+        deadline: Deadline | None = None,
+        ways: WaysBetween | None = None,
+    ) -> "GridDistances":
+        """The distances over a box. Cells that are not looked at in time count as touched.
+
+        Args:
+            tree: of the surfaces.
+            box: lower and upper corner, shape (3,) each [m].
+            cells: about how many.
+            reach: as above [m].
+            finest: size that cells have at least [m].
+            deadline: when to stop; never when None.
+            ways: that are asked for; cells that none of them passes are not looked at. Any when None.
+        """
+        low, high = box
+        size = np.maximum(high - low, 1e-9)
+        cell = max(float((np.prod(size) / cells) ** (1.0 / 3.0)), finest)
+        counts = np.maximum(np.ceil(size / cell).astype(np.intp), 1)
+        first = low + 0.5 * cell
+        end = deadline or Deadline.never()
+        values = np.zeros(counts)
+        for layer in range(0, int(counts[0]), LAYER):
+            if end.passed():
+                break
+            block = _Block(np.array([layer, 0, 0]), np.minimum([layer + LAYER, counts[1], counts[2]], counts))
+            if ways is None:
+                values[block.slices] = tree.grid(first + cell * block.start, cell, block.counts, reach)
+                continue
+            # What passes between the middles of two cells comes within a diagonal of one.
+            passed = ways.pass_near(block.sides(first, cell), 2.0 * cell)
+            part, inside = block.part_with(passed)
+            looked = tree.grid(first + cell * part.start, cell, part.counts, reach)
+            values[part.slices] = np.where(passed[inside], looked, 0.0)
+        return cls(first, cell, values, reach)
+
+
+@dataclass(frozen=True, eq=False)
 class TipGrid:
-    """Places for the tip, and how far the walls are from them.
+    """Places with room for the tip, one a cell.
 
     Attributes:
         low: centre of the first cell, shape (3,) [m].
@@ -83,50 +143,17 @@ class TipGrid:
     deadline: Deadline = field(default_factory=Deadline.never)
 
     @classmethod
-    def over(
-        cls,
-        tree: SurfaceTree,
-        low: FloatArray,
-        high: FloatArray,
-        cells: int,
-        kept: float,
-        far: float,
-        finest: float = 0.0,
-        deadline: Deadline | None = None,
-        ways: WaysBetween | None = None,
-    ) -> "TipGrid":
-        """The grid over a box. Cells that are not looked at in time count as without room.
+    def of(cls, distances: GridDistances, kept: float, far: float, deadline: Deadline | None = None) -> "TipGrid":
+        """The grid of places with some distance from surfaces.
 
         Args:
-            tree: of the surfaces.
-            low: lower corner, shape (3,) [m].
-            high: upper corner, shape (3,) [m].
-            cells: about how many.
+            distances: of the places, known up to both of the following together.
             kept: distance that the tip needs from surfaces [m].
             far: distance beyond that from which on walls do not matter [m].
-            finest: size that cells have at least [m].
             deadline: when to stop; never when None.
-            ways: that are asked for; cells that none of them passes count as without room. Any when None.
         """
-        size = np.maximum(high - low, 1e-9)
-        cell = max(float((np.prod(size) / cells) ** (1.0 / 3.0)), finest)
-        counts = np.maximum(np.ceil(size / cell).astype(np.intp), 1)
-        first = low + 0.5 * cell
-        end = deadline or Deadline.never()
-        gaps = np.full(counts, -kept)
-        for layer in range(0, int(counts[0]), LAYER):
-            if end.passed():
-                break
-            block = _Block(np.array([layer, 0, 0]), np.minimum([layer + LAYER, counts[1], counts[2]], counts))
-            if ways is None:
-                gaps[block.slices] = tree.grid(first + cell * block.start, cell, block.counts, kept + far) - kept
-                continue
-            # What passes between the middles of two cells comes within a diagonal of one.
-            passed = ways.pass_near(block.sides(first, cell), 2.0 * cell)
-            part, inside = block.part_with(passed)
-            looked = tree.grid(first + cell * part.start, cell, part.counts, kept + far) - kept
-            gaps[part.slices] = np.where(passed[inside], looked, -kept)
-        return cls(first, cell, gaps, far, kept, end)
+        gaps = np.minimum(distances.values, kept + far) - kept
+        return cls(distances.low, distances.cell, gaps, far, kept, deadline or Deadline.never())
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
         """The cell of a place; the nearest one where it lies outside."""
