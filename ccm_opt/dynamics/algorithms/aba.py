@@ -11,6 +11,7 @@ import casadi as ca
 from ccm_opt.dynamics.algorithms import aba_free, aba_geared
 from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
+from ccm_opt.dynamics.algorithms.in_plane import AT_REST, OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
 from ccm_opt.dynamics.algorithms.sweep import angles_of, inward, model_symbols, outward, per_ball, sines_and_cosines
 from ccm_opt.jointed.arm import Axes
 
@@ -58,7 +59,19 @@ def aba_steps(structure: Structure) -> AbaSteps:
     """The algorithm's functions for a structure."""
     # Rotors cost half the speed (moments are passed on beside forces), so arms without them have a form of their own.
     variant = aba_geared if structure.geared else aba_free
-    return AbaSteps(_velocity_step(structure.axes), *variant.steps(structure.axes))
+    steps = AbaSteps(_velocity_step(structure.axes), *variant.steps(structure.axes))
+    return _in_plane(steps) if structure.planar else steps
+
+
+def _in_plane(steps: AbaSteps) -> AbaSteps:
+    """The functions for an arm that stays in its plane."""
+    velocity, (_, motion) = swept_in_plane(steps.velocity, AT_REST, [TRIG, OF_BALL])
+    tip, (at_tip,) = in_plane(steps.tip, [WORLD])
+    columns = [TRIG, motion, OF_BALL, OF_BALL, free(4), free(6)]
+    inertia, (whole_arm, solved) = swept_in_plane(steps.inertia, at_tip, columns)
+    base, (at_base, _) = in_plane(steps.base, [whole_arm, free(1), WORLD])
+    acceleration, _ = swept_in_plane(steps.acceleration, at_base, [TRIG, motion, solved, free(4)])
+    return AbaSteps(velocity, tip, inertia, base, acceleration)
 
 
 def _velocity_step(axes: Axes) -> Any:

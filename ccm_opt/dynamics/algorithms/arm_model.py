@@ -17,11 +17,13 @@ class Structure:
         links: number of links.
         axes: order of the three revolutes of a ball joint.
         geared: whether drives have rotor inertia, for which forward dynamics carry moments from link to link too.
+        planar: whether the arm never leaves its plane, where only the second revolutes move and most terms are zero.
     """
 
     links: int
     axes: Axes
     geared: bool = False
+    planar: bool = False
 
     @property
     def joints(self) -> int:
@@ -75,6 +77,13 @@ def arm_model(arm: DrivenArm, gravity: FloatArray) -> ArmModel:
 def with_rotor_code(model: ArmModel) -> ArmModel:
     """The same model by the code that knows of rotors, be their inertia zero."""
     return replace(model, structure=replace(model.structure, geared=True))
+
+
+def in_plane_alone(model: ArmModel) -> ArmModel:
+    """The same model by the code for motions in the plane; as it is where gravity or axes lead out of the plane."""
+    if model.world[1] != 0.0 or model.structure.axes != "zyx":
+        return model
+    return replace(model, structure=replace(model.structure, planar=True))
 
 
 def _per_ball(arm: DrivenArm, value: FloatArray | float) -> FloatArray:

@@ -19,6 +19,7 @@ import casadi as ca
 
 from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.ball_joint import BALL_JOINTS
+from ccm_opt.dynamics.algorithms.in_plane import OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
 from ccm_opt.dynamics.algorithms.link_algebra import centripetal
 from ccm_opt.dynamics.algorithms.sweep import angles_of, inward, model_symbols, outward, per_ball, sines_and_cosines
 from ccm_opt.jointed.arm import Axes
@@ -37,7 +38,7 @@ def build_rnea(structure: Structure) -> Any:
     feed = ca.SX.sym("feed")
     bodies, drives, world = model_symbols(structure.links)
 
-    steps = rnea_steps(structure.axes)
+    steps = rnea_steps(structure)
     trig = sines_and_cosines(per_ball(q))
     rates = per_ball(qd)
     rate_changes = per_ball(qdd)
@@ -63,9 +64,21 @@ class RneaSteps(NamedTuple):
     inward: Any
 
 
-def rnea_steps(axes: Axes) -> RneaSteps:
-    """The recursion's functions for an order of axes."""
-    return RneaSteps(_base_step(), _outward_step(axes), _tip_step(), _inward_step(axes))
+def rnea_steps(structure: Structure) -> RneaSteps:
+    """The recursion's functions for a structure."""
+    axes = structure.axes
+    steps = RneaSteps(_base_step(), _outward_step(axes), _tip_step(), _inward_step(axes))
+    return _in_plane(steps) if structure.planar else steps
+
+
+def _in_plane(steps: RneaSteps) -> RneaSteps:
+    """The functions for an arm that stays in its plane."""
+    base, (at_base,) = in_plane(steps.base, [WORLD, free(1)])
+    outward_step, (state, load) = swept_in_plane(steps.outward, at_base, [TRIG, OF_BALL, OF_BALL, free(4)])
+    tip, (at_tip,) = in_plane(steps.tip, [state, WORLD])
+    columns = [TRIG, load, OF_BALL, OF_BALL, free(4), free(6)]
+    inward_step, _ = swept_in_plane(steps.inward, at_tip, columns)
+    return RneaSteps(base, outward_step, tip, inward_step)
 
 
 def _base_step() -> Any:

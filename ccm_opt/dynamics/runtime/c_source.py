@@ -23,7 +23,7 @@ PRIVATE = "#define CASADI_SYMBOL_EXPORT static inline\n"  # the functions of one
 
 def source_text(structure: Structure) -> str:
     """C source for arms of a structure, whatever the number of their links."""
-    rnea = rnea_steps(structure.axes)
+    rnea = rnea_steps(structure)
     aba = aba_steps(structure)
     # The two forms of ABA pass on states of different sizes; the loops written by hand are told which.
     sizes = f"#define STATE {aba.inertia.size1_in(0)}\n#define SOLVED {aba.inertia.size1_out(1)}\n"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
+from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone, with_rotor_code
 from ccm_opt.dynamics.runtime.back_end import choose_back_end
 from ccm_opt.dynamics.runtime.control_law import ClosedLoop
 from ccm_opt.dynamics.simulation.controller import loop_parameters
@@ -145,7 +145,9 @@ def _prepared(
 
     positions, velocities = _coordinates(trajectory, joints)
     reference = step_reference(trajectory.time, positions, velocities, options.step)
-    run = _Run(closed_loop(plant, arm, options, limits), reference, Noise(options.disturbances, planar=planar))
+    run = _Run(
+        closed_loop(plant, arm, options, limits, planar=planar), reference, Noise(options.disturbances, planar=planar)
+    )
     return run, np.stack((positions[0], velocities[0]))
 
 
@@ -157,14 +159,27 @@ def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[Floa
     return positions, velocities
 
 
-def closed_loop(plant: DrivenArm, arm: DrivenArm, options: SimulationOptions, limits: Limits) -> ClosedLoop:
-    """The loop of a plant and of the arm that its controller believes in, compiled when the machine can."""
+def closed_loop(
+    plant: DrivenArm, arm: DrivenArm, options: SimulationOptions, limits: Limits, *, planar: bool = False
+) -> ClosedLoop:
+    """The loop of a plant and of the arm that its controller believes in, compiled when the machine can.
+
+    Args:
+        plant: the arm that moves.
+        arm: as its controller knows it.
+        options: gravity, step, controller.
+        limits: of the efforts.
+        planar: whether the arm starts in its plane and nothing that the loop is given leads out of it.
+    """
     plant_model = arm_model(plant, options.gravity)
     believed_model = arm_model(arm, options.gravity)
     if options.controller == "pd":
         # PD looks ahead on an arm with heavier rotors, and one library serves plant and controller alike.
         plant_model = with_rotor_code(plant_model)
         believed_model = with_rotor_code(believed_model)
+    if planar:
+        plant_model = in_plane_alone(plant_model)
+        believed_model = in_plane_alone(believed_model)
     parameters = loop_parameters(arm, options, limits)
     return choose_back_end(plant_model.structure).loop(plant_model, believed_model, parameters)
 

@@ -1,0 +1,127 @@
+"""The functions of one link for an arm that stays in its plane: what is zero there is left out of the expressions.
+
+Only the second revolute of a ball bends the arm in the plane; the other two stand at zero, with sines 0 and cosines 1.
+Products with these zeros, sums with them and products with one are left out, and nothing else is done to the
+expressions: every number that is left is the same to the last bit, by a third of the operations. Arguments and results
+keep their shapes.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+
+Known = tuple[float | None, ...]
+"""Of every number in a column its constant value, 0 or 1; None for one that is not known."""
+Value = Any
+"""A number of an expression: 0.0 or 1.0 where it is known, else a CasADi expression."""
+TRIG: Known = (0.0, None, 0.0, 1.0, None, 1.0)
+"""Sines and cosines of a ball."""
+OF_BALL: Known = (0.0, None, 0.0)
+"""Rates, accelerations or torques of a ball."""
+WORLD: Known = (None, 0.0, None, None, None)
+"""Gravity in the base frame, payload, and whether the base slides."""
+AT_REST: Known = (0.0, 0.0, 0.0)
+"""The angular velocity of the base."""
+NEUTRAL_BEFORE = {ca.OP_ADD: 0.0, ca.OP_MUL: 1.0}
+"""Numbers that change nothing before a sign."""
+NEUTRAL_AFTER = {**NEUTRAL_BEFORE, ca.OP_SUB: 0.0, ca.OP_DIV: 1.0}
+"""Numbers that change nothing behind a sign."""
+
+
+def free(count: int) -> Known:
+    """Nothing known of so many numbers."""
+    return (None,) * count
+
+
+def in_plane(step: Any, inputs: Sequence[Known]) -> tuple[Any, tuple[Known, ...]]:
+    """A function of one link of which some arguments are known.
+
+    Args:
+        step: CasADi function of columns.
+        inputs: what is known of each argument; such numbers are taken as known, whatever a caller gives.
+
+    Returns:
+        The function of the same arguments and results, and which numbers of its results are zero.
+    """
+    symbols = [ca.SX.sym(step.name_in(i), len(known)) for i, known in enumerate(inputs)]
+    given = [
+        [symbol[k] if value is None else value for k, value in enumerate(known)]
+        for symbol, known in zip(symbols, inputs, strict=True)
+    ]
+    results = _evaluated(step, given)
+    known_results = tuple(tuple(0.0 if _is(each, 0.0) else None for each in result) for result in results)
+    columns = [ca.densify(ca.vertcat(*result)) for result in results]
+    return ca.Function(step.name(), symbols, columns), known_results
+
+
+def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[Any, tuple[Known, ...]]:
+    """As ``in_plane`` for ``step(state, *columns) -> (state, *outputs)``, run from link to link.
+
+    Args:
+        step: CasADi function of one link.
+        start: what is known of the first state.
+        columns: what is known of the further arguments, at every link.
+
+    Returns:
+        The function, and which numbers of the state and of the outputs are zero at every link.
+    """
+    state = start
+    while True:
+        reduced, (passed, *outputs) = in_plane(step, [state, *columns])
+        # What is zero at the first link is so at all others only if no link makes it something else.
+        common = tuple(before if before == after else None for before, after in zip(state, passed, strict=True))
+        if common == state:
+            return reduced, (state, *outputs)
+        state = common
+
+
+def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]:
+    """A function's results, operation by operation as it has them."""
+    work: dict[int, Value] = {}
+    results: list[list[Value]] = [[0.0] * step.nnz_out(i) for i in range(step.n_out())]
+    # CasADi's own simplification would go further, as from a / (a b) to 1 / b, which rounds otherwise.
+    before = ca.GlobalOptions.getSimplificationOnTheFly()
+    ca.GlobalOptions.setSimplificationOnTheFly(False)
+    try:
+        for k in range(step.n_instructions()):
+            operation = step.instruction_id(k)
+            inputs = step.instruction_input(k)
+            outputs = step.instruction_output(k)
+            if operation == ca.OP_INPUT:
+                work[outputs[0]] = given[inputs[0]][inputs[1]]
+            elif operation == ca.OP_OUTPUT:
+                results[outputs[0]][outputs[1]] = work[inputs[0]]
+            elif operation == ca.OP_CONST:
+                work[outputs[0]] = _known_or_constant(step.instruction_constant(k))
+            else:
+                work[outputs[0]] = _applied(operation, [work[place] for place in inputs])
+    finally:
+        ca.GlobalOptions.setSimplificationOnTheFly(before)
+    return results
+
+
+def _known_or_constant(value: float) -> Value:
+    return value if value in (0.0, 1.0) else ca.SX(value)
+
+
+def _applied(operation: int, values: Sequence[Value]) -> Value:
+    """One operation on one or two values; left out where known ones make its result exact."""
+    if len(values) == 1:
+        odd = operation in (ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE)
+        return 0.0 if odd and _is(values[0], 0.0) else ca.SX.unary(operation, values[0])
+    first, second = values
+    vanishes = operation in (ca.OP_MUL, ca.OP_DIV) and _is(first, 0.0)
+    if vanishes or (operation == ca.OP_MUL and _is(second, 0.0)):
+        return 0.0
+    if operation in NEUTRAL_BEFORE and _is(first, NEUTRAL_BEFORE[operation]):
+        return second
+    if operation in NEUTRAL_AFTER and _is(second, NEUTRAL_AFTER[operation]):
+        return first
+    negated = operation == ca.OP_SUB and _is(first, 0.0)
+    return _applied(ca.OP_NEG, [second]) if negated else ca.SX.binary(operation, first, second)
+
+
+def _is(value: Value, number: float) -> bool:
+    """Whether a value is known to be a number."""
+    return isinstance(value, float) and value == number
