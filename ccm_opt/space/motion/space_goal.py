@@ -1,5 +1,6 @@
 """Where the tip shall end: errors of a pose, rows that draw it there, and Newton's method for the rest."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,8 +31,8 @@ class SpaceTipPose:
         distance = float(np.linalg.norm(pose.tip - self.position))
         if self.direction is None:
             return distance, 0.0
-        sine = float(np.linalg.norm(np.cross(pose.tip_direction, self.direction)))
-        return distance, float(np.arctan2(sine, pose.tip_direction @ self.direction))
+        along, left, up = (float(part) for part in self.direction @ pose.chain.rotations[-1])
+        return distance, math.atan2(math.hypot(left, up), along)
 
     def met(self, pose: SpacePose) -> bool:
         """Whether a pose is as near as counts."""
@@ -43,14 +44,14 @@ class SpaceTipPose:
         slopes = [pose.chain.moving[-1] / unit]
         missing = [(self.position - pose.tip) / unit]
         if self.direction is not None:
-            across = _across(pose.tip_direction)
-            # The turn that brings t onto d, about the axis t × d by the angle between them; its part along t is free.
-            axis = np.cross(pose.tip_direction, self.direction)
-            sine = float(np.linalg.norm(axis))
-            _, angle = self.errors(pose)
-            axis = across[0] if sine < 1e-12 else axis / sine
-            slopes.append(across @ pose.chain.turning[-1])
-            missing.append(across @ (angle * axis))
+            frame = pose.chain.rotations[-1]
+            # The turn that brings the link's axis t onto d, about t × d by the angle between them, in parts about the
+            # link's other axes; its part about t is free.
+            along, left, up = (float(part) for part in self.direction @ frame)
+            sine = math.hypot(left, up)
+            axis = np.array([1.0, 0.0]) if sine < 1e-12 else np.array([-up, left]) / sine
+            slopes.append(frame[:, 1:].T @ pose.chain.turning[-1])
+            missing.append(math.atan2(sine, along) * axis)
         return np.concatenate(slopes), np.concatenate(missing)
 
     def term(self, pose: SpacePose, unit: float, weight: float) -> SpaceTerm:
@@ -115,11 +116,3 @@ def onto_goal(
             change = change * min(1.0, largest_turn / max(size, 1e-12))
         pose = stepper.pose(pose.v + change)
     return None
-
-
-def _across(direction: FloatArray) -> FloatArray:
-    """Two unit vectors across a direction, shape (2, 3)."""
-    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    first = np.cross(direction, helper)
-    first /= np.linalg.norm(first)
-    return np.stack((first, np.cross(direction, first)))
