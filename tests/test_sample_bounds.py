@@ -14,9 +14,11 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.problem import JointPose, Limits, Problem
 from ccm_opt.solution import JointTrajectory
+from ccm_opt.verification.effort_share import holding_efforts
 from ccm_opt.verification.interpolation import interpolation_deviation
 from ccm_opt.verification.newton_euler import joint_torques
-from ccm_opt.verification.sample_efforts import SampleMeans
+from ccm_opt.verification.sample_efforts import SampleMeans, check_sample_efforts
+from tests.pinned.scenes import plan_of
 
 from .arms import plain_arm
 
@@ -154,3 +156,22 @@ def test_along_a_way_a_smooth_curve_strays_by_what_it_leaves_at_the_ends(inside:
 def _smooth_step() -> list[np.polynomial.Polynomial]:
     step = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
     return [step, step.deriv(), step.deriv(2)]
+
+
+@pytest.mark.parametrize("fed", [False, True])
+def test_three_samples_are_enough_to_take_efforts_of(fed: bool) -> None:
+    """The shortest motion that has second differences is judged by them; a shorter one has none."""
+    problem, whole = plan_of(1.0, fed=fed)
+    for count, names in ((2, []), (3, ["joint torque of the samples", "feed force of the samples"][: 1 + fed])):
+        short = JointTrajectory(
+            *(part[:count] for part in (whole.time, whole.positions, whole.velocities, whole.accelerations)),
+            whole.coordinates,
+        )
+        checks = check_sample_efforts(problem, short, holding_efforts(problem, short.positions))
+        assert [check.name for check in checks] == names
+        # A leap and back again, of which nothing is reported, takes more than any drive gives.
+        leaping = short.positions.copy()
+        leaping[1] += 0.01
+        leap = replace(short, positions=leaping)
+        checks = check_sample_efforts(problem, leap, holding_efforts(problem, leap.positions))
+        assert [check.name for check in checks if not check.passed] == names
