@@ -60,7 +60,7 @@ class Covering:
     seconds: dict[str, float]
 
     def tests_of(self, path: str, mutant: Mutant) -> list[str]:
-        """Tests that may find a mistake: pinned figures first, which find most, then the quickest."""
+        """Tests that may find a mistake: pinned figures first, then the quickest."""
         lines = self.lines.get(path, {})
         wanted = list(lines) if mutant.at_import else [str(line) for line in range(mutant.first, mutant.last + 1)]
         tests = {test for line in wanted for test in lines.get(line, ())}
