@@ -87,3 +87,12 @@ def test_few_long_links_pass_a_bent_pipe_with_room() -> None:
     assert "on the track of the tip" in solution.path.candidate
     assert solution.room.nearest is not None
     assert solution.room.nearest.gap > 0.5 * problem.wanted_gap
+
+
+@pytest.mark.slow
+def test_a_motion_that_lacks_room_is_made_of_more_keyframes() -> None:
+    """One run of the optimisation leaves a fifth less than is wanted in the bends of this pipe."""
+    problem = site_problem("pipe-two-bends", 71002, 16, "pipe")
+    solution = ccm_opt.solve(problem, explain=False)
+    assert solution.room.nearest is not None
+    assert solution.room.nearest.gap > 0.95 * problem.wanted_gap

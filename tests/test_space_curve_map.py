@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
-from ccm_opt.space.curve.guide_exit import free_before
+from ccm_opt.space.curve.guide_exit import free_before, straight_at_exit
 from ccm_opt.space.motion.chain import Chains
 from ccm_opt.space.motion.curve_map import CurveMap, feed_to_next_stop
 from tests.snakes_in_space import snake
@@ -147,3 +147,22 @@ def test_a_fed_arm_follows_its_own_shape() -> None:
     after = curve.configuration(v)
     assert after[:40] == pytest.approx(before[8:48], abs=1e-12)
     assert joint_positions(arm, after)[:-4] == pytest.approx(joint_positions(arm, before)[4:], abs=1e-9)
+
+
+@given(seeds, st.integers(4, 40), st.floats(0.0, 0.8))
+@settings(max_examples=40, deadline=None)
+def test_joints_at_the_exit_are_made_straight_and_no_others(seed: int, links: int, feed: float) -> None:
+    """So that between it and any other pose joints stay straight as far as usual; a fixed arm has no such joints."""
+    rng = np.random.default_rng(seed)
+    arm = snake(links, feed=fed)
+    q = np.append(rng.normal(size=2 * links) * 0.3, feed)
+    straight = straight_at_exit(arm, q)
+    near = feed + arm.link_length * np.arange(links) - fed.hole <= free_before(arm)
+    assert np.all(straight[:-1].reshape(links, 2)[near] == 0.0)
+    assert np.array_equal(straight[:-1].reshape(links, 2)[~near], q[:-1].reshape(links, 2)[~near])
+    assert straight[-1] == feed
+    curve, _ = CurveMap.through(arm, np.zeros(2 * links + 1))
+    blended, _ = curve.blended_to(straight)
+    assert blended.straight_before == pytest.approx(free_before(arm))
+    fixed = snake(links)
+    assert np.array_equal(straight_at_exit(fixed, q[:-1]), q[:-1])

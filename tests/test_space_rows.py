@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ccm_opt.jointed.link_chain import Feed
 from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.motion.curve_map import CurveMap
-from ccm_opt.space.motion.optimisation.rows import motion_rows, room_lacking
+from ccm_opt.space.motion.optimisation.rows import motion_rows, room_lacking, room_lacking_on_the_way
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
 from ccm_opt.space.motion.space_goal import SpaceTipPose
 from tests.snakes_in_space import balls, snake, task_of
@@ -69,3 +69,17 @@ def test_what_room_is_lacking_is_that_of_the_poses(seed: int) -> None:
             axes = np.stack((points[first:-1], points[first + 1 :]), axis=1)
             least = min(least, float(np.min(stepper.tree.distances(axes, 1.0))))
         assert lacking[k] == pytest.approx(max(stepper.kept + WANTED - least, 0.0), abs=1e-9)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_what_is_lacking_at_the_ends_is_not_lacking_on_the_way(seed: int) -> None:
+    """A motion that stands still lacks nothing; one that begins and ends elsewhere what its least gap lacks more."""
+    sweep = random_sweep(seed)
+    numbers = sweep.stepper.settings.optimisation
+    whole = float(np.max(room_lacking(sweep, WANTED, numbers)))
+    ends = np.stack((sweep.unknowns[:-1], sweep.unknowns[:-1]), axis=1)
+    stills = [SpaceSweep(sweep.stepper, still) for still in (*ends, np.stack((sweep.unknowns[-1],) * 2))]
+    assert [room_lacking_on_the_way(still, WANTED, numbers) for still in stills] == pytest.approx(np.zeros(4), abs=1e-9)
+    at_ends = max(float(np.max(room_lacking(still, WANTED, numbers))) for still in (stills[0], stills[-1]))
+    assert room_lacking_on_the_way(sweep, WANTED, numbers) == pytest.approx(whole - at_ends, abs=1e-9)

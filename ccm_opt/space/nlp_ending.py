@@ -10,6 +10,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.solution import SpaceGoalPoseRecord
+from ccm_opt.space.curve.guide_exit import straight_at_exit
 from ccm_opt.space.motion.opened_end import opened
 from ccm_opt.space.motion.pieces import edge_is_safe, failing_edges
 from ccm_opt.space.motion.pose_led import PoseLed
@@ -83,7 +84,7 @@ def _asked_from(asked: SpaceGoalPoses, task: SpaceTask, goal: SpaceTipPose, moti
     refused = partial(pose_record, wanted, best, len(answers))
     # What the motion's own curve cannot show of the pose is one more unknown of it, which is 0 as far as the motion
     # goes and 1 in the pose.
-    curve, end = motion.curve.blended_to(best.q)
+    curve, end = motion.curve.blended_to(straight_at_exit(task.arm, best.q))
     begun = replace(motion, curve=curve, unknowns=np.pad(motion.unknowns, ((0, 0), (0, 1))))
     stepper = task.stepper(curve, 0.0)
     last = onto_goal(stepper, goal, stepper.pose(end))

@@ -36,3 +36,21 @@ def free_shares_of_bends(arm: SpaceArm, places: FloatArray) -> FloatArray:
     straight = free_before(arm)
     x = np.clip((places - straight) / (FREE_AFTER * arm.length / NOMINAL_LINKS - straight), 0.0, 1.0)
     return np.asarray(x * x * (3.0 - 2.0 * x))
+
+
+def straight_at_exit(arm: SpaceArm, q: FloatArray) -> FloatArray:
+    """A configuration without the bends of joints that stand where they stay straight just beyond a guide tube.
+
+    A motion to such a bend would have to make it on the short way since the joint left the tube, and no smooth path
+    does. The tip has to be put back to its place afterwards.
+
+    Args:
+        arm: with or without a guide tube.
+        q: shape (c,) [rad, m].
+    """
+    if not arm.base_axes:
+        return q
+    places = arm.link_length * np.arange(arm.links) + float(np.sum(q[2 * arm.links :])) - arm.hole
+    straight = q.copy()
+    straight[: 2 * arm.links].reshape(-1, 2)[places <= free_before(arm)] = 0.0
+    return straight

@@ -13,6 +13,7 @@ from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.motion.candidates import SpaceTipWays, TipWay
 from ccm_opt.space.motion.connect import Connect
 from ccm_opt.space.motion.curve_map import KNOTS, CurveMap
+from ccm_opt.space.motion.fitted_slide import fitted_slide
 from ccm_opt.space.motion.goal_poses import goal_poses
 from ccm_opt.space.motion.passed_places import passings
 from ccm_opt.space.motion.pieces import edge_is_safe, failing_edges, pieces
@@ -194,7 +195,7 @@ class _Search:
         @cache
         def fit(knots: int) -> tuple[CurveMap, SpacePose | None, FloatArray]:
             curve, start, end = self._spaces(knots)
-            return curve, end, np.stack([start, *(curve.fitted(q) for q in configurations[1:])])
+            return curve, end, fitted_slide(curve, start, configurations)
 
         for room in (settings.room * task.wanted_gap, 0.0):
             certified = replace(task, clearance=task.clearance + room)

@@ -172,16 +172,33 @@ def room_lacking(sweep: SpaceSweep, wanted: float, settings: SpaceOptimisationSe
         wanted: room beyond contact that is asked for [m].
         settings: whose times in between are looked at.
     """
-    arm = sweep.curve.arm
-    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
-    kept = sweep.stepper.kept + wanted
     lacking = np.zeros(sweep.intervals)
     for share in (*settings.between, 0.5, 1.0):
         points = sweep.middle_points if share == 0.5 else sweep.points_at(share)
-        segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2)
-        distances = sweep.stepper.tree.distances(segments.reshape(-1, 2, 3), kept)
-        lacking = np.maximum(lacking, kept - np.min(distances.reshape(sweep.intervals, -1), axis=1, initial=kept))
+        lacking = np.maximum(lacking, _lacking_at(sweep, points, wanted))
     return lacking
+
+
+def room_lacking_on_the_way(sweep: SpaceSweep, wanted: float, settings: SpaceOptimisationSettings) -> float:
+    """By how much the least gap from surfaces lacks more of the wanted one than where a motion starts and ends [m].
+
+    Args:
+        sweep: the motion.
+        wanted: room beyond contact that is asked for [m].
+        settings: whose times in between are looked at.
+    """
+    at_ends = _lacking_at(sweep, sweep.points[[0, -1]], wanted)
+    return float(np.max(room_lacking(sweep, wanted, settings)) - np.max(at_ends))
+
+
+def _lacking_at(sweep: SpaceSweep, points: FloatArray, wanted: float) -> FloatArray:
+    """By how much the least gap of poses, points of shape (k, links + 1, 3), lacks the wanted one, shape (k,) [m]."""
+    arm = sweep.curve.arm
+    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
+    kept = sweep.stepper.kept + wanted
+    segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2)
+    distances = sweep.stepper.tree.distances(segments.reshape(-1, 2, 3), kept)
+    return np.asarray(kept - np.min(distances.reshape(len(points), -1), axis=1, initial=kept))
 
 
 def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray) -> SpaceRows:

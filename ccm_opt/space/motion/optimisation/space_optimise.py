@@ -1,5 +1,6 @@
 """Thins a certified motion to few keyframes, optimises them all at once, and keeps what is certified."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.motion.optimisation.keyframes import decimated, subdivided
 from ccm_opt.space.motion.optimisation.passing_keyframes import PassingKeyframes
+from ccm_opt.space.motion.optimisation.rows import room_lacking_on_the_way
 from ccm_opt.space.motion.optimisation.space_sequential_convex import SequentialConvex
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
 from ccm_opt.space.motion.optimisation.user_keyframes import UserKeyframes
@@ -20,10 +22,31 @@ from ccm_opt.space.motion.task import SpaceMotion, SpaceTask
 def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
     """A shorter, smoother and roomier motion in the same homotopy class; the given one where none is found.
 
+    Where that lacks room, another is made of more keyframes, in which room is dearer, and the roomier one is taken.
+
     Args:
         motion: certified.
         task: what it is for.
     """
+    settings = task.settings.optimisation
+    first = _optimised(motion, task)
+    lacking = _lacking(task, first)
+    if lacking <= settings.finer_lack * task.wanted_gap or task.deadline.passed():
+        return first
+    finer = replace(settings, intervals=settings.finer_intervals, price=settings.finer_price)
+    finer = replace(finer, highest_price=settings.highest_price * settings.finer_price / settings.price)
+    second = _optimised(motion, replace(task, settings=replace(task.settings, optimisation=finer)))
+    return second if _lacking(task, second) < lacking else first
+
+
+def _lacking(task: SpaceTask, motion: SpaceMotion) -> float:
+    """By how much more of the wanted room a motion lacks on its way than at its ends [m]."""
+    sweep = SpaceSweep(task.stepper(motion.curve, 0.0), motion.unknowns)
+    return room_lacking_on_the_way(sweep, task.wanted_gap, task.settings.optimisation)
+
+
+def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
+    """What comes of one run of the optimisation; the motion itself where nothing does."""
     settings = task.settings.optimisation
     # The straight way between two keyframes is the best there is, unless the user wants something else of it.
     if task.deadline.passed() or (len(motion.unknowns) < 3 and task.user is None and not task.via):
