@@ -101,7 +101,7 @@ def prove_apart(
         settings: resolutions, and how much work may be done.
     """
     # Breadth first: all pairs of one depth are evaluated at once, where numpy is fast.
-    nodes = motion.whole()
+    nodes = motion.whole
     while len(pairs):
         gap, travel = evaluate(nodes, pairs, motion.poses(nodes))
         nearest = _nearer(motion, nodes, pairs, gap, nearest)

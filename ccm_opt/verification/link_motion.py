@@ -145,13 +145,24 @@ class ChainMotion:
         farthest = float(np.max(np.abs(self.arm.base))) + self.arm.length + float(np.max(np.abs(self.carried)))
         return 2.0 * farthest
 
+    @cached_property
     def whole(self) -> Nodes:
         """One stretch for each sample interval."""
         count = len(self.time) - 1
         return Nodes(np.arange(count), np.full(count, 0.5), np.full(count, 0.5))
 
+    @cached_property
+    def _middle_poses(self) -> FloatArray:
+        poses = self._poses(self.whole)
+        poses.flags.writeable = False  # one array serves all proofs
+        return poses
+
     def poses(self, nodes: Nodes) -> FloatArray:
         """Joint and tip positions at the middle of each stretch, shape (N, links + 1, 2) [m]."""
+        # Every proof begins with the whole intervals, twice.
+        return self._middle_poses if nodes is self.whole else self._poses(nodes)
+
+    def _poses(self, nodes: Nodes) -> FloatArray:
         # Bends are linear in time between samples, and so are headings, which are sums of them.
         headings = self.headings[nodes.interval] + nodes.centre[:, None] * self._heading_steps[nodes.interval]
         carried = self.carried[nodes.interval] + nodes.centre * np.diff(self.carried)[nodes.interval]

@@ -11,7 +11,12 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.arm import Arm
 from ccm_opt.verification.link_motion import advance, axis_direction, link_headings
 
-_OUT = np.array([0.0, 1.0, 0.0])
+SAMPLES_AT_ONCE = 512
+"""Samples whose forces and moments stay in a processor's cache."""
+Directions = tuple[FloatArray, FloatArray]
+"""World x and z of the unit vectors along the links, shape (T, links) each; their y is zero."""
+Components = tuple[FloatArray, FloatArray, FloatArray]
+"""World x, y and z of vectors, shape (T, links) each, or what stands for it in numpy's sums."""
 
 
 def efforts_in_plane(
@@ -30,25 +35,40 @@ def efforts_in_plane(
         Torques, shape (T, 3 * links) [N m]: yaw, bend, roll (``zyx``) or the paper's three (``zyz``) of each ball in
         turn; and the force along the base heading, shape (T,) [N].
     """
+    motion = (positions, velocities, accelerations)
+    parts = [
+        _efforts(arm, gravity, *(states[first : first + SAMPLES_AT_ONCE] for states in motion))
+        for first in range(0, max(1, len(positions)), SAMPLES_AT_ONCE)
+    ]
+    torques, forces = zip(*parts, strict=True)
+    return np.concatenate(torques), np.concatenate(forces)
+
+
+def _efforts(
+    arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """As ``efforts_in_plane``, for some samples."""
     headings = link_headings(arm, positions)
-    along, across = _directions(headings)
+    along = (np.cos(headings), np.sin(headings))
     # φ̈ of the links, in the plane the running sum of the bends' accelerations.
     growth = np.cumsum(accelerations[:, : arm.links], axis=1)
-    needed, carried = _forces(arm, gravity, (along, across), velocities, accelerations)
+    rate = np.cumsum(velocities[:, : arm.links], axis=1)
+    needed, carried = _forces(arm, gravity, along, rate, growth, advance(arm, accelerations)[:, None])
 
-    # Of every joint's moment its three drives bear the components along their axes: across the link before, out of the
-    # plane, and along (or for zyz across) the link itself.
-    moments = _joint_moments(arm, along, needed, carried, growth)
-    before = np.concatenate((np.full((len(headings), 1), arm.base_heading), headings[:, :-1]), axis=1)
-    last = along if arm.axes == "zyx" else across
-    projected = (np.sum(moments * _directions(before)[1], axis=2), moments @ _OUT, np.sum(moments * last, axis=2))
-    torques = np.stack(projected, axis=2).reshape(len(positions), 3 * arm.links)
+    # What joint i passes on is the force of all links beyond link i; its own acts at half its length.
+    own_x, own_y, own_z = needed
+    tip_x, tip_y, tip_z = carried
+    all_x = _sum_from_tip(own_x) + tip_x
+    all_z = _sum_from_tip(own_z) + tip_z
+    pushed = (all_x - 0.5 * own_x, _sum_from_tip(own_y) + tip_y - 0.5 * own_y, all_z - 0.5 * own_z)
+    torques = _of_revolutes(arm, headings, along, _joint_moments(arm, along, pushed, growth))
 
     # Rotors and friction turn with the revolute, which is minus the bend.
     geared = _of_bends(arm, arm.rotor_inertia) * accelerations[:, : arm.links]
     rubbed = _of_bends(arm, arm.friction) * velocities[:, : arm.links]
     torques[:, 1::3] -= geared + rubbed
-    return torques, np.asarray((np.sum(needed, axis=1) + carried[:, 0]) @ _axis(arm))
+    heading_x, heading_z = axis_direction(arm)
+    return torques, np.asarray(heading_x * all_x[:, 0] + heading_z * all_z[:, 0])
 
 
 def joint_torques(
@@ -63,52 +83,63 @@ def _of_bends(arm: Arm, drives: FloatArray | float) -> FloatArray:
     return np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * arm.links,))[1::3]
 
 
-def _directions(headings: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors along the links (local x) and across them in the plane (local z), each (T, links, 3)."""
-    cosine = np.cos(headings)
-    sine = np.sin(headings)
-    zero = np.zeros_like(headings)
-    return np.stack((cosine, zero, sine), axis=2), np.stack((-sine, zero, cosine), axis=2)
-
-
-def _axis(arm: Arm) -> FloatArray:
-    x, z = axis_direction(arm)
-    return np.array([x, 0.0, z])
-
-
 def _forces(
-    arm: Arm,
-    gravity: FloatArray,
-    directions: tuple[FloatArray, FloatArray],
-    velocities: FloatArray,
-    accelerations: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Forces that the links' masses, (T, links, 3), and the payload at the tip, (T, 1, 3), need to move so [N]."""
-    along, across = directions
-    rate = np.cumsum(velocities[:, : arm.links], axis=1)
-    growth = np.cumsum(accelerations[:, : arm.links], axis=1)
+    arm: Arm, gravity: FloatArray, along: Directions, rate: FloatArray, growth: FloatArray, base: FloatArray
+) -> tuple[Components, Components]:
+    """Forces that the links' masses and the payload at the tip need to move so, by their components [N].
+
+    Args:
+        arm: the arm.
+        gravity: shape (3,) [m/s²].
+        along: of the links.
+        rate: φ̇ of the links, shape (T, links) [rad/s].
+        growth: φ̈ of the links, shape (T, links) [rad/s²].
+        base: acceleration of the base along its heading, shape (T, 1) [m/s²].
+    """
+    cosine, sine = along
+    pull = rate**2
+    heading_x, heading_z = axis_direction(arm)
     # Along a link the acceleration grows by l (φ̈ across − φ̇² along); it is summed from the base, which may be carried.
-    step = arm.link_length * (growth[..., None] * across - (rate**2)[..., None] * along)
-    base = advance(arm, accelerations)[:, None, None] * _axis(arm)
-    ends = np.cumsum(step, axis=1) + base
+    step_x = -arm.link_length * (growth * sine + pull * cosine)
+    step_z = arm.link_length * (growth * cosine - pull * sine)
+    end_x = np.cumsum(step_x, axis=1) + heading_x * base
+    end_z = np.cumsum(step_z, axis=1) + heading_z * base
+    # Nothing moves out of the plane.
+    still = np.zeros((1, arm.links))
     # A link's mass stands at its middle; it needs what moves it so, beside what gravity gives.
-    needed = arm.masses[:, None] * (ends - 0.5 * step - gravity)
-    return needed, np.asarray(arm.payload * (ends[:, -1:] - gravity))
+    middles = (end_x - 0.5 * step_x, still, end_z - 0.5 * step_z)
+    x, y, z = (arm.masses * (middle - pull) for middle, pull in zip(middles, gravity, strict=True))
+    ends = (end_x[:, -1:], still[:, -1:], end_z[:, -1:])
+    tip_x, tip_y, tip_z = (arm.payload * (end - pull) for end, pull in zip(ends, gravity, strict=True))
+    return (x, y, z), (tip_x, tip_y, tip_z)
 
 
-def _joint_moments(
-    arm: Arm, along: FloatArray, needed: FloatArray, carried: FloatArray, growth: FloatArray
-) -> FloatArray:
-    """Moment each joint exerts on the links beyond it, about itself, shape (T, links, 3) [N m].
+def _joint_moments(arm: Arm, along: Directions, pushed: Components, growth: FloatArray) -> Components:
+    """Moment each joint exerts on the links beyond it, about itself, by its components [N m].
 
-    N_i = N_{i+1} + l e_i × F_{i+1} + ½ l e_i × f_i + dL_i/dt, with f_i the force that link i's mass needs.
+    N_i = N_{i+1} + l e_i × (F_{i+1} + ½ f_i) + dL_i/dt, with f_i the force that link i's mass needs, F_{i+1} that of
+    all beyond, and e_i along the link.
     """
     l = arm.link_length
-    # What joint i passes on is the force of all links beyond link i; its own acts at half its length.
-    beyond = _sum_from_tip(needed) - needed + carried
+    cosine, sine = along
+    x, y, z = pushed
     # dL/dt = −I φ̈ ŷ, as a counter-clockwise turn is one about −y; in the plane I does not change.
-    spin = -(arm.inertia_transverse * growth)[..., None] * _OUT
-    return _sum_from_tip(np.cross(l * along, beyond + 0.5 * needed) + spin)
+    in_plane = l * (sine * x - cosine * z) - arm.inertia_transverse * growth
+    return _sum_from_tip(-l * sine * y), _sum_from_tip(in_plane), _sum_from_tip(l * cosine * y)
+
+
+def _of_revolutes(arm: Arm, headings: FloatArray, along: Directions, moments: Components) -> FloatArray:
+    """Torques of all revolutes, shape (T, 3 * links), from the moments of their balls.
+
+    Of every joint's moment its three drives bear the components along their axes: across the link before, out of the
+    plane, and along (or for zyz across) the link itself.
+    """
+    x, y, z = moments
+    cosine, sine = along
+    before = np.concatenate((np.full((len(headings), 1), arm.base_heading), headings[:, :-1]), axis=1)
+    yaw = np.cos(before) * z - np.sin(before) * x
+    last = cosine * x + sine * z if arm.axes == "zyx" else cosine * z - sine * x
+    return np.stack((yaw, y, last), axis=2).reshape(len(headings), 3 * arm.links)
 
 
 def _sum_from_tip(values: FloatArray) -> FloatArray:

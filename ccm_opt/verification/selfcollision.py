@@ -61,7 +61,7 @@ def _prove(motion: ChainMotion, settings: VerificationSettings) -> Verdict:
             motion, nodes.interval[k], i, j
         )
 
-    nodes = motion.whole()
+    nodes = motion.whole
     nearest = _probe(motion, evaluate, nodes, settings.pair_probes)
     # Links that are farther apart than this at the middle of an interval come no nearer than the nearest known pair.
     look = thickness + max(least, min(nearest.gap, arm.link_length)) + 2.0 * lost

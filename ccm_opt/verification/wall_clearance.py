@@ -131,7 +131,7 @@ def _prove(
         distance = segment_distances(start, end, edges.start[pairs.other], edges.end[pairs.other])
         return distance - edges.rounding[pairs.other] - arm.radius - lost, travel
 
-    nodes = motion.whole()
+    nodes = motion.whole
     poses = motion.poses(nodes)
     nearest = _probe(motion, edges, exposed, links, poses, settings.wall_probes)
     # Walls that are farther away than this at the middle of an interval come no nearer than the nearest known one.
@@ -193,7 +193,7 @@ def _probe(
     gap = distance - edges.rounding[other] - motion.arm.radius
     best = int(np.argmin(gap))
     item = found[best]
-    when = motion.when(motion.whole(), int(node[item]))
+    when = motion.when(motion.whole, int(node[item]))
     return Nearest(float(gap[best]), int(link[item]), int(other[best]), when)
 
 

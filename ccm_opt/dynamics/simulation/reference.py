@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from ccm_opt.ground.arrays import FloatArray
+from ccm_opt.ground.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -16,14 +16,18 @@ class StepReference:
     acceleration of a step is the mean over it, which is what a control held over the step can follow.
 
     Attributes:
-        angles: cubic Hermite spline of the angles.
+        angles: cubic Hermite spline of the angles of the joints that move.
         velocities: its derivative.
+        moving: numbers of the joints that move, shape (M,); all others stand at zero.
+        joints: number of all joints.
         step: [s].
         steps: number of steps that cover the motion.
     """
 
     angles: CubicHermiteSpline
     velocities: CubicHermiteSpline
+    moving: IntArray
+    joints: int
     step: float
     steps: int
 
@@ -40,7 +44,12 @@ class StepReference:
         angles = self.angles(times)
         velocities = self.velocities(times)
         accelerations = np.diff(velocities, axis=0) / self.step  # means over the steps: see the class
-        return np.stack((angles[:-1], velocities[:-1], accelerations), axis=1), angles[1:]
+        reference = np.zeros((count, 3, self.joints))
+        ends = np.zeros((count, self.joints))
+        for k, values in enumerate((angles[:-1], velocities[:-1], accelerations)):
+            reference[:, k, self.moving] = values
+        ends[:, self.moving] = angles[1:]
+        return reference, ends
 
 
 def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray, step: float) -> StepReference:
@@ -53,8 +62,10 @@ def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray,
         step: [s].
     """
     steps = max(1, int(np.ceil(time[-1] / step - 1e-9)))  # a last sample that rounding puts past a step needs no more
-    spline = CubicHermiteSpline(time, angles, velocities)
-    return StepReference(spline, spline.derivative(), step, steps)
+    # In the plane two of three revolutes never move.
+    moving = np.flatnonzero(np.any(angles != 0.0, axis=0) | np.any(velocities != 0.0, axis=0))
+    spline = CubicHermiteSpline(time, angles[:, moving], velocities[:, moving])
+    return StepReference(spline, spline.derivative(), moving, angles.shape[1], step, steps)
 
 
 def hermite(fraction: FloatArray, step: float, start: FloatArray, end: FloatArray) -> FloatArray:

@@ -25,16 +25,12 @@ class RunFault:
 
 def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
     """The first state that is not finite, or a revolute of which is farther from its reference than ``most`` [rad]."""
-    after = steps.states[1:]
-    with np.errstate(invalid="ignore", over="ignore"):
-        errors = np.abs(after[:, 0] - steps.targets)
-    # The feed axis, last, has errors in metres, for which there is no such bound.
-    errors[:, -1] = 0.0
-    finite = np.isfinite(after)
     # Where an error is no number, the first comparison fails, too.
-    if np.max(errors, initial=0.0) <= most and finite.all():
+    if steps.worst_error <= most and steps.is_finite:
         return None
-    bad = (errors > most) | ~finite.all(axis=1)
+    # The feed axis, last, has errors in metres, for which there is no such bound.
+    errors = np.pad(steps.errors, ((0, 0), (0, 1)))
+    bad = (errors > most) | ~np.isfinite(steps.states[1:]).all(axis=1)
     row, column = np.argwhere(bad)[0]
     return RunFault(int(column), steps.first + int(row) + 1, float(errors[row, column]))
 

@@ -1,6 +1,7 @@
 """What is kept of a simulated motion: its state at the plan's own samples, its largest error, full efforts."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,6 +32,22 @@ class SimulatedSteps:
     def count(self) -> int:
         """Number of steps, N."""
         return len(self.efforts)
+
+    @cached_property
+    def errors(self) -> FloatArray:
+        """How far each revolute is from its reference at the end of each step, shape (N, W - 1) [rad]."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.asarray(np.abs(self.states[1:, 0, :-1] - self.targets[:, :-1]))
+
+    @cached_property
+    def worst_error(self) -> float:
+        """The largest of the errors; not a number where some error is none; 0 of no steps."""
+        return float(np.max(self.errors, initial=0.0))
+
+    @cached_property
+    def is_finite(self) -> bool:
+        """Whether all states at the ends of steps are finite."""
+        return bool(np.isfinite(self.states[1:]).all())
 
 
 @dataclass
@@ -79,8 +96,7 @@ class SimulationRecord:
         self.positions[here] = hermite(local - index, self.step, steps.states[index], steps.states[index + 1])
         self.efforts[here] = steps.efforts[index]
 
-        error = float(np.max(np.abs(steps.states[1:, 0, :-1] - steps.targets[:, :-1])))
-        self.tracking_error = max(self.tracking_error, error)
+        self.tracking_error = max(self.tracking_error, steps.worst_error)
         full = np.any(np.abs(steps.efforts) >= self.limit, axis=1)
         self.full_steps += int(np.count_nonzero(full))
 

@@ -80,7 +80,7 @@ def _check(path: Path, variants: Iterator[Callable[[str], Iterator[str]]]) -> Ch
     """Whether a file is as one of several variants; what is said of it is how it differs from the first."""
     said = ""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = _text(path)
         for find in variants:
             defect = next(find(text), "")
             said = said or defect
@@ -90,6 +90,12 @@ def _check(path: Path, variants: Iterator[Callable[[str], Iterator[str]]]) -> Ch
     except (OSError, ValueError) as error:
         said = f"it is not readable: {error}"
     return Check(NAMES[path.name], float(bool(said)), 0.0, "defects", said, passed=not said)
+
+
+def _text(path: Path) -> str:
+    """A file's text, its lines ended as everywhere; of megabytes, so those that are so already are not looked for."""
+    text = path.read_bytes().decode("utf-8")
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def _numbers(text: str) -> FloatArray:
