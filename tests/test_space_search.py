@@ -131,6 +131,30 @@ def test_a_fed_arm_does_not_slow_down_where_joints_leave_its_tube() -> None:
     assert np.any(spline(0.7)[:40] != 0.0)
 
 
+def test_a_smooth_path_does_not_spend_the_wanted_room_of_its_motion() -> None:
+    """Where cutting a corner would take the path to a ball, it is cut less; nobody who wants no room loses time so."""
+    arm = snake(12)
+    curve, start = CurveMap.through(arm, np.zeros(24))
+    # The straight arm turns about one axis, then about the other; the ball sits in the corner of that way.
+    unknowns = np.tile(start, (9, 1))
+    unknowns[:, 0] = 0.8 * np.concatenate((np.linspace(0.0, 0.8, 5), np.full(4, 0.8)))
+    unknowns[:, 1] = 0.8 * np.concatenate((np.zeros(5), np.linspace(0.2, 0.8, 4)))
+    configurations = curve.configurations(unknowns)
+    inside = joint_positions(arm, curve.configuration(0.7 * unknowns[3] + 0.3 * unknowns[5]))[-1]
+    soup = balls(inside[None], 0.02)
+    kept, _ = least_gaps(arm, soup, configurations)
+    assert kept > 0.0
+
+    def kept_on_path(wanted: float) -> float:
+        task = replace(task_of(arm, soup, None, goal_pose=configurations[-1]), wanted_gap=wanted)
+        path = certified_path(task, SpaceMotion(curve, unknowns, configurations, ""))
+        assert path is not None
+        return least_gaps(arm, soup, np.asarray(path(np.linspace(0.0, 1.0, 400))))[0]
+
+    assert kept_on_path(0.0) < kept - 0.0005
+    assert kept_on_path(2.0 * kept) > kept - 0.0001
+
+
 def test_the_tip_passes_the_places_on_the_way() -> None:
     """The tip comes near every place that it was told to pass."""
     via = np.array([0.6, -0.4, -0.2])

@@ -1,6 +1,7 @@
 """A C² path through joint space: a clamped cubic B-spline with the keyframes as control points, certified."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -8,8 +9,10 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.space_arm import SpaceArm
+from ccm_opt.jointed.space_kinematics import joint_positions
 from ccm_opt.space.motion.curve_map import CurveMap
 from ccm_opt.space.motion.onto_terms import moved_onto_terms
+from ccm_opt.space.motion.room_lacking import distance_lacking
 from ccm_opt.space.motion.space_path_on_equations import path_on_equations
 from ccm_opt.space.motion.space_step import SpaceStepper
 from ccm_opt.space.motion.space_user_limit import SpaceUserLimit
@@ -24,9 +27,9 @@ def certified_path(task: SpaceTask, motion: SpaceMotion) -> BSpline | None:
     It is a spline in the unknowns, in which a fed arm follows its own shape. With the keyframes as control points it
     cuts their corners by a sixth of the second differences. That makes motions of fixed arms quicker. A fed one, which
     moves far from keyframe to keyframe in narrow places, would lose room, and so it is drawn half-way onto the
-    keyframes, and leaves neither them nor the legs between them by more than a twelfth. Where that is refused, it is
-    drawn onto the legs, and where that does not help either, the configurations that were certified are the control
-    points.
+    keyframes, and leaves neither them nor the legs between them by more than a twelfth. Where that is refused, or keeps
+    less of the wanted room than the motion does, it is drawn onto the legs, and where that does not help either, the
+    configurations that were certified are the control points.
 
     Args:
         task: with the certificate.
@@ -37,12 +40,18 @@ def certified_path(task: SpaceTask, motion: SpaceMotion) -> BSpline | None:
         if on_equations is not None:
             return on_equations
     path = partial(_through_curve, task, motion.curve)
+    room = _Room.of(task, motion)
+    nearest = None
     if task.arm.base_axes and len(motion.unknowns) > DEGREE and motion.u is None:
         control = _halfway_onto(motion.unknowns)
         nearest = path(control, np.linspace(0.0, 1.0, len(control) - DEGREE + 1))
-        if _within_limits(task, nearest) and len(_failing_places(task, nearest)) == 0:
+        if not _within_limits(task, nearest) or len(_failing_places(task, nearest)) > 0:
+            nearest = None
+        elif len(room.lost_places(nearest)) == 0:
             return nearest
-    near = _drawn_near(task, motion.unknowns, motion.u, path, motion.curve)
+    near = _drawn_near(task, motion.unknowns, motion.u, path, motion.curve, room)
+    if nearest is not None and (near is None or room.lacking(near) >= room.lacking(nearest)):
+        return nearest
     if near is not None or not task.arm.base_axes or motion.u is not None:
         return near
     return certified_spline(task, motion.configurations)
@@ -64,6 +73,7 @@ def _drawn_near(
     u: FloatArray | None,
     path: Callable[[FloatArray, FloatArray], BSpline],
     curve: CurveMap | None = None,
+    room: "_Room | None" = None,
 ) -> BSpline | None:
     """The spline of control points, drawn onto their polygon until it is certified.
 
@@ -76,6 +86,7 @@ def _drawn_near(
         u: path parameters near which the path has to pass them, shape (K,); even ones when None.
         path: from control points and knots to a path through joint space.
         curve: whose unknowns the keyframes are; None where they are configurations.
+        room: what the spline is asked to keep as well, in its first refinements; None for nothing.
     """
     settings = task.settings.smooth_path
     even = np.linspace(0.0, 1.0, len(keyframes))
@@ -83,10 +94,13 @@ def _drawn_near(
     control = np.column_stack((keyframes, even if u is None else u))
     while len(control) < DEGREE + 1:
         control = _halved(control, np.arange(len(control) - 1))
-    for _ in range(settings.refinements):
+    for refinement in range(settings.refinements):
         ends = _span_ends(control, even=u is None)
         spline = path(control[:, :-1], ends)
-        failing = np.unique(np.searchsorted(ends, _failing_places(task, spline), side="right") - 1)
+        places = _failing_places(task, spline)
+        if room is not None and refinement < settings.roomy_refinements:
+            places = np.append(places, room.lost_places(spline))
+        failing = np.unique(np.searchsorted(ends, places, side="right") - 1)
         if len(failing) == 0:
             return spline if _within_limits(task, spline) else None
         if len(control) > settings.most_control or task.deadline.passed():
@@ -115,6 +129,49 @@ def _mend(stepper: SpaceStepper, user: SpaceUserLimit, control: FloatArray, chos
         moved = moved_onto_terms(stepper, user.placed(float(control[k, -1])), stepper.pose(control[k, :-1]))
         if moved is not None:
             control[k, :-1] = moved.v
+
+
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """What a path keeps of the room that its motion keeps.
+
+    Attributes:
+        task: with the wanted room.
+        lack: what the motion itself lacks of it at most [m].
+    """
+
+    task: SpaceTask
+    lack: float
+
+    @classmethod
+    def of(cls, task: SpaceTask, motion: SpaceMotion) -> "_Room":
+        """That of a motion."""
+        return cls(task, float(np.max(_lacking(task, motion.configurations))))
+
+    def lost_places(self, spline: BSpline) -> FloatArray:
+        """Where a path lacks more, but for a small share of the wanted room."""
+        settings = self.task.settings.smooth_path
+        u = _samples(spline, settings.samples)
+        lacking = _lacking(self.task, np.asarray(spline(u)))
+        return u[lacking > self.lack + settings.lost_room * self.task.wanted_gap]
+
+    def lacking(self, spline: BSpline) -> float:
+        """What a path lacks of the wanted room at most [m]."""
+        u = _samples(spline, self.task.settings.smooth_path.samples)
+        return float(np.max(_lacking(self.task, np.asarray(spline(u)))))
+
+
+def _lacking(task: SpaceTask, q: FloatArray) -> FloatArray:
+    """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+    kept = task.arm.radius + task.clearance + task.wanted_gap
+    return distance_lacking(task.arm, task.tree, joint_positions(task.arm, q), kept)
+
+
+def _samples(spline: BSpline, of_span: int) -> FloatArray:
+    """Even places of a path, some of every span."""
+    knots = spline.t[DEGREE:-DEGREE]
+    share = np.arange(of_span) / of_span
+    return np.append((knots[:-1, None] + share * np.diff(knots)[:, None]).ravel(), 1.0)
 
 
 def _halfway_onto(keyframes: FloatArray) -> FloatArray:
@@ -159,9 +216,7 @@ def _failing_places(task: SpaceTask, spline: BSpline) -> FloatArray:
     """Middles of spans on which the path, linear between samples, is not proved safe, or bends a joint that is held."""
     knots = spline.t[DEGREE:-DEGREE]
     samples = task.settings.smooth_path.samples
-    share = np.arange(samples) / samples
-    places = np.append((knots[:-1, None] + share * np.diff(knots)[:, None]).ravel(), 1.0)
-    q = np.asarray(spline(places))
+    q = np.asarray(spline(_samples(spline, samples)))
     middles = 0.5 * (knots[:-1] + knots[1:])
     if task.arm.base_axes:
         # Cheap to see, and asked first.

@@ -13,6 +13,7 @@ import numpy as np
 
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.space.motion.optimisation.space_sweep import SpaceSweep
+from ccm_opt.space.motion.room_lacking import distance_lacking
 from ccm_opt.space.motion.settings.space_optimisation_settings import SpaceOptimisationSettings
 
 
@@ -193,12 +194,7 @@ def room_lacking_on_the_way(sweep: SpaceSweep, wanted: float, settings: SpaceOpt
 
 def _lacking_at(sweep: SpaceSweep, points: FloatArray, wanted: float) -> FloatArray:
     """By how much the least gap of poses, points of shape (k, links + 1, 3), lacks the wanted one, shape (k,) [m]."""
-    arm = sweep.curve.arm
-    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
-    kept = sweep.stepper.kept + wanted
-    segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2)
-    distances = sweep.stepper.tree.distances(segments.reshape(-1, 2, 3), kept)
-    return np.asarray(kept - np.min(distances.reshape(len(points), -1), axis=1, initial=kept))
+    return distance_lacking(sweep.curve.arm, sweep.stepper.tree, points, sweep.stepper.kept + wanted)
 
 
 def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray) -> SpaceRows:

@@ -77,7 +77,7 @@ class SpaceOptimisationSettings:
         passing: how near the tip stays to the places that it passes, as a share of what counts as passing.
     """
 
-    intervals: int = 20
+    intervals: int = 24
     many: float = 1.2
     finer_lack: float = 0.15
     finer_intervals: int = 32

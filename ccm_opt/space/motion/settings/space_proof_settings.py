@@ -33,6 +33,8 @@ class SpaceSmoothPathSettings:
         feed: of the base over a span, at most; less than half of what joints stay straight beyond the guide tube,
             so that none is bent on a span on which the tube holds it [u].
         user_samples: of a span at which users' constraints are looked at, which are not proved between; taste.
+        lost_room: share of the wanted gap by which a path may lack more of it than its motion does; taste.
+        roomy_refinements: how often legs of the control polygon are halved to keep room; a path has ever more corners.
         refinements: how often legs of the control polygon are halved.
         most_control: control points beyond which none are added.
         limit_slack: by how much rounding may carry coordinates beyond their limits [rad, m].
@@ -41,6 +43,8 @@ class SpaceSmoothPathSettings:
     samples: int = 4
     user_samples: int = 32
     feed: float = 0.12
+    lost_room: float = 0.02
+    roomy_refinements: int = 2
     refinements: int = 16
     most_control: int = 400
     limit_slack: float = 1e-8
