@@ -52,7 +52,7 @@ class Seen:
     Attributes:
         touch: where it first touches something; None where it touches nothing.
         walls: least distance from walls, inf where nothing is near [m]; of no matter beyond a contact.
-        itself: least distance between links; None where links may meet [m].
+        itself: least distance between links, inf where none are near; None where links may meet [m].
     """
 
     touch: Touch | None

@@ -8,7 +8,7 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.frames import joint_positions_3d
 from ccm_opt.solution import JointTrajectory, SimulatedMotion
 from ccm_opt.space.problem import SpaceProblem
-from ccm_opt.space.room_at_samples import GapsAtSamples
+from ccm_opt.space.room_at_samples import GapsAtSamples, NearestOfSamples
 
 
 def seen_in_space(
@@ -39,17 +39,22 @@ def seen_in_space(
         first = int(touching[0])
         near = walls if walls.gap[first] <= 0.0 else itself
         touch = Touch(int(near.link[first]), gaps.other(near, first), float(trajectory.time[first]))
-    own = float(np.min(itself.gap)) if problem.arm.self_collision else None
-    least = float(np.min(walls.gap))
-    return Seen(touch, least if least < gaps.reach else np.inf, own)
+    own = _least(itself) if problem.arm.self_collision else None
+    return Seen(touch, _least(walls), own)
+
+
+def _least(near: NearestOfSamples) -> float:
+    """The least gap [m]; inf where nothing was near at any sample."""
+    return float(np.min(near.gap, where=near.link > 0, initial=np.inf))
 
 
 def _as_far_as_needed(problem: SpaceProblem, points: FloatArray, settings: SpaceLookSettings) -> GapsAtSamples:
-    """The gaps of poses, looked for no farther than the least of them is, but up to a link's length."""
-    most = problem.arm.link_length
-    reach = most * settings.first_reach
-    while True:
-        gaps = GapsAtSamples.of(problem, points, min(reach, most))
-        if float(np.min(gaps.walls.gap)) < gaps.reach or reach >= most:
-            return gaps
-        reach *= settings.farther
+    """The gaps of poses, looked for no farther than the least of them is: of walls up to a link's length."""
+    few = points[:: max(1, len(points) // settings.first_looks)]
+    arm = problem.arm
+    known = GapsAtSamples.of(problem, few, arm.link_length, arm.length)
+    # What is just as near as the reach counts as not found, and so would what is in contact for a reach of zero.
+    least = settings.least_reach * arm.link_length
+    walls = np.clip(1.001 * np.min(known.walls.gap), least, arm.link_length)
+    itself = np.clip(1.001 * np.min(known.itself.gap), least, arm.length)
+    return GapsAtSamples.of(problem, points, float(walls), float(itself))

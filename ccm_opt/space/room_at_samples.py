@@ -33,7 +33,7 @@ class GapsAtSamples:
         walls: to the nearest surface of the scene.
         itself: between links that may not meet.
         names: of the owners of surfaces.
-        reach: beyond which gaps are not told apart [m].
+        reach: beyond which gaps to walls are not told apart [m].
     """
 
     walls: NearestOfSamples
@@ -42,19 +42,22 @@ class GapsAtSamples:
     reach: float
 
     @classmethod
-    def of(cls, problem: SpaceProblem, points: FloatArray, reach: float | None = None) -> "GapsAtSamples":
+    def of(
+        cls, problem: SpaceProblem, points: FloatArray, reach: float | None = None, own_reach: float | None = None
+    ) -> "GapsAtSamples":
         """The gaps of poses.
 
         Args:
             problem: surfaces and arm.
             points: joints and tip of every pose, shape (T, links + 1, 3) [m].
             reach: how far is looked; a link's length when None [m].
+            own_reach: how far is looked for other links; as far as for walls when None [m].
         """
         arm = problem.arm
         soup = problem.workspace.soup
         far = arm.link_length if reach is None else reach
         walls = _walls(problem, SurfaceTree.of(soup), points, far)
-        return cls(walls, _itself(problem, points, far), soup.names, far)
+        return cls(walls, _itself(problem, points, far if own_reach is None else own_reach), soup.names, far)
 
     def other(self, near: NearestOfSamples, sample: int) -> str:
         """What a link is near to in a sample, in words."""
