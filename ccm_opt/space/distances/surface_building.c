@@ -100,15 +100,14 @@ static int64_t parted(Item *items, int64_t count)
         enclose(bins + (int)((centre(items + k, axis) - low[axis]) * scale), items[k].low, items[k].high, 1);
     int cut = best_cut(bins);
 
-    int64_t first = 0, last = count;
-    while (first < last) {
-        if ((int)((centre(items + first, axis) - low[axis]) * scale) <= cut) {
-            first++;
-        } else {
-            Item other = items[--last];
-            items[last] = items[first];
-            items[first] = other;
-        }
+    /* Every item changes places, so that nothing hangs on which half it belongs to before that is known. */
+    int64_t first = 0;
+    for (int64_t k = 0; k < count; k++) {
+        Item item = items[k];
+        int64_t below = (int)((centre(&item, axis) - low[axis]) * scale) <= cut;
+        items[k] = items[first];
+        items[first] = item;
+        first += below;
     }
     return first == 0 || first == count ? count / 2 : first;
 }
@@ -181,6 +180,17 @@ static void slice(const Building *b, Node *node, const double *area, int64_t beg
     node->above = known ? rounded_up(above) : 0.0F;
 }
 
+/* What some triangles are lies all over the memory; it is asked for at once, so that it is waited for once. */
+static void prefetch(const Building *b, int64_t begin, int64_t end)
+{
+    for (int64_t at = begin; at < end; at++) {
+        const double *corners = b->given + 9 * b->items[at].number;
+        __builtin_prefetch(corners);
+        __builtin_prefetch(corners + 8);
+        __builtin_prefetch(b->given_rounding + b->items[at].number);
+    }
+}
+
 static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, int level)
 {
     Box box = {{HUGE_VAL, HUGE_VAL, HUGE_VAL}, {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, 0.0, 0.0, {0.0, 0.0, 0.0}};
@@ -188,6 +198,7 @@ static Box build_node(Building *b, int64_t number, int64_t begin, int64_t end, i
     if (end - begin <= b->leaf) {
         node->first = (int32_t)begin;
         node->count = (int32_t)(end - begin);
+        prefetch(b, begin, end);
         for (int64_t at = begin; at < end; at++) place(b, &box, at);
     } else {
         int64_t half = level < DEEP ? parted(b->items + begin, end - begin) : (end - begin) / 2;

@@ -31,9 +31,10 @@ class SurfaceSoup:
         """The triangles of several things, each with its name, its triangles, shape (·, 3, 3), and its rounding."""
         parts = list(named)
         counts = [len(triangles) for _, triangles, _ in parts]
-        triangles = [np.zeros((0, 3, 3)), *(triangles for _, triangles, _ in parts)]
+        triangles = [np.zeros((0, 3, 3)), *(triangles for _, triangles, _ in parts if len(triangles))]
         return cls(
-            np.ascontiguousarray(np.concatenate(triangles)),
+            # Of a single large mesh no second copy is made.
+            np.ascontiguousarray(triangles[1] if len(triangles) == 2 else np.concatenate(triangles)),
             np.repeat(np.array([rounding for _, _, rounding in parts], dtype=np.float64), counts),
             np.repeat(np.arange(len(parts), dtype=np.intp), counts),
             tuple(name for name, _, _ in parts),
