@@ -157,6 +157,7 @@ def coarse_problem(problem: SpaceProblem, few: SpaceTask) -> SpaceProblem:
         problem,
         arm=few.arm,
         workspace=replace(problem.workspace, clearance=few.clearance),
+        planner=replace(problem.planner, wanted_gap=few.wanted_gap),
         start=SpaceJointPose.from_configuration(few.start, few.arm.links),
         limits=replace(
             limits,

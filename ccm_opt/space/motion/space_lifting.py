@@ -39,12 +39,14 @@ def coarse_task(task: SpaceTask) -> SpaceTask | None:
     of_coarse = replace(task, arm=coarse).stepper(CurveMap.through(coarse, np.zeros(len(coarse.coordinates)))[0], 0.0)
     points = _Along.coarse_joints(arm.links).of(Chains(arm).places(task.start)[0])
     same_curve = start * curve.scale / of_coarse.curve.scale
+    kept = settings.clearance * task.unit
     begun = _nearest(of_coarse, _Along.joints(NOMINAL_LINKS), points, same_curve, settings)
     return replace(
         task,
         arm=coarse,
         start=of_coarse.curve.configuration(begun.v),
-        clearance=task.clearance + settings.clearance * task.unit,
+        clearance=task.clearance + kept,
+        wanted_gap=max(task.wanted_gap - kept, 0.0),
         slowness=np.concatenate((np.ones(2 * coarse.links), task.slowness[2 * arm.links :])),
         deadline=task.deadline.within(settings.time_share * task.deadline.left),
     )

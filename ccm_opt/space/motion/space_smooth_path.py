@@ -137,28 +137,32 @@ class _Room:
 
     Attributes:
         task: with the wanted room.
+        keyframes: of the motion, their number.
         lack: what the motion itself lacks of it at most [m].
     """
 
     task: SpaceTask
+    keyframes: int
     lack: float
 
     @classmethod
     def of(cls, task: SpaceTask, motion: SpaceMotion) -> "_Room":
         """That of a motion."""
-        return cls(task, float(np.max(_lacking(task, motion.configurations))))
+        return cls(task, len(motion.unknowns), float(np.max(_lacking(task, motion.configurations))))
+
+    @property
+    def _looks(self) -> FloatArray:
+        """Places of a path at which is looked: a fed arm's has many more spans than its motion has keyframes."""
+        return np.linspace(0.0, 1.0, self.task.settings.smooth_path.looks * self.keyframes + 1)
 
     def lost_places(self, spline: BSpline) -> FloatArray:
         """Where a path lacks more, but for a small share of the wanted room."""
-        settings = self.task.settings.smooth_path
-        u = _samples(spline, settings.samples)
-        lacking = _lacking(self.task, np.asarray(spline(u)))
-        return u[lacking > self.lack + settings.lost_room * self.task.wanted_gap]
+        lacking = _lacking(self.task, np.asarray(spline(self._looks)))
+        return self._looks[lacking > self.lack + self.task.settings.smooth_path.lost_room * self.task.wanted_gap]
 
     def lacking(self, spline: BSpline) -> float:
         """What a path lacks of the wanted room at most [m]."""
-        u = _samples(spline, self.task.settings.smooth_path.samples)
-        return float(np.max(_lacking(self.task, np.asarray(spline(u)))))
+        return float(np.max(_lacking(self.task, np.asarray(spline(self._looks)))))
 
 
 def _lacking(task: SpaceTask, q: FloatArray) -> FloatArray:

@@ -33,6 +33,7 @@ class SpaceSmoothPathSettings:
         feed: of the base over a span, at most; less than half of what joints stay straight beyond the guide tube,
             so that none is bent on a span on which the tube holds it [u].
         user_samples: of a span at which users' constraints are looked at, which are not proved between; taste.
+        looks: places for every keyframe of the motion at which the room of the path is looked at.
         lost_room: share of the wanted gap by which a path may lack more of it than its motion does; taste.
         roomy_refinements: how often legs of the control polygon are halved to keep room; a path has ever more corners.
         refinements: how often legs of the control polygon are halved.
@@ -43,6 +44,7 @@ class SpaceSmoothPathSettings:
     samples: int = 4
     user_samples: int = 32
     feed: float = 0.12
+    looks: int = 5
     lost_room: float = 0.02
     roomy_refinements: int = 2
     refinements: int = 16
