@@ -33,16 +33,19 @@ class LinkFrames:
         ahead = np.broadcast_to(arm.direction, (len(positions), 3))
         up = np.broadcast_to(arm.up, ahead.shape)
         left = np.cross(up, ahead)
+        bends = np.ascontiguousarray(positions[:, : 2 * arm.links].T)
+        cosines = np.cos(bends)[:, :, None]
+        sines = np.sin(bends)[:, :, None]
         for link in range(arm.links):
             frames.first_axes[:, link] = up
-            first = positions[:, 2 * link, None]
-            turned = np.cos(first) * ahead + np.sin(first) * left
-            left = np.cos(first) * left - np.sin(first) * ahead
+            cosine, sine = cosines[2 * link], sines[2 * link]
+            turned = cosine * ahead + sine * left
+            left = cosine * left - sine * ahead
             frames.second_axes[:, link] = left
-            second = positions[:, 2 * link + 1, None]
+            cosine, sine = cosines[2 * link + 1], sines[2 * link + 1]
             # About left a turn brings up towards ahead, and ahead down.
-            ahead = np.cos(second) * turned - np.sin(second) * up
-            up = np.cos(second) * up + np.sin(second) * turned
+            ahead = cosine * turned - sine * up
+            up = cosine * up + sine * turned
             frames.along[:, link] = ahead
             frames.across[:, link] = up
         return frames

@@ -8,6 +8,7 @@ import numpy as np
 from ccm_opt.ground.arrays import FloatArray, IntArray
 from ccm_opt.jointed.space_arm import SpaceArm
 from ccm_opt.space.verification.link_frames import LinkFrames, chain_of
+from ccm_opt.space.verification.vector_lengths import lengths_of
 
 _UNIT = 2.0**-53
 
@@ -143,7 +144,7 @@ class SpaceChainMotion:
         stretch = np.repeat(np.arange(len(low)), count)
         sample = np.arange(int(count.sum())) - starts[stretch] + low[stretch]
         middle = self.points[stretches.middle.astype(np.intp)]
-        away = np.linalg.norm(self.points[sample] - middle[stretch], axis=2)
+        away = lengths_of(self.points[sample] - middle[stretch])
         # The last sample of a stretch begins no interval of it, but to count it does no harm.
         bows = self.bows[np.minimum(sample, len(self.bows) - 1)]
         return np.asarray(np.maximum.reduceat(away, starts) + np.maximum.reduceat(bows, starts) / 8.0)
@@ -164,7 +165,7 @@ def bows_of(arm: SpaceArm, middle: FloatArray, steps: FloatArray) -> FloatArray:
     bends = steps[:, : 2 * arm.links].reshape(-1, arm.links, 2)
     frames = LinkFrames.of(arm, middle)
     turns = bends[..., :1] * frames.first_axes + bends[..., 1:] * frames.second_axes
-    rates = np.linalg.norm(np.cumsum(turns, axis=1), axis=2)
+    rates = lengths_of(np.cumsum(turns, axis=1))
     each = np.hypot(bends[..., 0], bends[..., 1])
     both = np.abs(bends[..., 0] * bends[..., 1])
     bows = np.zeros((len(bends), arm.links + 1))
@@ -182,4 +183,4 @@ def half_travels(chords: FloatArray, bows: FloatArray) -> FloatArray:
 
     The mean of the velocity is the chord, from which it is away by half of its greatest change at most.
     """
-    return np.asarray(0.5 * (np.linalg.norm(chords, axis=2) + 0.5 * bows))
+    return np.asarray(0.5 * (lengths_of(chords) + 0.5 * bows))

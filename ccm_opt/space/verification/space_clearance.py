@@ -83,14 +83,15 @@ class SurfaceProof:
         self, stretches: TimeStretches, poses: FloatArray, pairs: StretchPairs, cutoff: FloatArray | float
     ) -> Measured:
         """What is known of the gaps of pairs; beyond the cutoff, one number or of shape (P,) [m], not exactly."""
-        travels = self.motion.travels(stretches)
-        k = pairs.stretch
-        link = pairs.link
-        travel = np.maximum(travels[k, link], travels[k, link + 1])
-        end = poses[k, link + 1]
-        start = poses[k, link] + self._exposed[link, None] * (end - poses[k, link])
+        travels = self.motion.travels(stretches).ravel()
+        points = poses.reshape(-1, 3)
+        joint = pairs.stretch * poses.shape[1] + pairs.link
+        travel = np.maximum(travels.take(joint), travels.take(joint + 1))
+        end = points.take(joint + 1, axis=0)
+        start = points.take(joint, axis=0)
+        start += self._exposed.take(pairs.link)[:, None] * (end - start)
         low, high = self.surfaces.bounds(pairs.other, start, end)
-        thick = self.motion.arm.radius + self.surfaces.rounding[pairs.other]
+        thick = self.motion.arm.radius + self.surfaces.rounding.take(pairs.other)
         # Triangles whose boxes are far enough need not be measured.
         exact = self.surfaces.is_triangle(pairs.other) & (low - thick - self._lost - travel < cutoff)
         triangles = self.surfaces.triangles[pairs.other[exact] - self.surfaces.offsets[-2]]

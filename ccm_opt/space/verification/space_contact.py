@@ -7,6 +7,7 @@ from ccm_opt.solution import Check, NearPlace
 from ccm_opt.space.verification.space_chain_motion import SpaceChainMotion, TimeStretches
 from ccm_opt.space.verification.space_proof_settings import DEFAULT_SPACE_PROOF, SpaceProofSettings
 from ccm_opt.space.verification.stretch_proof import Measured, StretchPairs, prove_stretches
+from ccm_opt.space.verification.vector_lengths import lengths_of
 from ccm_opt.verification.bisection import Verdict, least_allowed_gap
 from ccm_opt.verification.rounding import distance_rounding
 from ccm_opt.verification.verification_settings import VerificationSettings
@@ -74,12 +75,12 @@ def relative_travels(motion: SpaceChainMotion, stretches: TimeStretches, pairs: 
     # Within an interval what both do alike does not count.
     within = np.flatnonzero((stretches.high - stretches.low)[k] <= 1.0)
     chords = motion.poses(stretches.high) - motion.poses(stretches.low)
-    bows = 2.0 * travels - np.linalg.norm(chords, axis=2)
+    bows = 2.0 * travels - lengths_of(chords)
     k, i, j = k[within], i[within], j[within]
     relative = np.zeros(len(within))
     for first in (i, i + 1):
         for second in (j, j + 1):
-            chord = np.linalg.norm(chords[k, first] - chords[k, second], axis=1)
+            chord = lengths_of(chords[k, first] - chords[k, second])
             relative = np.maximum(relative, 0.5 * (chord + bows[k, first] + bows[k, second]))
     apart[within] = np.minimum(apart[within], relative)
     return np.asarray(apart)
@@ -100,7 +101,7 @@ def axis_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -
     share = -np.einsum("pd,pd->p", np.cross(offset, other), normal) / safe
     at = -np.einsum("pd,pd->p", np.cross(offset, line), normal) / safe
     inside = (square > 0.0) & (share >= 0.0) & (share <= 1.0) & (at >= 0.0) & (at <= 1.0)
-    between = np.linalg.norm(offset + share[:, None] * line - at[:, None] * other, axis=1)
+    between = lengths_of(offset + share[:, None] * line - at[:, None] * other)
     return np.asarray(np.minimum(np.min(ends, axis=0), np.where(inside, between, np.inf)))
 
 
@@ -108,7 +109,7 @@ def _from_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> Floa
     line = end - start
     square = np.einsum("pd,pd->p", line, line)
     share = np.einsum("pd,pd->p", point - start, line) / np.where(square > 0.0, square, 1.0)
-    return np.asarray(np.linalg.norm(start + np.clip(share, 0.0, 1.0)[:, None] * line - point, axis=1))
+    return lengths_of(start + np.clip(share, 0.0, 1.0)[:, None] * line - point)
 
 
 def _crossing(motion: SpaceChainMotion, distant: int, settings: VerificationSettings) -> str:
