@@ -73,18 +73,18 @@ def random_motions(count: int) -> Iterator[tuple[Arm, Workspace, FloatArray, Flo
 
 
 def test_it_never_passes_what_a_dense_sweep_refutes() -> None:
-    """Of 320 random motions among polygons none that touches something in a sweep of 400 sub-steps is certified.
+    """Of 160 random motions among polygons none that touches something in a sweep of 400 sub-steps is certified.
 
     Both verdicts are common, and motions that keep 2 mm of clearance all along are certified.
     """
     verdicts: Counter[bool] = Counter()
-    for arm, workspace, start, end in random_motions(320):
+    for arm, workspace, start, end in random_motions(160):
         gap = min(sweep_gaps(arm, workspace, swept(start, end, SUBSTEPS)))
         passed = certified(arm, workspace, start, end)
         assert not (passed and gap <= 0.0), f"certified at a gap of {1e3 * gap:.3f} mm"
         assert passed or gap < GENEROUS, f"refused at a gap of {1e3 * gap:.3f} mm"
         verdicts[passed] += 1
-    assert min(verdicts[True], verdicts[False]) >= 100
+    assert min(verdicts[True], verdicts[False]) >= 50
 
 
 def folding_motions(count: int) -> Iterator[tuple[Arm, FloatArray, FloatArray]]:

@@ -104,8 +104,9 @@ def _least_with_hope(
     settings: TrialSettings = DEFAULT_DIAGNOSIS.trials,
 ) -> float | None:
     """The least change, from the bound on, that the necessary checks let pass; None where none of them does."""
-    for step in candidate.steps or settings.advised_steps:
-        value = candidate.rounded(problem, bound * (1.0 + step) ** candidate.easier)
+    beyond = tuple(bound * (1.0 + step) ** candidate.easier for step in settings.advised_steps)
+    for tried in candidate.tried or beyond:
+        value = candidate.rounded(problem, tried)
         if not knowledge.hopeless(candidate.write(problem, value)):
             return value
     return None

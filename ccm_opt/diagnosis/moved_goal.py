@@ -77,7 +77,7 @@ def _heading(goal: TipGoal, turn: float, settings: MovedGoalSettings) -> Paramet
         lambda _: float(np.rad2deg(1.0)),
         whole=np.pi,
         bound=abs(turn),
-        steps=settings.steps,
+        tried=tuple(abs(turn) * (1.0 + step) for step in settings.steps),
         paths_stay=False,
     )
 

@@ -46,7 +46,7 @@ def moved_position(
         lambda p: 1.0 / METRES[_unit(p)],
         whole=problem.arm.length,
         bound=bound,
-        steps=tuple(by / bound - 1.0 for by in tried),
+        tried=tuple(tried),
         paths_stay=False,
     )
 

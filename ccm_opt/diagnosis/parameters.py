@@ -9,6 +9,7 @@ import numpy as np
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS
 from ccm_opt.diagnosis.passages import without
 from ccm_opt.errors import Relaxation
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.length_units import METRES
 from ccm_opt.ground.length_words import file_length
 from ccm_opt.jointed.arm import Arm
@@ -39,7 +40,7 @@ class Parameter:
         unit: what a value is multiplied by to be in SI units; 1 but for shares.
         whole: what the size of a change is compared with; the given value when None.
         bound: the value that it must reach at least as far as is known; None where the findings say.
-        steps: how far beyond its bound it is tried, as shares of the bound; None for those of all parameters.
+        tried: values that are tried one after the other, the least change first; None for steps beyond the bound.
         paths_stay: whether a path that was found for one value leads from the start to the goal for others, too.
     """
 
@@ -53,7 +54,7 @@ class Parameter:
     unit: Read = lambda _: 1.0
     whole: float | None = None
     bound: float | None = None
-    steps: tuple[float, ...] | None = None
+    tried: tuple[float, ...] | None = None
     paths_stay: bool = True
 
     def rounded(self, problem: AnyProblem, value: float, figures: int = DEFAULT_DIAGNOSIS.figures) -> float:
@@ -254,6 +255,8 @@ class WholeChange:
         value: name of an obstacle, or None.
         changed: the problem with the change.
         term: name of a constraint or cost of the user's that is dropped besides; usually none.
+        part: by how much of it less may do, for the problem and the configuration in which the changed one ends, shape
+            (c,); None where nothing less is known.
     """
 
     words: str
@@ -261,6 +264,7 @@ class WholeChange:
     value: str | None
     changed: Callable[[Any], Any]
     term: str = ""
+    part: Callable[[Any, FloatArray], Parameter | None] = lambda *_: None
 
     def relaxation(self) -> Relaxation:
         """What is reported when the problem was solved with it."""

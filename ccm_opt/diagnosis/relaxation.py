@@ -6,10 +6,13 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from ccm_opt.diagnosis.diagnosis_settings import DEFAULT_DIAGNOSIS, TrialSettings
 from ccm_opt.diagnosis.knowledge import Knowledge
 from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, without_obstacle, without_term
 from ccm_opt.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.space.problem import AnyProblem
 
@@ -42,6 +45,7 @@ class Trials:
         solve_without: solves a problem less one of these, or raises.
         hold_again: holds what solved one problem against another.
         begun: CPU time of this process at which the trials began [s].
+        ended: the configuration in which what was returned for a problem ends, shape (c,).
         settings: steps, and shares of the time.
         plans: what solved the problems that were tried, in their order.
     """
@@ -51,6 +55,7 @@ class Trials:
     terms: tuple[tuple[str, str], ...] = ()
     solve_without: SolveWithout = _nothing_to_drop
     hold_again: HoldAgain = _never_holds
+    ended: Callable[[object], FloatArray] = lambda _: np.zeros(0)
     begun: float = field(default_factory=time.process_time)
     settings: TrialSettings = DEFAULT_DIAGNOSIS.trials
     plans: list[object] = field(default_factory=list)
@@ -125,14 +130,24 @@ def relaxations(
         if found and trials.spent > settings.patience:
             break
         if isinstance(candidate, WholeChange):
-            solved = trials.succeeds(candidate.changed(problem), candidate.term, hurried=bool(found))
-            relaxed = candidate.relaxation() if solved else None
+            relaxed = _as_little_as_helps(candidate, problem, trials, hurried=bool(found))
         else:
             bound = hardest_bound(candidate, certain) if candidate.bound is None else candidate.bound
             relaxed = least_change(candidate, problem, bound, trials, hurried=bool(found))
         if relaxed is not None:
             found.append(relaxed)
     return tuple(sorted(found, key=lambda relaxed: relaxed.change))
+
+
+def _as_little_as_helps(
+    change: WholeChange, problem: AnyProblem, trials: Trials, *, hurried: bool
+) -> Relaxation | None:
+    """A change with which the problem is solved, or as much of it as is needed; None where it is not solved."""
+    if not trials.succeeds(change.changed(problem), change.term, hurried=hurried):
+        return None
+    part = change.part(problem, trials.ended(trials.plans[-1]))
+    less = None if part is None else least_change(part, problem, part.bound, trials, hurried=hurried)
+    return less or change.relaxation()
 
 
 def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
@@ -204,15 +219,11 @@ def least_change(
         hurried: whether something else helps already, so that patience counts.
     """
     settings = trials.settings
-    if bound is None:
-        begin = parameter.read(problem)
-        steps = settings.guessed_steps
-    else:
-        begin = bound
-        steps = parameter.steps or settings.steps
+    begin = parameter.read(problem) if bound is None else bound
+    steps = settings.guessed_steps if bound is None else settings.steps
     failed = [begin]
-    for step in steps:
-        value = parameter.rounded(problem, begin * (1.0 + parameter.easier * step))
+    for tried in parameter.tried or tuple(begin * (1.0 + parameter.easier * step) for step in steps):
+        value = parameter.rounded(problem, tried)
         if trials.left < settings.least_time or (hurried and trials.spent > settings.patience):
             return None
         if trials.succeeds(parameter.write(problem, value), hurried=hurried):

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Protocol
 
+import numpy as np
+
 from ccm_opt import retiming
 from ccm_opt.diagnosis.explain import explained
 from ccm_opt.diagnosis.in_space.knowledge_in_space import IN_SPACE, refuse_closed_in_space, refuse_impossible_in_space
@@ -30,6 +32,7 @@ from ccm_opt.errors import (
     RetimingError,
     VerificationError,
 )
+from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.ground.deadline import Deadline
 from ccm_opt.ground.stages import Stages
 from ccm_opt.jointed.frames import revolute_angles
@@ -121,7 +124,7 @@ class SpacePlanningRun:
         droppable = named_terms(str(failure), self.constraints, self.costs)
         settings = self.settings.diagnosis.space_trials
         trials = Trials(
-            self._solve_changed, deadline, droppable, self._solve_changed, self._held_again, settings=settings
+            self._solve_changed, deadline, droppable, self._solve_changed, self._held_again, _ended, settings=settings
         )
         return explained(self.problem, failure, trials, IN_SPACE)
 
@@ -200,6 +203,13 @@ class SpacePlanningRun:
             advice = ("widen the constraint, or make it soft", "move the goal")
             raise MotionNotFound(Diagnosis(reason, "constraints", advice, {"failures": broken}))
         return whole
+
+
+def _ended(plan: object) -> FloatArray:
+    """The configuration in which a plan ends, shape (c,) [rad, m]."""
+    if not isinstance(plan, VerifiedPlan):
+        raise ProblemError(f"{type(plan).__name__} is no plan")
+    return np.asarray(plan.trajectory.positions[-1])
 
 
 def plan_legs_in_space(

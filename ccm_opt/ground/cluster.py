@@ -40,20 +40,32 @@ class DaskWorkers:
         except ImportError as error:
             raise ProblemError("--dask needs the extra 'cluster': pip install ccm-opt[cluster]") from error
 
-        timeout = self.settings.cluster_timeout
-        with _unheard("distributed", "distributed.client", "tornado.application"):
-            try:
-                # Dask keeps its last messages for those who look for defects in it: a thousand, with all tasks in them.
-                with import_module("dask").config.set({MESSAGES_KEPT: self.settings.messages_kept}):
-                    client = distributed.Client(self.address, timeout=timeout, set_as_default=False)
-            except (OSError, ValueError, TypeError, TimeoutError) as error:  # TypeError: no certificates are set up
-                raise ProblemError(f"no Dask scheduler answers at {self.address}: {error}") from error
+        # Dask keeps its last messages for those who look for defects in it: a thousand, with all tasks in them. It asks
+        # how many whenever it connects, which it does again where a machine stood still for a while.
+        fewer = import_module("dask").config.set({MESSAGES_KEPT: self.settings.messages_kept})
+        with _unheard("distributed", "distributed.client", "tornado.application"), fewer:
+            client = self._client_of(distributed)
             try:
                 yield self._executor_of(client)
             finally:
                 # A scheduler that is gone does not answer any more.
                 with suppress(OSError, TimeoutError, CancelledError):
                     client.close(timeout=self.settings.farewell)
+
+    def _client_of(self, distributed: Any) -> Any:
+        """A client that is connected.
+
+        Raises:
+            ProblemError: when there is no scheduler, or the client's thread is given no time to run in.
+        """
+        for _ in range(2):
+            # Dask has no words for a thread of its own that did not start within ten seconds.
+            with suppress(AssertionError):
+                try:
+                    return distributed.Client(self.address, timeout=self.settings.cluster_timeout, set_as_default=False)
+                except (OSError, ValueError, TypeError, TimeoutError) as error:  # TypeError: no certificates are set up
+                    raise ProblemError(f"no Dask scheduler answers at {self.address}: {error}") from error
+        raise ProblemError("this machine is too busy for a client of Dask to start")
 
     def _executor_of(self, client: Any) -> tuple[Executor, int]:
         try:

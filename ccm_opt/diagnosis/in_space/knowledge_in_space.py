@@ -7,6 +7,7 @@ from ccm_opt.diagnosis.explain import refuse
 from ccm_opt.diagnosis.in_space.moved_space_goal import moved_space_goals
 from ccm_opt.diagnosis.in_space.space_checks import AT_ONCE_IN_SPACE, failed_in_space
 from ccm_opt.diagnosis.in_space.tight_in_space import tight_in_space
+from ccm_opt.diagnosis.in_space.turned_direction import turned_direction
 from ccm_opt.diagnosis.in_space.ways_in_space import closed_in_space
 from ccm_opt.diagnosis.in_space.wider_space_room import wider_space_room
 from ccm_opt.diagnosis.knowledge import Knowledge, heading_may_mend
@@ -46,16 +47,18 @@ def _hopeless(problem: SpaceProblem) -> bool:
 
 
 def _left_out(problem: SpaceProblem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
-    """The goal's direction, where all that stands in the way may be due to it, and the places on the way."""
+    """The goal's direction, where all that is known to stand in the way may be due to it, and places on the way."""
     goal = problem.goal
     if not isinstance(goal, SpaceTipGoal):
         return
-    if goal.direction is not None and findings and all(heading_may_mend(finding) for finding in findings):
+    # Where nothing is known to stand in the way, few links may not be able to turn where there is little room.
+    if goal.direction is not None and all(heading_may_mend(finding) for finding in findings):
         yield WholeChange(
             "goal.direction left out",
             "goal.direction",
             None,
             lambda p: replace(p, goal=replace(p.goal, direction=None)),
+            part=turned_direction,
         )
     if goal.via and not any(finding.proved for finding in findings):
         yield WholeChange("goal.via left out", "goal.via", None, lambda p: replace(p, goal=replace(p.goal, via=())))
