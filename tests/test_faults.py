@@ -10,22 +10,15 @@ import pytest
 
 from ccm_opt.ground.c_compiler import has_compiler
 
-RUNS = {
-    "solve": ["solve", "--count", "8"],
-    "solve, compiling": ["solve", "--cold", "--count", "4"],
-    "check": ["check", "--count", "3"],
-    "compare": ["compare", "--count", "3"],
-}
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["solve", "--count", "10"],
-        ["solve", "--cold", "--count", "4"],
+        ["solve", "--count", "8"],
+        ["solve", "--cold", "--count", "3"],
         ["check", "--count", "3"],
-        ["compare", "--count", "3"],
+        ["compare", "--count", "2"],
     ],
     ids=["solve", "solve, compiling", "check", "compare"],
 )

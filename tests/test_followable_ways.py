@@ -207,7 +207,7 @@ def test_the_tip_is_always_in_the_box_of_its_reach(feed: Feed | None) -> None:
 @pytest.mark.parametrize("family", SITES)
 def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None:
     """One of each family, judged by dense samples from its start to its goal."""
-    problem = site_problem(family, 40, 24, family)
+    problem = site_problem(family, 42, 24, family)
     soup = problem.workspace.soup
     task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
     motion = find_motion(task)

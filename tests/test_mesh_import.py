@@ -258,7 +258,7 @@ def in_python(mesh: RawMesh, error: float) -> tuple[RawMesh, float]:
 
 
 @pytest.mark.parametrize("simplify", [by_c, in_python])
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(seed=st.integers(0, 2**32), error=st.floats(0.005, 0.3), rough=st.floats(0.0, 0.2))
 def test_a_simplified_mesh_grown_by_its_error_contains_the_mesh(
     simplify: Callable[[RawMesh, float], tuple[RawMesh, float]], seed: int, error: float, rough: float

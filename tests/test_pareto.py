@@ -171,7 +171,7 @@ def run(*arguments: object) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-@pytest.fixture(scope="module", params=["fork", "space/wing-box"])
+@pytest.fixture(scope="module", params=["fork", "space/blade-row"])
 def forked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The folder of the fork, or of a problem in space, with its plans, and what was printed."""
     out = tmp_path_factory.mktemp("runs")
