@@ -125,7 +125,7 @@ def test_directions_are_spread_evenly() -> None:
 
 def test_the_command_writes_record_arrays_and_picture(tmp_path: Path, run: CommandLine) -> None:
     """An arm that is fed into blades is mapped from the motion to its goal; the folder has all of it."""
-    done = run("reach", PROBLEMS / "space" / "blade-row.toml", "--out", tmp_path, "--step", "0.12")
+    done = run("reach", PROBLEMS / "space" / "blade-row.toml", "--out", tmp_path, "--step", "0.16")
     assert done.code == 0
     assert "volume [m³]" in done.out
     folder = tmp_path / "blade-row"
