@@ -19,7 +19,11 @@ def _check(space: FreeSpace, corridor: Corridor) -> None:
     regions = [shapely.Polygon(region.vertices) for region in corridor.regions]
     string = shapely.LineString(corridor.route.taut)
     assert all(shapely.difference(region, free).area < 1e-9 for region in regions)
-    assert shapely.difference(string, shapely.buffer(shapely.union_all(regions), space.inflation)).length < 1e-6
+    left: shapely.Geometry = string
+    for region in regions:
+        # One by one: grown together, slivers between regions make shapely lose all of them once in thousands of scenes.
+        left = shapely.difference(left, shapely.buffer(region, space.inflation))
+    assert left.length < 1e-6
     for region, end in ((corridor.regions[0], string.coords[0]), (corridor.regions[-1], string.coords[-1])):
         assert np.all(region.normals @ np.array(end) <= region.offsets + 1e-9)
     assert corridor.portals.shape == (len(regions) - 1, 2, 2)
