@@ -146,8 +146,10 @@ def _as_little_as_helps(
     if not trials.succeeds(change.changed(problem), change.term, hurried=hurried):
         return None
     part = change.part(problem, trials.ended(trials.plans[-1]))
-    less = None if part is None else least_change(part, problem, part.bound, trials, hurried=hurried)
-    return less or change.relaxation()
+    if part is None:
+        return change.relaxation()
+    # What solved the problem with the whole change solves it with that part of it which it made use of.
+    return least_change(part, problem, part.bound, trials, hurried=hurried, solved=True) or change.relaxation()
 
 
 def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
@@ -207,7 +209,13 @@ def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float 
 
 
 def least_change(
-    parameter: Parameter, problem: AnyProblem, bound: float | None, trials: Trials, *, hurried: bool = False
+    parameter: Parameter,
+    problem: AnyProblem,
+    bound: float | None,
+    trials: Trials,
+    *,
+    hurried: bool = False,
+    solved: bool = False,
 ) -> Relaxation | None:
     """The least change of a parameter, within the steps, with which the problem is solved; None when none is found.
 
@@ -217,6 +225,7 @@ def least_change(
         bound: the value that it must pass, or None when that is not known.
         trials: solves.
         hurried: whether something else helps already, so that patience counts.
+        solved: whether the last plan of the trials may be one for the values that are tried, too.
     """
     settings = trials.settings
     begin = parameter.read(problem) if bound is None else bound
@@ -226,7 +235,8 @@ def least_change(
         value = parameter.rounded(problem, tried)
         if trials.left < settings.least_time or (hurried and trials.spent > settings.patience):
             return None
-        if trials.succeeds(parameter.write(problem, value), hurried=hurried):
+        changed = parameter.write(problem, value)
+        if (solved and trials.holds(changed)) or trials.succeeds(changed, hurried=hurried):
             nearest = _closed_in(parameter, problem, failed, value, trials, hurried=hurried)
             return parameter.relaxation(problem, nearest, bound)
         failed.append(value)

@@ -9,6 +9,9 @@ from ccm_opt.ground.arrays import FloatArray
 from ccm_opt.jointed.space_kinematics import link_rotations
 from ccm_opt.space.problem import SpaceProblem, SpaceTipGoal
 
+DECIMALS = 4
+"""Of a direction's components as they are told; a direction is off by a hundredth of a degree at most."""
+
 
 def turned_direction(problem: SpaceProblem, end: FloatArray) -> Parameter | None:
     """The direction of a problem's goal, turned by an angle towards that in which the last link points in a pose.
@@ -27,15 +30,19 @@ def turned_direction(problem: SpaceProblem, end: FloatArray) -> Parameter | None
         return None
     across = _across(wanted, taken)
 
+    def told(by: float) -> FloatArray:
+        return np.asarray(np.round(np.cos(by) * wanted + np.sin(by) * across, DECIMALS))
+
     def turned(by: float) -> FloatArray:
-        return np.asarray(np.cos(by) * wanted + np.sin(by) * across)
+        # As it is read from the file: what is told is what was solved.
+        return np.asarray(told(by) / np.linalg.norm(told(by)))
 
     return Parameter(
         "goal.direction",
         +1,
         lambda _: 0.0,
         lambda p, by: replace(p, goal=replace(goal, direction=turned(by))),
-        lambda _, by: f"goal.direction turned by {np.rad2deg(by):.4g}°, to {_in_file(turned(by))}",
+        lambda _, by: f"goal.direction turned by {np.rad2deg(by):.4g}°, to {_in_file(told(by))}",
         lambda _: float(np.rad2deg(1.0)),
         whole=np.pi,
         tried=(whole,),
@@ -56,4 +63,4 @@ def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
 
 def _in_file(direction: FloatArray) -> str:
     """A direction as it is written in the problem's file."""
-    return f"({', '.join(f'{float(component):.4f}' for component in direction)})"
+    return f"({', '.join(f'{float(component):.{DECIMALS}f}' for component in direction)})"
